@@ -1,0 +1,57 @@
+/// What can be wrong with the plain data of this crate.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CoreError {
+    /// A set of points was empty where at least one is needed.
+    #[error("no points: at least one is needed")]
+    NoPoints,
+    /// A coordinate was NaN or infinite.
+    #[error("point {index}: coordinate {axis} is {value}, expected a finite number of metres")]
+    NonFinite {
+        /// Index of the point, from 0.
+        index: usize,
+        /// Axis of the coordinate, from 0.
+        axis: usize,
+        /// The coordinate found.
+        value: f64,
+    },
+    /// Coordinates so large that squared distances overflow or lose all meaning.
+    #[error("point {index}: coordinate {axis} is {value:e} m, expected at most {limit:e} m from 0")]
+    TooLarge {
+        /// Index of the point, from 0.
+        index: usize,
+        /// Axis of the coordinate, from 0.
+        axis: usize,
+        /// The coordinate found.
+        value: f64,
+        /// The largest magnitude accepted.
+        limit: f64,
+    },
+    /// A scan has no reference pose, so its endpoints cannot be projected into the map's frame.
+    #[error(
+        "scan {scan} has no reference pose: a map needs the pose of every scan \
+         (this looks like a raw log; use a corrected one)"
+    )]
+    NoReference {
+        /// Index of the scan in log order, from 0.
+        scan: usize,
+    },
+    /// The parts of a trajectory differ in length.
+    #[error("a trajectory of {stamps} stamps has {poses} poses, expected as many")]
+    LengthMismatch {
+        /// Number of stamps.
+        stamps: usize,
+        /// Number of poses.
+        poses: usize,
+    },
+    /// The nearest-neighbour index could not be built.
+    #[error("cannot index {points} points for nearest-neighbour search: {reason}")]
+    Index {
+        /// Number of points.
+        points: usize,
+        /// The library's reason.
+        reason: String,
+    },
+    /// A range limit that is not a positive number.
+    #[error("max range is {0} m, expected a positive number of metres")]
+    MaxRange(f64),
+}

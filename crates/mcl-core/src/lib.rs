@@ -1,0 +1,39 @@
+//! Plain nouns that every crate of the suite shares: poses, points, laser scans, recordings,
+//! trajectories, point maps, seeds, and the one wrapper around the nearest-neighbour library.
+//!
+//! Frames are named in the order of *Probabilistic Robotics*' homogeneous transforms:
+//! `map_from_laser` maps coordinates of the laser's frame into the map's frame. Lengths are metres,
+//! angles radians, counter-clockwise positive; stamps are integer nanoseconds.
+//!
+//! # Example
+//! ```
+//! use mcl_core::Pose2;
+//! use std::f64::consts::FRAC_PI_2;
+//!
+//! let map_from_laser = Pose2::new(1.0, 2.0, FRAC_PI_2);
+//! let endpoint = map_from_laser.transform_point([3.0, 0.0]);
+//! assert!((endpoint[0] - 1.0).abs() < 1e-12 && (endpoint[1] - 5.0).abs() < 1e-12);
+//! ```
+
+mod error;
+mod neighbors;
+mod point_map;
+mod pose;
+mod recording;
+mod scan;
+mod seed;
+mod stamp;
+mod trajectory;
+
+pub use error::CoreError;
+pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
+pub use point_map::{PointMap, check_finite};
+pub use pose::{Pose2, wrap_angle};
+pub use recording::{Bounds, Recording};
+pub use scan::{LaserScan, ScanGeometry, is_usable_range};
+pub use seed::{Rng, Seed};
+pub use stamp::{ParseStampError, Stamp};
+pub use trajectory::Trajectory;
+
+/// A point in `D` dimensions, in metres.
+pub type Point<const D: usize> = [f64; D];

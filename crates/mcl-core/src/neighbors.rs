@@ -1,0 +1,130 @@
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+
+use crate::{CoreError, Point, check_finite};
+
+/// Distances within this of the smallest (m) count as equally near; the earliest point then wins.
+/// Without it, rounding in the last bit would decide between the two points of a grid cell.
+pub const TIE_DISTANCE: f64 = 1e-9;
+
+/// A neighbour found by a query.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbor {
+    /// Index of the point in the slice the index was built from.
+    pub index: usize,
+    /// Squared Euclidean distance to the query in m².
+    pub distance_squared: f64,
+}
+
+/// Exact nearest-neighbour search over a fixed set of points; the one place that wraps kiddo.
+///
+/// The library accepts NaN silently and answers nonsense on an empty tree, so both are refused here.
+/// Equal and collinear points are fine.
+pub struct NearestNeighbors<const D: usize> {
+    tree: ImmutableKdTree<f64, D>,
+}
+
+impl<const D: usize> NearestNeighbors<D> {
+    /// Indexes the points; queries answer with indices into this slice.
+    ///
+    /// # Errors
+    /// [`CoreError::NoPoints`] when empty, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for
+    /// coordinates that are no place, [`CoreError::Index`] when the library refuses.
+    pub fn new(points: &[Point<D>]) -> Result<Self, CoreError> {
+        if points.is_empty() {
+            return Err(CoreError::NoPoints);
+        }
+        check_finite(points)?;
+        let tree = ImmutableKdTree::new_from_slice(points)
+            .map_err(|e| CoreError::Index { points: points.len(), reason: format!("{e:?}") })?;
+        Ok(NearestNeighbors { tree })
+    }
+
+    /// The nearest point to a finite query; which one of equally near points is unspecified.
+    #[inline]
+    pub fn nearest(&self, query: &Point<D>) -> Neighbor {
+        let found = self.tree.query(query).nearest_one::<SquaredEuclidean<f64>>().execute();
+        Neighbor { index: found.item as usize, distance_squared: found.distance }
+    }
+
+    /// The nearest point to a finite query; of all points within [`TIE_DISTANCE`] of the smallest
+    /// distance, the earliest.
+    pub fn nearest_earliest(&self, query: &Point<D>) -> Neighbor {
+        let nearest = self.nearest(query);
+        let radius = nearest.distance_squared.sqrt() + TIE_DISTANCE;
+        let mut earliest = nearest;
+        self.for_each_within(query, radius, |neighbor| {
+            if neighbor.index < earliest.index {
+                earliest = neighbor;
+            }
+        });
+        earliest
+    }
+
+    /// Calls `visit` for every point within `radius` (m, inclusive) of a finite query, in no
+    /// particular order.
+    pub fn for_each_within(&self, query: &Point<D>, radius: f64, mut visit: impl FnMut(Neighbor)) {
+        let found = self
+            .tree
+            .query(query)
+            .within::<SquaredEuclidean<f64>>(radius * radius)
+            .unsorted()
+            .execute();
+        for item in found {
+            visit(Neighbor { index: item.item as usize, distance_squared: item.distance });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn brute_force(points: &[Point<2>], query: &Point<2>) -> Vec<f64> {
+        points.iter().map(|p| (p[0] - query[0]).powi(2) + (p[1] - query[1]).powi(2)).collect()
+    }
+
+    proptest! {
+        /// Coarse coordinates, so that duplicates, collinear points and ties are common.
+        #[test]
+        fn agrees_with_brute_force(
+            points in prop::collection::vec((-20..20i32, -20..20i32), 1..300),
+            query in (-25.0..25.0f64, -25.0..25.0f64),
+            on_grid in any::<bool>(),
+            radius in 0.0..10.0f64,
+        ) {
+            let points: Vec<Point<2>> =
+                points.iter().map(|&(x, y)| [f64::from(x) / 4.0, f64::from(y) / 4.0]).collect();
+            let query = if on_grid { [query.0.round(), query.1.round()] } else { [query.0, query.1] };
+            let index = NearestNeighbors::new(&points).unwrap();
+            let distances = brute_force(&points, &query);
+            let smallest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+            prop_assert_eq!(index.nearest(&query).distance_squared, smallest);
+            let limit = (smallest.sqrt() + TIE_DISTANCE).powi(2);
+            let earliest = distances.iter().position(|&d| d <= limit).unwrap();
+            prop_assert_eq!(index.nearest_earliest(&query).index, earliest);
+            let mut within = Vec::new();
+            index.for_each_within(&query, radius, |n| within.push(n.index));
+            within.sort_unstable();
+            let expected: Vec<usize> =
+                (0..points.len()).filter(|&i| distances[i] <= radius * radius).collect();
+            prop_assert_eq!(within, expected);
+        }
+    }
+
+    #[test]
+    fn thousands_of_equal_points_are_no_trouble() {
+        let points = vec![[1.0, 2.0]; 5000];
+        let index = NearestNeighbors::new(&points).unwrap();
+        let found = index.nearest_earliest(&[1.0, 2.5]);
+        assert_eq!((found.index, found.distance_squared), (0, 0.25));
+    }
+
+    #[test]
+    fn bad_input_is_refused_with_its_place() {
+        assert!(matches!(NearestNeighbors::<2>::new(&[]), Err(CoreError::NoPoints)));
+        let points = [[0.0, 0.0], [1.0, f64::NAN]];
+        let Err(error) = NearestNeighbors::new(&points) else { panic!("NaN was accepted") };
+        assert!(matches!(error, CoreError::NonFinite { index: 1, axis: 1, .. }));
+    }
+}

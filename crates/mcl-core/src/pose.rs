@@ -1,0 +1,133 @@
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Isometry2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use crate::Point;
+
+/// Wraps an angle (radians) to the half-open interval (−π, π].
+pub fn wrap_angle(angle: f64) -> f64 {
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
+    let wrapped = angle.rem_euclid(TAU);
+    if wrapped > PI { wrapped - TAU } else { wrapped }
+}
+
+/// A planar pose, or the rigid transform that carries coordinates of the posed frame into the frame
+/// the pose is given in (`map_from_laser` and the like).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pose2 {
+    /// Metres.
+    pub x: f64,
+    /// Metres.
+    pub y: f64,
+    /// Heading in radians, counter-clockwise; not necessarily wrapped.
+    pub theta: f64,
+}
+
+impl Pose2 {
+    /// The pose of a frame in itself.
+    pub const IDENTITY: Pose2 = Pose2 { x: 0.0, y: 0.0, theta: 0.0 };
+
+    /// A pose from metres and radians.
+    pub const fn new(x: f64, y: f64, theta: f64) -> Self {
+        Pose2 { x, y, theta }
+    }
+
+    /// `self ∘ other`: with `a_from_b.compose(b_from_c)` the result is `a_from_c`, heading wrapped.
+    pub fn compose(&self, other: &Pose2) -> Pose2 {
+        let [x, y] = self.transform_point([other.x, other.y]);
+        Pose2::new(x, y, wrap_angle(self.theta + other.theta))
+    }
+
+    /// The inverse transform: `a_from_b` becomes `b_from_a`, heading wrapped.
+    pub fn inverse(&self) -> Pose2 {
+        let (sin, cos) = self.theta.sin_cos();
+        Pose2::new(
+            -(cos * self.x + sin * self.y),
+            sin * self.x - cos * self.y,
+            wrap_angle(-self.theta),
+        )
+    }
+
+    /// `self⁻¹ ∘ other`: the pose of `other` in the frame of `self`, heading wrapped. Exact for
+    /// poses far from the origin, as the positions are subtracted before they are rotated.
+    pub fn between(&self, other: &Pose2) -> Pose2 {
+        let (sin, cos) = self.theta.sin_cos();
+        let (dx, dy) = (other.x - self.x, other.y - self.y);
+        Pose2::new(cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(other.theta - self.theta))
+    }
+
+    /// Carries a point of the posed frame into the frame the pose is given in.
+    pub fn transform_point(&self, [x, y]: Point<2>) -> Point<2> {
+        let (sin, cos) = self.theta.sin_cos();
+        [self.x + cos * x - sin * y, self.y + sin * x + cos * y]
+    }
+
+    /// Distance between the positions of two poses, in metres.
+    pub fn distance(&self, other: &Pose2) -> f64 {
+        (self.x - other.x).hypot(self.y - other.y)
+    }
+
+    /// Whether all three components are finite.
+    pub fn is_finite(&self) -> bool {
+        self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
+    }
+
+    /// The same transform as a nalgebra isometry.
+    pub fn to_isometry(&self) -> Isometry2<f64> {
+        Isometry2::new(Vector2::new(self.x, self.y), self.theta)
+    }
+}
+
+impl From<Isometry2<f64>> for Pose2 {
+    fn from(isometry: Isometry2<f64>) -> Self {
+        let translation = isometry.translation.vector;
+        Pose2::new(translation.x, translation.y, isometry.rotation.angle())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn pose() -> impl Strategy<Value = Pose2> {
+        (-1e3..1e3, -1e3..1e3, -10.0..10.0).prop_map(|(x, y, t)| Pose2::new(x, y, t))
+    }
+
+    fn close(a: &Pose2, b: &Pose2) -> bool {
+        a.distance(b) < 1e-9 && wrap_angle(a.theta - b.theta).abs() < 1e-12
+    }
+
+    proptest! {
+        #[test]
+        fn inverse_undoes_compose(a in pose(), b in pose()) {
+            prop_assert!(close(&a.inverse().compose(&a.compose(&b)), &b));
+            prop_assert!(close(&a.between(&a.compose(&b)), &b));
+            prop_assert!(close(&a.compose(&a.inverse()), &Pose2::IDENTITY));
+        }
+
+        #[test]
+        fn agrees_with_nalgebra(a in pose(), b in pose()) {
+            prop_assert!(close(&Pose2::from(a.to_isometry() * b.to_isometry()), &a.compose(&b)));
+            prop_assert!(close(&Pose2::from(a.to_isometry().inverse()), &a.inverse()));
+        }
+
+        #[test]
+        fn wrapped_angles_lie_in_the_half_open_interval(angle in -1e4..1e4f64) {
+            let wrapped = wrap_angle(angle);
+            prop_assert!(wrapped > -PI && wrapped <= PI);
+            let turns = (angle - wrapped) / TAU;
+            prop_assert!((turns - turns.round()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn pi_wraps_to_plus_pi() {
+        assert_eq!(wrap_angle(PI), PI);
+        assert_eq!(wrap_angle(-PI), PI);
+        assert_eq!(wrap_angle(3.0 * PI), PI);
+    }
+}

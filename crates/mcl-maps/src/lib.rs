@@ -1,0 +1,3 @@
+//! Sample-based maps.
+
+pub mod files;
