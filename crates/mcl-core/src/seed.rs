@@ -35,6 +35,12 @@ impl Seed {
         Seed(digest(b"index", &self.0, &index.to_le_bytes()))
     }
 
+    /// The seed as one number, for a user to give back to [`Seed::new`] (which starts a family of its
+    /// own): the first eight bytes, little-endian.
+    pub fn number(&self) -> u64 {
+        u64::from_le_bytes(std::array::from_fn(|i| self.0[i]))
+    }
+
     /// A generator that starts from this seed.
     pub fn rng(&self) -> Rng {
         Xoshiro256PlusPlus::from_seed(self.0)

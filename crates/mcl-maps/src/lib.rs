@@ -1,3 +1,49 @@
-//! Sample-based maps.
+//! Sample-based maps: which of the measured points to keep, and how likely the data is under them.
+//!
+//! A *sample-based map* is a subset S of the point set D that a laser measured. Read as a mixture of
+//! equally weighted isotropic Gaussians, one per kept point, it assigns every measured point a
+//! likelihood (Meyer-Delius & Burgard, section III):
+//!
+//! > p(x | Θ) = 1/K · Σⱼ N(x; μⱼ, σ²I)
+//!
+//! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
+//! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) makes of it. The parts stand
+//! beside it: [`sampling`], [`mixture`], [`fuzzy_k_means`], and map [`files`].
+//!
+//! Everything but files is generic in the dimension.
+//!
+//! # Example
+//! ```
+//! use mcl_core::Seed;
+//! use mcl_maps::{FkmSettings, InitialMap, MapSettings, MapSize, PointSet, build_map, initial_map};
+//!
+//! // A wall seen 400 times.
+//! let points: Vec<[f64; 2]> = (0..400).map(|i| [f64::from(i) * 0.01, 0.0]).collect();
+//! let data = PointSet::new(points)?;
+//! let settings = MapSettings {
+//!     initial: InitialMap::Random { size: MapSize::Percent(5.0), seed: Seed::new(1) },
+//!     refinement: Some(FkmSettings::default()),
+//! };
+//! let built = build_map(&data, &settings)?;
+//! let report = built.refinement.expect("a refinement was asked for");
+//! assert!(report.log_likelihood_trace.last() > report.log_likelihood_trace.first());
+//! assert!(built.map.len() <= 20);
+//! # Ok::<(), mcl_maps::MapError>(())
+//! ```
 
+mod build;
+mod error;
 pub mod files;
+mod fkm;
+pub mod mixture;
+mod point_set;
+pub mod sampling;
+mod size;
+
+pub use build::{BuiltMap, InitialMap, MapSettings, build_map, initial_map};
+pub use error::MapError;
+pub use fkm::{FkmReport, FkmSettings, fuzzy_k_means, snap_to_data};
+pub use mixture::{LogLikelihood, mixture_log_likelihood};
+pub use point_set::PointSet;
+pub use sampling::{GridOffset, GridSample};
+pub use size::{MapSize, ParseMapSizeError};

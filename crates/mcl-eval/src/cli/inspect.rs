@@ -1,0 +1,114 @@
+use std::fmt::Write;
+
+use anyhow::Result;
+use mcl_core::Bounds;
+use serde::Serialize;
+
+use super::Outcome;
+use super::args::InspectArgs;
+use super::output::{print, tell_losses, thousands};
+use crate::source::LogSource;
+
+#[derive(Serialize)]
+struct Inspection {
+    scans: usize,
+    readings: usize,
+    points: usize,
+    /// Of the points; null without reference poses or usable readings.
+    bounds: Option<[f64; 4]>,
+    duration_s: f64,
+    path_length_m: f64,
+    beams_used_per_scan: f64,
+    ignored_records: usize,
+    skipped_records: usize,
+    backward_stamps: usize,
+    has_reference: bool,
+    has_odometry: bool,
+    #[serde(skip)]
+    notes: Notes,
+}
+
+/// What people want to read beside the figures.
+struct Notes {
+    heading: String,
+    max_range: f64,
+    kind: String,
+    unusable_stamps: usize,
+}
+
+pub fn run(args: &InspectArgs) -> Result<Outcome> {
+    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let recording = &source.recording;
+    let points: usize =
+        recording.scans.iter().map(|scan| scan.usable_beams(source.max_range)).sum();
+    let bounds = match recording.has_reference() {
+        true => Bounds::of(&recording.points(source.max_range)?),
+        false => None,
+    };
+    let inspection = Inspection {
+        scans: recording.scans.len(),
+        readings: recording.readings(),
+        points,
+        bounds: bounds.map(|Bounds { min, max }| [min[0], min[1], max[0], max[1]]),
+        duration_s: recording.duration_s(),
+        path_length_m: recording.path_length_m(),
+        beams_used_per_scan: points as f64 / recording.scans.len() as f64,
+        ignored_records: source.report.ignored,
+        skipped_records: source.report.skipped,
+        backward_stamps: recording.backward_stamps(),
+        has_reference: recording.has_reference(),
+        has_odometry: recording.has_odometry(),
+        notes: Notes {
+            heading: source.title.clone(),
+            max_range: source.max_range,
+            kind: source.kind.map_or("simulation, exact poses".to_owned(), |kind| kind.to_string()),
+            unusable_stamps: source.report.unusable_stamps,
+        },
+    };
+    print(args.json, &inspection, text)?;
+    Ok(tell_losses(&args.log.log, &source.report))
+}
+
+fn text(found: &Inspection) -> String {
+    let mut text = format!("{}\n", found.notes.heading);
+    let mut line = |name: &str, value: String| {
+        writeln!(text, "  {name:<14}{value}").expect("writing to a string does not fail");
+    };
+    line("kind", found.notes.kind.clone());
+    line("scans", thousands(found.scans));
+    line("readings", thousands(found.readings));
+    line(
+        "points",
+        format!("{} with 0 < r ≤ {} m", thousands(found.points), found.notes.max_range),
+    );
+    line("beams used", format!("{:.1} per scan", found.beams_used_per_scan));
+    if let Some([x_min, y_min, x_max, y_max]) = found.bounds {
+        line(
+            "bounds",
+            format!(
+                "x {x_min:.2} … {x_max:.2} m, y {y_min:.2} … {y_max:.2} m ({:.1} m × {:.1} m)",
+                x_max - x_min,
+                y_max - y_min
+            ),
+        );
+    }
+    line("path", format!("{:.1} m in {:.0} s", found.path_length_m, found.duration_s));
+    line("reference", if found.has_reference { "yes" } else { "no" }.to_owned());
+    line("odometry", if found.has_odometry { "yes" } else { "no" }.to_owned());
+    line(
+        "stamps",
+        format!(
+            "{} step back in time, {} unusable",
+            found.backward_stamps, found.notes.unusable_stamps
+        ),
+    );
+    line(
+        "records",
+        format!(
+            "{} of other kinds ignored, {} malformed skipped",
+            thousands(found.ignored_records),
+            thousands(found.skipped_records)
+        ),
+    );
+    text
+}

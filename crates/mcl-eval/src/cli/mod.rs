@@ -1,0 +1,62 @@
+//! The command line: what can be asked for, and the glue from there to the libraries.
+
+mod args;
+mod datasets;
+mod inspect;
+mod likelihood;
+mod map;
+mod output;
+mod plot;
+mod run;
+mod simulate;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+
+/// How a command that did not fail ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// All done.
+    Done,
+    /// Finished, but records were skipped or trials lost (said on stderr).
+    Incomplete,
+}
+
+impl Outcome {
+    /// [`Outcome::Incomplete`] if anything was lost.
+    fn of(complete: bool) -> Self {
+        if complete { Outcome::Done } else { Outcome::Incomplete }
+    }
+}
+
+/// Runs the program on the process's arguments.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = set_threads(cli.global.threads).and_then(|()| match cli.command {
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Map(args) => map::run(&args, &cli.global),
+        Command::Likelihood(args) => likelihood::run(&args),
+        Command::Run(args) => run::run(&args, &cli.global),
+        Command::Plot(args) => plot::run(&args, &cli.global),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Datasets(args) => datasets::run(&args, &cli.global),
+    });
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Incomplete) => ExitCode::from(3),
+        // Whoever read our output has seen enough.
+        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(1)
+        }
+    }
+}
+
+fn set_threads(threads: usize) -> anyhow::Result<()> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+    Ok(())
+}

@@ -1,0 +1,62 @@
+//! What commands print: results on stdout, what was lost on stderr.
+
+use std::io::{self, Write};
+
+use anyhow::Result;
+use mcl_datasets::log::ReadReport;
+use serde::Serialize;
+
+use super::Outcome;
+
+/// Prints a result as one JSON object, or as lines of text.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> String) -> Result<()> {
+    let text = if json { serde_json::to_string(value)? } else { text(value) };
+    let mut stdout = io::stdout().lock();
+    writeln!(stdout, "{}", text.trim_end())?;
+    stdout.flush()?;
+    Ok(())
+}
+
+/// Says on stderr what of a log was lost, and whether anything was.
+pub fn tell_losses(name: &str, report: &ReadReport) -> Outcome {
+    if report.is_complete() {
+        return Outcome::Done;
+    }
+    eprintln!("warning: {name}: {report}");
+    Outcome::Incomplete
+}
+
+/// Whether an error is that nobody reads our output any more.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// 1234567 as `1,234,567`.
+pub fn thousands(number: usize) -> String {
+    let digits = number.to_string();
+    let groups: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|group| std::str::from_utf8(group).expect("digits are ASCII"))
+        .collect();
+    groups.join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_in_groups_of_three() {
+        let numbers = [0, 999, 1000, 155_648, 1_654_968];
+        let texts = ["0", "999", "1,000", "155,648", "1,654,968"];
+        assert_eq!(numbers.map(thousands), texts);
+    }
+}

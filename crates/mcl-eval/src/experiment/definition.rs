@@ -1,0 +1,210 @@
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use mcl_maps::FkmSettings;
+use serde::{Deserialize, Serialize};
+
+/// An experiment as its TOML file defines it. Unknown keys are errors.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Experiment {
+    /// How likely the data is under maps of different sizes (paper, section V-A).
+    Likelihood(LikelihoodExperiment),
+}
+
+/// What an experiment measures: the `kind` of its TOML file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// [`LikelihoodExperiment`].
+    Likelihood,
+}
+
+/// Settings of a likelihood experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LikelihoodExperiment {
+    /// [`Kind::Likelihood`].
+    pub kind: Kind,
+    /// Root of every seed of the experiment.
+    pub seed: u64,
+    /// σ of the mixture in metres.
+    pub sigma: f64,
+    /// Fuzzy k-means stops when an update gains less than this (nats per point).
+    pub tolerance: f64,
+    /// Fuzzy k-means stops after this many updates.
+    pub max_iterations: usize,
+    /// Sizes for data sets that list none of their own.
+    pub sizes: Vec<SizeGroup>,
+    /// Map sizes of the figures that show maps.
+    pub figures: FigureSizes,
+    /// The data sets to run on, as far as they are at hand.
+    #[serde(rename = "dataset")]
+    pub datasets: Vec<ExperimentDataset>,
+}
+
+/// Map sizes that are repeated equally often.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SizeGroup {
+    /// Sizes in percent of the data set's points.
+    pub percent: Vec<f64>,
+    /// Maps per size and initialization.
+    pub repeats: u32,
+}
+
+/// Map sizes of the figures that show maps, in percent of the data set's points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FigureSizes {
+    /// Figure 1: grid-based map before and after fuzzy k-means.
+    pub overview: f64,
+    /// Figure 2: random beside grid-based map.
+    pub comparison: f64,
+}
+
+/// A data set of an experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExperimentDataset {
+    /// Name in the registry.
+    pub name: String,
+    /// Sizes for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<SizeGroup>,
+}
+
+impl Experiment {
+    /// Reads and checks a definition.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no TOML, has unknown keys, or values out of range; the message
+    /// names the file and the key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read experiment {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("in experiment {}", path.display()))
+    }
+
+    /// Parses and checks the text of a definition.
+    fn parse(text: &str) -> Result<Self> {
+        /// The kind decides which other keys there are, so it is read first.
+        #[derive(Deserialize)]
+        struct Head {
+            kind: Kind,
+        }
+        let experiment = match toml::from_str::<Head>(text)?.kind {
+            Kind::Likelihood => Experiment::Likelihood(toml::from_str(text)?),
+        };
+        match &experiment {
+            Experiment::Likelihood(experiment) => experiment.check()?,
+        }
+        Ok(experiment)
+    }
+
+    /// Names of the data sets that the definition lists.
+    pub fn dataset_names(&self) -> impl Iterator<Item = &str> {
+        let Experiment::Likelihood(experiment) = self;
+        experiment.datasets.iter().map(|dataset| dataset.name.as_str())
+    }
+}
+
+impl LikelihoodExperiment {
+    /// Settings of fuzzy k-means.
+    pub fn fkm(&self) -> FkmSettings {
+        FkmSettings {
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+        }
+    }
+
+    /// Sizes and repeats for a data set: its own, or the experiment's.
+    pub fn sizes_for(&self, dataset: &str) -> &[SizeGroup] {
+        self.datasets
+            .iter()
+            .find(|listed| listed.name == dataset && !listed.sizes.is_empty())
+            .map_or(&self.sizes, |listed| &listed.sizes)
+    }
+
+    fn check(&self) -> Result<()> {
+        self.fkm().check()?;
+        let groups = self
+            .datasets
+            .iter()
+            .map(|dataset| (format!("data set {}: ", dataset.name), &dataset.sizes))
+            .chain([(String::new(), &self.sizes)]);
+        for (place, groups) in groups {
+            let mut seen: Vec<f64> = Vec::new();
+            for group in groups {
+                if group.repeats == 0 {
+                    bail!("{place}sizes: repeats is 0, expected at least 1");
+                }
+                for &percent in &group.percent {
+                    check_percent(percent, &format!("{place}sizes.percent"))?;
+                    if seen.contains(&percent) {
+                        bail!("{place}sizes: {percent} % is listed twice");
+                    }
+                    seen.push(percent);
+                }
+            }
+        }
+        if self.sizes.iter().all(|group| group.percent.is_empty()) {
+            bail!("sizes: no size is listed, expected at least one");
+        }
+        check_percent(self.figures.overview, "figures.overview")?;
+        check_percent(self.figures.comparison, "figures.comparison")
+    }
+}
+
+fn check_percent(percent: f64, place: &str) -> Result<()> {
+    if percent > 0.0 && percent <= 100.0 {
+        return Ok(());
+    }
+    bail!("{place} is {percent}, expected a percentage above 0 and up to 100")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"
+        kind = "likelihood"
+        seed = 1
+        sigma = 0.05
+        tolerance = 1e-4
+        max_iterations = 1000
+        sizes = [{ percent = [1, 2], repeats = 3 }]
+        figures = { overview = 0.8, comparison = 0.25 }
+        [[dataset]]
+        name = "a"
+        sizes = [{ percent = [5], repeats = 1 }]
+        [[dataset]]
+        name = "b"
+    "#;
+
+    #[test]
+    fn a_data_set_may_have_sizes_of_its_own() {
+        let experiment = Experiment::parse(SMALL).unwrap();
+        assert_eq!(experiment.dataset_names().collect::<Vec<_>>(), ["a", "b"]);
+        let Experiment::Likelihood(experiment) = experiment;
+        assert_eq!(experiment.sizes_for("a")[0].percent, [5.0]);
+        assert_eq!(experiment.sizes_for("b")[0].percent, [1.0, 2.0]);
+        assert_eq!(experiment.sizes_for("elsewhere")[0].repeats, 3);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (right, wrong, named) in [
+            ("seed = 1", "seed = 1\nsede = 2", "sede"),
+            ("sigma = 0.05", "sigma = -1", "sigma"),
+            ("[1, 2]", "[1, 1]", "twice"),
+            ("[1, 2]", "[1, 200]", "200"),
+            ("repeats = 3", "repeats = 0", "repeats"),
+            ("\"likelihood\"", "\"likelyhood\"", "likelyhood"),
+            ("overview = 0.8", "overview = 0", "figures.overview"),
+        ] {
+            let error = Experiment::parse(&SMALL.replace(right, wrong)).unwrap_err();
+            assert!(format!("{error:#}").contains(named), "{error:#}");
+        }
+    }
+}

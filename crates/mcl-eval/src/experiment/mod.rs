@@ -1,0 +1,21 @@
+//! Experiments: what to run, running it, and what is kept of it.
+//!
+//! A definition (TOML) names data sets and map sizes; every trial becomes a row of `trials.csv` as soon
+//! as it is done; summaries, tests and figures are made from saved rows only.
+
+mod definition;
+mod likelihood;
+mod manifest;
+mod scheduler;
+mod store;
+
+pub use definition::{
+    Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment, SizeGroup,
+};
+pub use likelihood::{
+    Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,
+    test_improvement, trials,
+};
+pub use manifest::{DatasetFacts, Manifest};
+pub use scheduler::{Trial, TrialOutcome, run_trials};
+pub use store::{TrialStore, read_rows, write_rows};

@@ -1,0 +1,32 @@
+//! Progress bars on standard error; none when it is no terminal, or when told to be quiet.
+
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// A bar over work of `length` units with the time left.
+pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length), target(quiet));
+    bar.set_style(style("{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}  {eta} left"));
+    bar.set_prefix(what.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(250));
+    bar
+}
+
+/// A bar over bytes of a download; the total may become known later.
+pub fn bytes(what: &str, quiet: bool) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, target(quiet));
+    bar.set_style(style(
+        "{prefix} {wide_bar:.cyan/dim} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left",
+    ));
+    bar.set_prefix(what.to_owned());
+    bar
+}
+
+fn target(quiet: bool) -> ProgressDrawTarget {
+    if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(8) }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("the template is valid")
+}

@@ -1,0 +1,177 @@
+//! Where scans come from: a log file, a data set of the registry, or the simulated office.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use mcl_core::{Recording, Seed};
+use mcl_datasets::log::{Log, LogKind, ReadReport, ReferencePoses, read_log_as};
+use mcl_datasets::registry::{Dataset, Registry, Source};
+use mcl_datasets::simulator::{OfficeSettings, simulate};
+use sha2::{Digest, Sha256};
+
+/// Readings beyond this (m) are no measurements, unless a data set or the user says otherwise; the
+/// paper's limit.
+pub const DEFAULT_MAX_RANGE: f64 = 10.0;
+
+/// A log, opened under a name.
+pub struct LogSource {
+    /// Name of the data set, or the file's name without its ending: names the results.
+    pub name: String,
+    /// Title for figures and tables.
+    pub title: String,
+    /// The scans.
+    pub recording: Recording,
+    /// Where reference and odometry come from; `None` for the simulation, which knows both.
+    pub kind: Option<LogKind>,
+    /// What was ignored or skipped.
+    pub report: ReadReport,
+    /// Largest reading that counts as a measurement, in metres, inclusive.
+    pub max_range: f64,
+}
+
+/// How to read a log, as far as the user says.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SourceOptions {
+    /// Largest reading that counts, in metres.
+    pub max_range: Option<f64>,
+    /// Whether the recorded laser poses are ground truth.
+    pub reference: Option<ReferencePoses>,
+}
+
+impl LogSource {
+    /// Opens a log by path or a data set by name. A file of that path comes first, then the registry.
+    ///
+    /// # Errors
+    /// When there is neither, or it cannot be read; the message says where it was looked for.
+    pub fn open(name_or_path: &str, options: SourceOptions) -> Result<Self> {
+        let path = Path::new(name_or_path);
+        let looks_like_path = path.components().count() > 1 || path.extension().is_some();
+        if !path.is_file() && !looks_like_path {
+            let registry = Registry::from_environment()?;
+            return match registry.get(name_or_path) {
+                Ok(dataset) => Self::open_dataset(&registry, dataset, options),
+                Err(error) => Err(error).with_context(|| {
+                    format!("there is no file {name_or_path:?}, and no data set of that name")
+                }),
+            };
+        }
+        let reference = options.reference.unwrap_or_default();
+        let log = read_log_as(path, reference)?;
+        let name = stem(path);
+        let max_range = options.max_range.unwrap_or(DEFAULT_MAX_RANGE);
+        Ok(Self::from_log(name.clone(), name, log, max_range))
+    }
+
+    /// Opens a data set of a registry.
+    ///
+    /// # Errors
+    /// When its file is not at hand or cannot be read.
+    pub fn open_dataset(
+        registry: &Registry,
+        dataset: &Dataset,
+        options: SourceOptions,
+    ) -> Result<Self> {
+        let max_range = options.max_range.unwrap_or(dataset.max_range);
+        match &dataset.source {
+            Source::Carmen(_) => {
+                let path = registry.locate(dataset)?;
+                let log = read_log_as(&path, options.reference.unwrap_or(dataset.reference))?;
+                Ok(Self::from_log(dataset.name.clone(), dataset.title.clone(), log, max_range))
+            }
+            Source::Simulated { seed } => {
+                let recording = simulate(&OfficeSettings::default(), Seed::new(*seed))?;
+                Ok(LogSource {
+                    name: dataset.name.clone(),
+                    title: dataset.title.clone(),
+                    recording,
+                    kind: None,
+                    report: ReadReport::default(),
+                    max_range,
+                })
+            }
+        }
+    }
+
+    fn from_log(name: String, title: String, log: Log, max_range: f64) -> Self {
+        let Log { recording, kind, report, .. } = log;
+        LogSource { name, title, recording, kind: Some(kind), report, max_range }
+    }
+
+    /// The point set D.
+    ///
+    /// # Errors
+    /// When the log has no reference poses, or no usable reading.
+    pub fn points(&self) -> Result<Vec<mcl_core::Point<2>>> {
+        let points = self.recording.points(self.max_range).with_context(|| {
+            format!(
+                "{}: if its laser poses are ground truth all the same, say --reference recorded",
+                self.name
+            )
+        })?;
+        if points.is_empty() {
+            bail!(
+                "{}: no reading is usable: none of {} lies within 0 < r ≤ {} m",
+                self.name,
+                self.recording.readings(),
+                self.max_range
+            );
+        }
+        Ok(points)
+    }
+}
+
+/// The file's name up to its first dot: `intel.gfs.log.gz` is `intel`.
+fn stem(path: &Path) -> String {
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    match name.split('.').next() {
+        Some(stem) if !stem.is_empty() => stem.to_owned(),
+        _ => name.into_owned(),
+    }
+}
+
+/// SHA-256 of what a recording holds (readings, directions, poses, odometry, stamps), whatever the
+/// file it came from.
+pub fn digest(recording: &Recording) -> String {
+    let mut hash = Sha256::new();
+    let mut number = |value: f64| hash.update(value.to_bits().to_le_bytes());
+    for scan in &recording.scans {
+        number(scan.ranges.len() as f64);
+        scan.ranges.iter().for_each(|&range| number(range));
+        number(scan.geometry.start_angle);
+        number(scan.geometry.angle_step);
+        for pose in [scan.map_from_laser, scan.odometry] {
+            let parts = pose.map_or([f64::NAN; 3], |pose| [pose.x, pose.y, pose.theta]);
+            parts.into_iter().for_each(&mut number);
+        }
+        // Nanoseconds since 1970 exceed a float's digits; seconds and the rest do not.
+        let stamp = scan.stamp.map_or(-1, |stamp| stamp.nanoseconds());
+        number((stamp / 1_000_000_000) as f64);
+        number((stamp % 1_000_000_000) as f64);
+    }
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files() {
+        assert_eq!(stem(Path::new("a/intel.gfs.log.gz")), "intel");
+        assert_eq!(stem(Path::new("run7")), "run7");
+        assert_eq!(stem(Path::new(".hidden")), ".hidden");
+    }
+
+    #[test]
+    fn neither_file_nor_data_set() {
+        let Err(error) = LogSource::open("intel-lob", SourceOptions::default()) else {
+            panic!("opened")
+        };
+        let message = format!("{error:#}");
+        assert!(message.contains("intel-lob") && message.contains("intel-lab"), "{message}");
+        let Err(error) = LogSource::open("no/such.log", SourceOptions::default()) else {
+            panic!("opened")
+        };
+        assert!(error.to_string().contains("no/such.log"));
+    }
+}

@@ -1,0 +1,112 @@
+use mcl_core::{Point, PointMap, Seed};
+
+use crate::sampling::{sample_grid, sample_grid_of_size, sample_random};
+use crate::{
+    FkmReport, FkmSettings, GridOffset, MapError, MapSize, PointSet, fuzzy_k_means, snap_to_data,
+};
+
+/// How to choose the initial map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum InitialMap<const D: usize> {
+    /// Every point.
+    All,
+    /// Distinct points at random, without replacement (*rnd* in the paper).
+    Random {
+        /// Number of points.
+        size: MapSize,
+        /// Seed of the draw.
+        seed: Seed,
+    },
+    /// Grid-based sampling by cell size (*gbs* in the paper).
+    GridCell {
+        /// Edge length of a cell in metres.
+        cell: f64,
+        /// Where the grid's lines lie.
+        offset: GridOffset<D>,
+    },
+    /// Grid-based sampling by number of points.
+    GridSize {
+        /// Number of points, an upper bound.
+        size: MapSize,
+        /// Where the grid's lines lie.
+        offset: GridOffset<D>,
+    },
+}
+
+/// How to build a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapSettings<const D: usize> {
+    /// The initial map.
+    pub initial: InitialMap<D>,
+    /// Improve it by fuzzy k-means (*+f-km* in the paper).
+    pub refinement: Option<FkmSettings>,
+}
+
+/// A map with how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BuiltMap<const D: usize> {
+    /// The map: a subset of the data.
+    pub map: PointMap<D>,
+    /// Indices of the map's points in the data.
+    pub indices: Vec<usize>,
+    /// Edge length of a grid cell (m), where a grid was used.
+    pub cell: Option<f64>,
+    /// A corner of a grid cell (m), where a grid was used.
+    pub offset: Option<Point<D>>,
+    /// Report of the refinement, where one was asked for.
+    pub refinement: Option<FkmReport>,
+}
+
+/// Builds a map: the initial one, refined when asked.
+///
+/// # Errors
+/// [`MapError`] for sizes, cells or settings out of range.
+pub fn build_map<const D: usize>(
+    data: &PointSet<D>,
+    settings: &MapSettings<D>,
+) -> Result<BuiltMap<D>, MapError> {
+    let initial = initial_map(data, &settings.initial)?;
+    let Some(fkm) = &settings.refinement else { return Ok(initial) };
+    let (means, report) = fuzzy_k_means(data, &initial.map, fkm, |_, _| {})?;
+    Ok(BuiltMap { refinement: Some(report), ..initial.snapped(data, &means)? })
+}
+
+/// The initial map alone.
+///
+/// # Errors
+/// [`MapError`] for sizes or cells out of range.
+pub fn initial_map<const D: usize>(
+    data: &PointSet<D>,
+    initial: &InitialMap<D>,
+) -> Result<BuiltMap<D>, MapError> {
+    let points = data.points();
+    let (indices, grid) = match *initial {
+        InitialMap::All => ((0..points.len()).collect(), None),
+        InitialMap::Random { size, seed } => {
+            (sample_random(points.len(), size.resolve(points.len())?, seed), None)
+        }
+        InitialMap::GridCell { cell, offset } => {
+            let sample = sample_grid(points, cell, offset)?;
+            (sample.indices, Some((sample.cell, sample.offset)))
+        }
+        InitialMap::GridSize { size, offset } => {
+            let sample = sample_grid_of_size(points, size.resolve(points.len())?, offset)?;
+            (sample.indices, Some((sample.cell, sample.offset)))
+        }
+    };
+    let map = PointMap::new(indices.iter().map(|&index| points[index]).collect())?;
+    let (cell, offset) = grid.unzip();
+    Ok(BuiltMap { map, indices, cell, offset, refinement: None })
+}
+
+impl<const D: usize> BuiltMap<D> {
+    /// The map that means fitted from this one become as a subset of the data ([`snap_to_data`]).
+    ///
+    /// # Errors
+    /// [`MapError::Points`] when there is no mean.
+    pub fn snapped(&self, data: &PointSet<D>, means: &[Point<D>]) -> Result<Self, MapError> {
+        let indices = snap_to_data(data, means);
+        let map = PointMap::new(indices.iter().map(|&index| data.points()[index]).collect())?;
+        Ok(BuiltMap { map, indices, ..self.clone() })
+    }
+}

@@ -1,0 +1,113 @@
+use mcl_core::{Point, PointMap};
+use serde::{Deserialize, Serialize};
+
+use crate::mixture::{check_sigma, expectation, log_likelihood};
+use crate::{MapError, PointSet};
+
+/// A component whose points give it less than this in all (the bound on what sums leave out) has no
+/// point that is responsible for it, and stays where it is.
+const NO_RESPONSIBILITY: f64 = 1e-12;
+
+/// Settings of fuzzy k-means.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FkmSettings {
+    /// σ: standard deviation of every component in metres, the same along all axes.
+    pub sigma: f64,
+    /// Stop when an update gains less than this log-likelihood per point (nats).
+    pub tolerance: f64,
+    /// Stop after this many updates.
+    pub max_iterations: usize,
+}
+
+impl Default for FkmSettings {
+    fn default() -> Self {
+        FkmSettings { sigma: 0.05, tolerance: 1e-4, max_iterations: 1000 }
+    }
+}
+
+impl FkmSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`MapError::Setting`] names the first setting out of range.
+    pub fn check(&self) -> Result<(), MapError> {
+        check_sigma(self.sigma)?;
+        if self.tolerance.is_finite() && self.tolerance >= 0.0 {
+            return Ok(());
+        }
+        Err(MapError::Setting {
+            setting: "tolerance (nats per point)",
+            value: self.tolerance,
+            expected: "a finite number of at least 0",
+        })
+    }
+}
+
+/// What fuzzy k-means did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FkmReport {
+    /// Number of updates of the means.
+    pub iterations: usize,
+    /// Whether the last update gained less than the tolerance.
+    pub converged: bool,
+    /// Log-likelihood per point in nats: entry *t* is that of the model after *t* updates.
+    pub log_likelihood_trace: Vec<f64>,
+}
+
+/// Fuzzy k-means: EM for the means of a mixture of equal, equally weighted isotropic Gaussians (paper,
+/// equations 4 and 5), from the points of `initial` to a local maximum of the data's likelihood.
+///
+/// Stops after update *t* when `trace[t] − trace[t−1] < tolerance`. A component that no point is
+/// responsible for stays where it is. `observe` is called with the updates done and the log-likelihood
+/// per point after each evaluation.
+///
+/// Returns the means, in the order of `initial`, and a report; [`snap_to_data`] turns the means into a
+/// subset of the data. The same bits for any number of threads.
+///
+/// # Errors
+/// [`MapError::Setting`] for settings out of range.
+pub fn fuzzy_k_means<const D: usize>(
+    data: &PointSet<D>,
+    initial: &PointMap<D>,
+    settings: &FkmSettings,
+    mut observe: impl FnMut(usize, f64),
+) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
+    settings.check()?;
+    let mut means = initial.points().to_vec();
+    let mut trace: Vec<f64> = Vec::new();
+    loop {
+        let updates = trace.len();
+        let expectation = expectation(data, &means, settings.sigma, true);
+        let per_point =
+            log_likelihood(data.len(), expectation.log_sum, D, means.len(), settings.sigma)
+                .per_point;
+        let gain = trace.last().map_or(f64::INFINITY, |before| per_point - before);
+        trace.push(per_point);
+        observe(updates, per_point);
+        let converged = gain < settings.tolerance;
+        if converged || updates >= settings.max_iterations {
+            let report = FkmReport { iterations: updates, converged, log_likelihood_trace: trace };
+            return Ok((means, report));
+        }
+        for (mean, pull) in means.iter_mut().zip(&expectation.pulls) {
+            if pull.weight >= NO_RESPONSIBILITY {
+                for axis in 0..D {
+                    mean[axis] += pull.displacement[axis] / pull.weight;
+                }
+            }
+        }
+    }
+}
+
+/// Replaces each mean by its nearest data point (of those within 10⁻⁹ m of the smallest distance the
+/// earliest) and drops duplicates: indices into the data, in the order of the means.
+pub fn snap_to_data<const D: usize>(data: &PointSet<D>, means: &[Point<D>]) -> Vec<usize> {
+    let neighbors = data.neighbors();
+    let mut taken = vec![false; data.len()];
+    means
+        .iter()
+        .map(|mean| neighbors.nearest_earliest(mean).index)
+        .filter(|&index| !std::mem::replace(&mut taken[index], true))
+        .collect()
+}

@@ -1,0 +1,179 @@
+use mcl_core::Point;
+use pulp::Arch;
+use rayon::prelude::*;
+
+use super::kernel::{self, Components, LeafScratch, Pull};
+use crate::PointSet;
+use crate::point_set::{NodeKind, Tree, padded};
+
+/// ε: what a point's sum leaves out is below this part of it.
+const TRUNCATION: f64 = 1e-12;
+/// Subtrees with at most this many points are one unit of parallel work. Fixed, so that sums are
+/// combined in the same order for any number of threads.
+const TASK_POINTS: usize = 4096;
+
+/// The E step of EM.
+pub(crate) struct Expectation<const D: usize> {
+    /// Σᵢ ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²).
+    pub log_sum: f64,
+    /// What the points pull at each component; empty unless asked for.
+    pub pulls: Vec<Pull<D>>,
+}
+
+/// Sums over all points of `data` and the mixture of equal Gaussians of standard deviation `sigma`
+/// (m) at `means`, one or more.
+pub(crate) fn expectation<const D: usize>(
+    data: &PointSet<D>,
+    means: &[Point<D>],
+    sigma: f64,
+    with_pulls: bool,
+) -> Expectation<D> {
+    let tree = &data.tree;
+    let walk = Walk {
+        arch: Arch::new(),
+        tree,
+        inverse_two_variance: 0.5 / (sigma * sigma),
+        reach: 2.0 * sigma * sigma * (means.len() as f64 / TRUNCATION).ln(),
+    };
+    let all = Components {
+        coordinates: std::array::from_fn(|axis| {
+            means.iter().map(|mean| mean[axis] - tree.origin[axis]).collect()
+        }),
+        places: (0..means.len() as u32).collect(),
+    };
+    let mut tasks = Vec::new();
+    walk.collect_tasks(0, all, &mut Vec::new(), &mut tasks);
+    let results: Vec<(f64, Vec<Pull<D>>)> = tasks
+        .par_iter()
+        .map_init(Scratch::default, |scratch, task| walk.run(task, with_pulls, scratch))
+        .collect();
+
+    let mut log_sum = 0.0;
+    let mut pulls = vec![Pull::NONE; if with_pulls { means.len() } else { 0 }];
+    for (task, (task_log_sum, task_pulls)) in tasks.iter().zip(&results) {
+        log_sum += task_log_sum;
+        for (&place, pull) in task.components.places.iter().zip(task_pulls) {
+            pulls[place as usize].add(pull);
+        }
+    }
+    Expectation { log_sum, pulls }
+}
+
+/// A subtree and the components that its points may need.
+struct Task<const D: usize> {
+    node: usize,
+    components: Components<D>,
+}
+
+struct Walk<'a, const D: usize> {
+    arch: Arch,
+    tree: &'a Tree<D>,
+    inverse_two_variance: f64,
+    /// 2σ²·ln(K/ε): how much further (m²) than the nearest a component still matters.
+    reach: f64,
+}
+
+struct Scratch<const D: usize> {
+    distances: Vec<f64>,
+    leaf: LeafScratch,
+    /// Component lists of the path from a task's node down to the current one.
+    levels: Vec<Components<D>>,
+}
+
+impl<const D: usize> Default for Scratch<D> {
+    fn default() -> Self {
+        Scratch { distances: Vec::new(), leaf: LeafScratch::default(), levels: Vec::new() }
+    }
+}
+
+impl<const D: usize> Walk<'_, D> {
+    fn collect_tasks(
+        &self,
+        node: usize,
+        components: Components<D>,
+        distances: &mut Vec<f64>,
+        tasks: &mut Vec<Task<D>>,
+    ) {
+        match self.tree.nodes[node].kind {
+            NodeKind::Split(left, right) if self.tree.nodes[node].points > TASK_POINTS => {
+                for child in [left, right] {
+                    let mut kept = Components::default();
+                    self.filter(child, &components, distances, &mut kept);
+                    self.collect_tasks(child, kept, distances, tasks);
+                }
+            }
+            _ => tasks.push(Task { node, components }),
+        }
+    }
+
+    fn filter(
+        &self,
+        node: usize,
+        components: &Components<D>,
+        distances: &mut Vec<f64>,
+        kept: &mut Components<D>,
+    ) {
+        let bounds = &self.tree.nodes[node].bounds;
+        self.arch.dispatch(
+            #[inline(always)]
+            || kernel::filter(components, bounds, self.reach, distances, kept),
+        );
+    }
+
+    fn run(
+        &self,
+        task: &Task<D>,
+        with_pulls: bool,
+        scratch: &mut Scratch<D>,
+    ) -> (f64, Vec<Pull<D>>) {
+        let len = task.components.len();
+        let mut pulls = vec![Pull::NONE; if with_pulls { len } else { 0 }];
+        // Within a task, components are known by their place in the task's list.
+        let mut local = task.components.clone();
+        local.places = (0..len as u32).collect();
+        let log_sum = self.descend(task.node, &local, 0, scratch, with_pulls.then_some(&mut pulls));
+        (log_sum, pulls)
+    }
+
+    fn descend(
+        &self,
+        node: usize,
+        components: &Components<D>,
+        level: usize,
+        scratch: &mut Scratch<D>,
+        mut pulls: Option<&mut Vec<Pull<D>>>,
+    ) -> f64 {
+        let count = self.tree.nodes[node].points;
+        match self.tree.nodes[node].kind {
+            NodeKind::Leaf(offset) => {
+                let coordinates = &self.tree.coordinates[offset..offset + D * padded(count)];
+                self.arch.dispatch(
+                    #[inline(always)]
+                    || {
+                        kernel::leaf(
+                            coordinates,
+                            count,
+                            components,
+                            self.inverse_two_variance,
+                            &mut scratch.leaf,
+                            pulls.map(Vec::as_mut_slice),
+                        )
+                    },
+                )
+            }
+            NodeKind::Split(left, right) => {
+                if scratch.levels.len() <= level {
+                    scratch.levels.push(Components::default());
+                }
+                let mut log_sum = 0.0;
+                for child in [left, right] {
+                    let mut kept = std::mem::take(&mut scratch.levels[level]);
+                    self.filter(child, components, &mut scratch.distances, &mut kept);
+                    log_sum += self.descend(child, &kept, level + 1, scratch, pulls.as_deref_mut());
+                    scratch.levels[level] = kept;
+                }
+                log_sum
+            }
+        }
+    }
+}

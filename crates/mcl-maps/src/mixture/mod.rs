@@ -1,0 +1,74 @@
+//! The Gaussian mixture that a sample-based map stands for (paper, equations 1, 2 and 4).
+//!
+//! Every sum over the K components of a point leaves out only components whose whole contribution is
+//! below ε (10⁻¹²) of the sum. Points and components are matched by descending a tree of boxes over
+//! the points: with U the largest distance from a place in the box to the nearest component, a
+//! component further than √(U² + 2σ²·ln(K/ε)) from the box is left out of all its points, as
+//! K·exp(−(U² + 2σ²·ln(K/ε))/2σ²) = ε·exp(−U²/2σ²), and the sum of each point is at least
+//! exp(−U²/2σ²). The list of components shrinks on the way down, so no index over components is
+//! needed, and the distribution of neither matters.
+
+mod exp;
+mod expectation;
+mod kernel;
+
+pub(crate) use expectation::expectation;
+
+use std::f64::consts::TAU;
+
+use mcl_core::PointMap;
+use serde::{Deserialize, Serialize};
+
+use crate::{MapError, PointSet};
+
+/// How likely a set of points is under a map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LogLikelihood {
+    /// ln p(D | Θ) in nats, equation 2: the sum over all points. Its density is per metre to the
+    /// power of D.
+    pub total: f64,
+    /// The total divided by the number of points.
+    pub per_point: f64,
+}
+
+/// The mixture log-likelihood `Σᵢ [ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) − ln K − D/2·ln(2πσ²)]` of the points
+/// under a map (paper, equations 1 and 2), with `sigma` in metres. Finite for every finite point,
+/// however far from the map.
+///
+/// # Errors
+/// [`MapError::Setting`] unless `sigma` is positive.
+pub fn mixture_log_likelihood<const D: usize>(
+    data: &PointSet<D>,
+    map: &PointMap<D>,
+    sigma: f64,
+) -> Result<LogLikelihood, MapError> {
+    check_sigma(sigma)?;
+    let expectation = expectation(data, map.points(), sigma, false);
+    Ok(log_likelihood(data.len(), expectation.log_sum, D, map.len(), sigma))
+}
+
+/// Adds what does not depend on the place of the components: −ln K − D/2·ln(2πσ²) per point.
+pub(crate) fn log_likelihood(
+    points: usize,
+    log_sum: f64,
+    dimensions: usize,
+    components: usize,
+    sigma: f64,
+) -> LogLikelihood {
+    let normalizer =
+        (components as f64).ln() + 0.5 * dimensions as f64 * (TAU * sigma * sigma).ln();
+    let total = log_sum - points as f64 * normalizer;
+    LogLikelihood { total, per_point: total / points as f64 }
+}
+
+/// σ has to leave σ² and the exponents of points kilometres away within a float's range.
+pub(crate) fn check_sigma(sigma: f64) -> Result<(), MapError> {
+    if (1e-9..=1e9).contains(&sigma) {
+        return Ok(());
+    }
+    Err(MapError::Setting {
+        setting: "sigma (m)",
+        value: sigma,
+        expected: "a number from 1e-9 to 1e9",
+    })
+}

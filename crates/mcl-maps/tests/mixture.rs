@@ -1,0 +1,256 @@
+//! Mixture likelihood and fuzzy k-means against a brute force over all pairs, and the laws they obey.
+
+use std::f64::consts::TAU;
+
+use mcl_core::{Point, PointMap, Seed};
+use mcl_maps::{
+    FkmSettings, InitialMap, MapSettings, MapSize, PointSet, build_map, fuzzy_k_means,
+    mixture_log_likelihood, snap_to_data,
+};
+use proptest::prelude::*;
+use rand::RngExt;
+
+fn distance_squared<const D: usize>(a: &Point<D>, b: &Point<D>) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+/// Log-likelihood and one EM update over all N·K pairs.
+fn brute_force<const D: usize>(
+    points: &[Point<D>],
+    means: &[Point<D>],
+    sigma: f64,
+) -> (f64, Vec<Point<D>>) {
+    let mut total = 0.0;
+    let mut weights = vec![0.0; means.len()];
+    let mut sums = vec![[0.0; D]; means.len()];
+    for x in points {
+        let exponents: Vec<f64> =
+            means.iter().map(|m| -distance_squared(x, m) / (2.0 * sigma * sigma)).collect();
+        let largest = exponents.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = exponents.iter().map(|e| (e - largest).exp()).sum();
+        total += largest + sum.ln()
+            - (means.len() as f64).ln()
+            - 0.5 * D as f64 * (TAU * sigma * sigma).ln();
+        for (j, exponent) in exponents.iter().enumerate() {
+            let responsibility = (exponent - largest).exp() / sum;
+            weights[j] += responsibility;
+            for axis in 0..D {
+                sums[j][axis] += responsibility * x[axis];
+            }
+        }
+    }
+    let updated = (0..means.len())
+        .map(|j| if weights[j] > 1e-12 { sums[j].map(|sum| sum / weights[j]) } else { means[j] })
+        .collect();
+    (total, updated)
+}
+
+fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-10 * a.abs().max(b.abs())
+}
+
+/// Points around a few places, K of them the means.
+fn problem<const D: usize>(
+    seed: u64,
+    count: usize,
+    components: usize,
+) -> (Vec<Point<D>>, Vec<Point<D>>) {
+    let mut rng = Seed::new(seed).rng();
+    let places: Vec<Point<D>> =
+        (0..5).map(|_| std::array::from_fn(|_| rng.random_range(-3.0..3.0))).collect();
+    let points: Vec<Point<D>> =
+        (0..count).map(|i| places[i % 5].map(|c| c + rng.random_range(-0.3..0.3))).collect();
+    let means = points[..components].to_vec();
+    (points, means)
+}
+
+fn check_against_brute_force<const D: usize>(
+    points: Vec<Point<D>>,
+    means: Vec<Point<D>>,
+    sigma: f64,
+) {
+    let map = PointMap::new(means.clone()).unwrap();
+    let (total, updated) = brute_force(&points, &means, sigma);
+    let data = PointSet::new(points).unwrap();
+    let found = mixture_log_likelihood(&data, &map, sigma).unwrap();
+    assert!(close(found.total, total), "log-likelihood {} instead of {total}", found.total);
+    assert_eq!(found.per_point, found.total / data.len() as f64);
+    let settings = FkmSettings { sigma, tolerance: 0.0, max_iterations: 1 };
+    let (fitted, report) = fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+    assert_eq!(report.iterations, 1);
+    assert!(close(report.log_likelihood_trace[0] * data.len() as f64, total));
+    for (found, expected) in fitted.iter().zip(&updated) {
+        for axis in 0..D {
+            assert!(
+                (found[axis] - expected[axis]).abs() <= 1e-10,
+                "mean {found:?} instead of {expected:?}"
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn agrees_with_all_pairs_in_the_plane(
+        seed in any::<u64>(), count in 1..400usize, part in 0.0..1.0f64, sigma in 0.02..2.0f64,
+    ) {
+        let components = 1 + (part * (count - 1) as f64) as usize;
+        let (points, means) = problem::<2>(seed, count, components);
+        check_against_brute_force(points, means, sigma);
+    }
+
+    #[test]
+    fn agrees_with_all_pairs_in_space_and_on_a_line(
+        seed in any::<u64>(), count in 1..200usize, sigma in 0.05..1.0f64,
+    ) {
+        let (points, means) = problem::<3>(seed, count, count.div_ceil(7));
+        check_against_brute_force(points, means, sigma);
+        let (points, means) = problem::<1>(seed, count, count.div_ceil(7));
+        check_against_brute_force(points, means, sigma);
+    }
+
+    #[test]
+    fn an_update_never_lowers_the_likelihood(
+        seed in any::<u64>(), count in 2..300usize, part in 0.0..1.0f64, sigma in 0.01..1.0f64,
+    ) {
+        let (points, _) = problem::<2>(seed, count, 1);
+        let data = PointSet::new(points).unwrap();
+        let size = MapSize::Points(1 + (part * (count - 1) as f64) as usize);
+        let initial = InitialMap::Random { size, seed: Seed::new(seed) };
+        let settings = FkmSettings { sigma, tolerance: 0.0, max_iterations: 30 };
+        let built =
+            build_map(&data, &MapSettings { initial, refinement: Some(settings) }).unwrap();
+        let trace = built.refinement.unwrap().log_likelihood_trace;
+        for pair in trace.windows(2) {
+            // Rounding of the sum over the points is all that may be lost.
+            prop_assert!(pair[1] >= pair[0] - 1e-12 * pair[0].abs().max(1.0), "{trace:?}");
+        }
+    }
+}
+
+/// Every point is tens of σ from the only component: no term of a sum is a normal float.
+#[test]
+fn far_points_have_a_finite_likelihood() {
+    let points = vec![[0.0, 0.0], [3.0, 4.0], [1e4, 0.0]];
+    let data = PointSet::new(points.clone()).unwrap();
+    let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
+    let found = mixture_log_likelihood(&data, &map, 0.05).unwrap();
+    // −(0 + 25 + 10⁸)/(2·0.05²) − 3·ln(2π·0.05²)
+    let expected = -(25.0 + 1e8) / 0.005 - 3.0 * (TAU * 0.0025).ln();
+    assert!(close(found.total, expected));
+    check_against_brute_force(points, vec![[0.0, 0.0], [3.0, 4.0]], 0.05);
+}
+
+#[test]
+fn one_component_moves_to_the_mean_and_all_points_stay() {
+    let (points, _) = problem::<2>(3, 100, 1);
+    let data = PointSet::new(points.clone()).unwrap();
+    let settings = FkmSettings { sigma: 0.5, ..FkmSettings::default() };
+    let one = PointMap::new(vec![points[7]]).unwrap();
+    let (means, report) = fuzzy_k_means(&data, &one, &settings, |_, _| {}).unwrap();
+    let mean = [0, 1].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / 100.0);
+    assert!(distance_squared(&means[0], &mean).sqrt() < 1e-12);
+    assert_eq!((report.iterations, report.converged), (2, true));
+
+    let all = MapSettings { initial: InitialMap::All, refinement: None };
+    assert_eq!(build_map(&data, &all).unwrap().map.points(), points);
+}
+
+#[test]
+fn duplicates_and_collinear_points() {
+    let mut points = vec![[1.0, 1.0]; 500];
+    points.extend((0..500).map(|i| [f64::from(i) * 0.01, 2.0]));
+    check_against_brute_force(points.clone(), points[490..520].to_vec(), 0.05);
+    let data = PointSet::new(points).unwrap();
+    let initial = InitialMap::Random { size: MapSize::Points(200), seed: Seed::new(5) };
+    let settings = MapSettings { initial, refinement: Some(FkmSettings::default()) };
+    let built = build_map(&data, &settings).unwrap();
+    // About a hundred components share one place; as a subset they are one point.
+    let at_place = built.map.points().iter().filter(|&&p| p == [1.0, 1.0]).count();
+    assert_eq!(at_place, 1);
+    let mut distinct = built.indices.clone();
+    distinct.sort_unstable();
+    distinct.dedup();
+    assert_eq!(distinct.len(), built.map.len());
+}
+
+/// The point 10 km away keeps its component or pulls none; everything stays finite.
+#[test]
+fn a_point_ten_kilometres_away() {
+    let (mut points, _) = problem::<2>(11, 300, 1);
+    points.push([1e4, 0.0]);
+    for (components, has_far) in
+        [(vec![points[3], points[4]], false), (vec![points[3], points[300]], true)]
+    {
+        check_against_brute_force(points.clone(), components.clone(), 0.05);
+        let data = PointSet::new(points.clone()).unwrap();
+        let map = PointMap::new(components).unwrap();
+        let (means, report) =
+            fuzzy_k_means(&data, &map, &FkmSettings::default(), |_, _| {}).unwrap();
+        assert!(report.log_likelihood_trace.iter().all(|ll| ll.is_finite()));
+        assert!(means.iter().flatten().all(|c| c.is_finite()));
+        assert_eq!(snap_to_data(&data, &means).contains(&300), has_far);
+    }
+}
+
+/// At UTM coordinates EM gives the same map, to the resolution of the coordinates.
+#[test]
+fn far_from_the_origin() {
+    let (near, _) = problem::<2>(13, 2000, 1);
+    // Multiples of 2⁻²⁰ m are exact in both frames.
+    let near: Vec<Point<2>> =
+        near.iter().map(|p| p.map(|c| (c * 1_048_576.0).round() / 1_048_576.0)).collect();
+    let offset = [524_288.0, 4_194_304.0];
+    let far: Vec<Point<2>> = near.iter().map(|p| [p[0] + offset[0], p[1] + offset[1]]).collect();
+    let initial = InitialMap::Random { size: MapSize::Percent(5.0), seed: Seed::new(5) };
+    let settings = MapSettings { initial, refinement: Some(FkmSettings::default()) };
+    let near = build_map(&PointSet::new(near).unwrap(), &settings).unwrap();
+    let far = build_map(&PointSet::new(far).unwrap(), &settings).unwrap();
+    assert_eq!(near.indices, far.indices);
+    let (near, far) = (near.refinement.unwrap(), far.refinement.unwrap());
+    assert_eq!(near.iterations, far.iterations);
+    for (near, far) in near.log_likelihood_trace.iter().zip(&far.log_likelihood_trace) {
+        assert!((near - far).abs() < 1e-9, "{near} and {far}");
+    }
+}
+
+/// A component between points of which others are always nearer: nobody is responsible for it.
+#[test]
+fn a_component_without_points_stays_where_it_is() {
+    let data = PointSet::new(vec![[0.0, 0.0], [0.01, 0.0], [10.0, 0.0], [10.01, 0.0]]).unwrap();
+    let map = PointMap::new(vec![[0.0, 0.0], [5.0, 1.0], [10.0, 0.0]]).unwrap();
+    let (means, _) = fuzzy_k_means(&data, &map, &FkmSettings::default(), |_, _| {}).unwrap();
+    assert_eq!(means[1], [5.0, 1.0]);
+    assert!((means[0][0] - 0.005).abs() < 1e-12 && (means[2][0] - 10.005).abs() < 1e-12);
+}
+
+#[test]
+fn the_same_bits_for_any_number_of_threads() {
+    let (points, _) = problem::<2>(17, 30_000, 1);
+    let data = PointSet::new(points).unwrap();
+    let initial = InitialMap::Random { size: MapSize::Percent(2.0), seed: Seed::new(5) };
+    let settings = FkmSettings { max_iterations: 5, ..FkmSettings::default() };
+    let settings = MapSettings { initial, refinement: Some(settings) };
+    let build = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| build_map(&data, &settings).unwrap())
+    };
+    let one = build(1);
+    assert_eq!(one, build(2));
+    assert_eq!(one, build(7));
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let data = PointSet::new(vec![[0.0, 0.0]]).unwrap();
+    let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
+    for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300] {
+        assert!(mixture_log_likelihood(&data, &map, sigma).is_err(), "{sigma}");
+    }
+    for tolerance in [-1.0, f64::NAN] {
+        let settings = FkmSettings { tolerance, ..FkmSettings::default() };
+        assert!(fuzzy_k_means(&data, &map, &settings, |_, _| {}).is_err(), "{tolerance}");
+    }
+}
