@@ -252,6 +252,8 @@ mod tests {
             prop_assert_eq!(distinct.len() + m.unmatched_reference, reference.len());
             prop_assert_eq!(m.estimate_indices.len() + m.unmatched_estimate, estimate.len());
             prop_assert!(m.estimate_indices.is_sorted_by(|a, b| a < b));
+            let same = associate(&track(&reference), &track(&reference), 0.01).unwrap();
+            prop_assert_eq!(same.reference_indices, same.estimate_indices);
             for (&r, &e) in m.reference_indices.iter().zip(&m.estimate_indices) {
                 prop_assert!(reference[r].abs_diff(estimate[e]) <= 10);
             }

@@ -195,7 +195,7 @@ impl Line<'_> {
             }
             if tilt > MAX_TILT {
                 let expected = format!("roll and pitch within {MAX_TILT} rad of 0; {advice}");
-                return Err(self.error(QUATERNION, format!("a tilt of {tilt} rad"), expected));
+                return Err(self.error(QUATERNION, format!("a tilt of {tilt:.4} rad"), expected));
             }
         }
         Ok((stamp, Pose2::new(x, y, theta)))
@@ -238,10 +238,10 @@ fn quoted(text: &str) -> String {
     if start.len() < text.len() { format!("{start:?}…") } else { format!("{start:?}") }
 }
 
-/// Writes a trajectory to the file at `path`, replacing it; see [`write`].
+/// Writes a trajectory to the file at `path`, replacing it; see [`write()`].
 ///
 /// # Errors
-/// As [`write`], and when the file cannot be created.
+/// As [`write()`], and when the file cannot be created.
 pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(), TumError> {
     let file = path.as_ref();
     let created = File::create(file);

@@ -75,12 +75,15 @@ fn poses_off_the_plane_are_refused_or_projected() {
     let (sx, cx) = 0.1_f64.sin_cos();
     let tilted = format!("1 2 3 0.3 {} {} {} {}\n", cz * sx, sz * sx, sz * cx, cz * cx);
     let flat = tilted.replace(" 0.3 ", " 0 ");
-    assert!(message(&flat).contains("line 1, field qx qy qz qw: found a tilt of 0.2"), "{flat}");
+    assert!(
+        message(&flat).contains("line 1, field qx qy qz qw: found a tilt of 0.2000 rad"),
+        "{flat}"
+    );
     let pose = tum::read(tilted.as_bytes(), "run.tum", NonPlanar::Project).unwrap();
     let pose = pose.trajectory.poses()[0];
     assert!((pose.x, pose.y) == (2.0, 3.0) && (pose.theta - 1.0).abs() < 1e-15, "{pose:?}");
     // Upside down is off the plane, too; straight up has no heading at all.
-    assert!(message("1 0 0 0 1 0 0 0\n").contains("found a tilt of 3.14"));
+    assert!(message("1 0 0 0 1 0 0 0\n").contains("found a tilt of 3.1416 rad"));
     let up = tum::read(&b"1 0 0 0 0 -1 0 1\n"[..], "run.tum", NonPlanar::Project).unwrap_err();
     assert!(up.to_string().contains("found a pitch of ±90°"), "{up}");
 }
