@@ -1,0 +1,157 @@
+use mcl_core::{Pose2, Stamp};
+
+/// Why no metric could be computed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MetricsError {
+    /// A setting outside its range.
+    #[error("{name} is {found}, expected {expected}")]
+    Setting {
+        /// Name of the setting.
+        name: &'static str,
+        /// The value found.
+        found: f64,
+        /// The range expected.
+        expected: &'static str,
+    },
+    /// Fewer samples than the computation needs.
+    #[error("{what}: found {found}, expected at least {needed}")]
+    TooFew {
+        /// What was counted.
+        what: &'static str,
+        /// Number found.
+        found: usize,
+        /// Number needed.
+        needed: usize,
+    },
+    /// A sample that is NaN, infinite, or too large to be squared.
+    #[error("sample {index} is {value}, expected a finite number of magnitude below 1e140")]
+    Sample {
+        /// Index of the sample, from 0.
+        index: usize,
+        /// The sample.
+        value: f64,
+    },
+    /// An error in one of several sets of samples.
+    #[error("{part}: {source}")]
+    Within {
+        /// The set: `run 3` (from 0), `a`.
+        part: String,
+        /// What is wrong with it.
+        source: Box<MetricsError>,
+    },
+    /// Two sequences that belong together differ in length.
+    #[error("{left} {left_count} but {right} {right_count}, expected as many: they form pairs")]
+    LengthMismatch {
+        /// What the first sequence holds.
+        left: &'static str,
+        /// Its length.
+        left_count: usize,
+        /// What the second sequence holds.
+        right: &'static str,
+        /// Its length.
+        right_count: usize,
+    },
+    /// A pose with a component that is NaN or infinite.
+    #[error("{trajectory} pose {index} is {pose:?}, expected finite numbers")]
+    NonFinitePose {
+        /// `reference` or `estimate`.
+        trajectory: &'static str,
+        /// Index of the pose, from 0.
+        index: usize,
+        /// The pose.
+        pose: Pose2,
+    },
+    /// No stamp of the estimate is near one of the reference.
+    #[error(
+        "no stamps match within {tolerance_s} s: the reference lasts from {} to {} s, the estimate \
+         from {} to {} s, and the nearest two stamps are {nearest_s} s apart. Check that both are \
+         of the same recording and on the same clock; if only their rates differ, raise the \
+         tolerance", .reference[0], .reference[1], .estimate[0], .estimate[1]
+    )]
+    NothingMatches {
+        /// Largest difference accepted, in seconds.
+        tolerance_s: f64,
+        /// Earliest and latest stamp of the reference.
+        reference: [Stamp; 2],
+        /// Earliest and latest stamp of the estimate.
+        estimate: [Stamp; 2],
+        /// Smallest difference between a stamp of the one and a stamp of the other, in seconds.
+        nearest_s: f64,
+    },
+    /// The positions do not determine a rotation.
+    #[error(
+        "cannot align {poses} poses: the positions of a trajectory are all the same, or the two \
+         trajectories are uncorrelated, so no rotation is better than any other; compare them \
+         without alignment"
+    )]
+    Alignment {
+        /// Number of pairs of poses.
+        poses: usize,
+    },
+    /// No two poses lie the asked distance apart.
+    #[error(
+        "no two of {poses} poses are {delta} apart (their path is {path_m} m long): use a smaller \
+         delta, or a larger relative tolerance with all pairs"
+    )]
+    NoPairs {
+        /// Number of poses.
+        poses: usize,
+        /// The distance asked for, with its unit.
+        delta: String,
+        /// Length of the path the pairs are looked for on, in metres.
+        path_m: f64,
+    },
+}
+
+impl MetricsError {
+    pub(crate) fn within(self, part: impl Into<String>) -> Self {
+        MetricsError::Within { part: part.into(), source: Box::new(self) }
+    }
+}
+
+/// Samples above this could overflow when squared and summed.
+const SAMPLE_LIMIT: f64 = 1e140;
+
+/// Checks that there are `needed` samples and that all can be computed with.
+pub(crate) fn check_samples(samples: &[f64], needed: usize) -> Result<(), MetricsError> {
+    if samples.len() < needed {
+        return Err(MetricsError::TooFew { what: "samples", found: samples.len(), needed });
+    }
+    let bad = |value: f64| !value.is_finite() || value.abs() >= SAMPLE_LIMIT;
+    match samples.iter().position(|&value| bad(value)) {
+        Some(index) => Err(MetricsError::Sample { index, value: samples[index] }),
+        None => Ok(()),
+    }
+}
+
+/// The same for every run of several.
+pub(crate) fn check_runs<R: AsRef<[f64]>>(runs: &[R], needed: usize) -> Result<(), MetricsError> {
+    if runs.len() < needed {
+        return Err(MetricsError::TooFew { what: "runs", found: runs.len(), needed });
+    }
+    for (run, samples) in runs.iter().enumerate() {
+        check_samples(samples.as_ref(), 1).map_err(|error| error.within(format!("run {run}")))?;
+    }
+    Ok(())
+}
+
+/// Checks that both have as many poses, at least one, and that all are finite.
+pub(crate) fn check_poses(reference: &[Pose2], estimate: &[Pose2]) -> Result<(), MetricsError> {
+    if reference.len() != estimate.len() {
+        return Err(MetricsError::LengthMismatch {
+            left: "reference poses:",
+            left_count: reference.len(),
+            right: "estimated poses:",
+            right_count: estimate.len(),
+        });
+    }
+    if reference.is_empty() {
+        return Err(MetricsError::TooFew { what: "pairs of poses", found: 0, needed: 1 });
+    }
+    for (trajectory, poses) in [("reference", reference), ("estimate", estimate)] {
+        if let Some(index) = poses.iter().position(|pose| !pose.is_finite()) {
+            return Err(MetricsError::NonFinitePose { trajectory, index, pose: poses[index] });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,235 @@
+use serde::Serialize;
+
+use crate::MetricsError;
+use crate::error::check_samples;
+use crate::interval::{Interval, Moments, student_interval};
+use crate::student_t::upper_tail;
+
+/// Result of a t test of "the means of a and b are the same".
+///
+/// Samples without any spread leave nothing to estimate: with equal means t = 0, the two-sided p is
+/// 1 and each one-sided p ½; with different means t = ±∞ and the p of what is seen is 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TTest {
+    /// Mean of a minus mean of b (paired: mean of the differences a − b), in the samples' unit.
+    pub mean_difference: f64,
+    /// The test statistic, mean difference over its standard error.
+    pub t: f64,
+    /// Degrees of freedom; not an integer for Welch's test.
+    pub degrees_of_freedom: f64,
+    /// Probability of a |t| at least this large if the means are the same.
+    pub p_two_sided: f64,
+    /// One-sided p for "the mean of a is less than that of b": small when a is clearly less.
+    pub p_less: f64,
+    /// One-sided p for "the mean of a is greater than that of b": small when a is clearly greater.
+    pub p_greater: f64,
+    /// 95 % confidence interval of the mean difference.
+    pub interval: Interval,
+}
+
+/// Welch's t test of two independent samples, which may differ in size and variance (Welch 1947,
+/// degrees of freedom by Satterthwaite 1946).
+///
+/// # Errors
+/// When a side has fewer than two samples, or a sample is not finite.
+///
+/// # Example
+/// ```
+/// use mcl_metrics::welch_t_test;
+///
+/// let random = [0.041, 0.043, 0.039, 0.044];
+/// let grid = [0.025, 0.022, 0.024, 0.023, 0.025];
+/// let test = welch_t_test(&grid, &random)?;
+/// assert!(test.mean_difference < 0.0 && test.p_less < 1e-4);
+/// # Ok::<(), mcl_metrics::MetricsError>(())
+/// ```
+pub fn welch_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
+    check_both(a, b)?;
+    let (a, b) = (Moments::of(a), Moments::of(b));
+    let (var_a, var_b) = (a.squared_standard_error(), b.squared_standard_error());
+    let squared_error = var_a + var_b;
+    let freedom = if squared_error > 0.0 {
+        // Satterthwaite's formula in shares of the variance, so that no square underflows.
+        let (share_a, share_b) = (var_a / squared_error, var_b / squared_error);
+        1.0 / (share_a * share_a / (a.count - 1.0) + share_b * share_b / (b.count - 1.0))
+    } else {
+        a.count + b.count - 2.0
+    };
+    Ok(t_test(a.mean - b.mean, squared_error.sqrt(), freedom))
+}
+
+/// Paired t test: a\[i\] and b\[i\] were measured under the same circumstances (the same run and noise,
+/// on two maps), so their differences are tested.
+///
+/// # Errors
+/// When the numbers of samples differ or are below two, or a sample is not finite.
+pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
+    if a.len() != b.len() {
+        return Err(MetricsError::LengthMismatch {
+            left: "samples of a:",
+            left_count: a.len(),
+            right: "samples of b:",
+            right_count: b.len(),
+        });
+    }
+    check_both(a, b)?;
+    let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+    let moments = Moments::of(&differences);
+    let standard_error = moments.squared_standard_error().sqrt();
+    Ok(t_test(moments.mean, standard_error, moments.count - 1.0))
+}
+
+fn check_both(a: &[f64], b: &[f64]) -> Result<(), MetricsError> {
+    check_samples(a, 2).map_err(|error| error.within("a"))?;
+    check_samples(b, 2).map_err(|error| error.within("b"))
+}
+
+fn t_test(mean_difference: f64, standard_error: f64, freedom: f64) -> TTest {
+    // 0/0 has no value of its own; without any difference there is nothing to reject.
+    let t = if mean_difference == 0.0 { 0.0 } else { mean_difference / standard_error };
+    let tail = upper_tail(t, freedom);
+    let (p_less, p_greater) = if t < 0.0 { (tail, 1.0 - tail) } else { (1.0 - tail, tail) };
+    TTest {
+        mean_difference,
+        t,
+        degrees_of_freedom: freedom,
+        p_two_sided: 2.0 * tail,
+        p_less,
+        p_greater,
+        interval: student_interval(mean_difference, standard_error, freedom),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const A: [f64; 5] = [0.041, 0.043, 0.039, 0.044, 0.0405];
+    const B: [f64; 7] = [0.0252, 0.0221, 0.0243, 0.0229, 0.0249, 0.0260, 0.0218];
+
+    fn ramp(count: usize, offset: f64, step: f64, stride: usize, modulus: usize) -> Vec<f64> {
+        (0..count).map(|i| offset + step * ((i * stride) % modulus) as f64).collect()
+    }
+
+    /// `expected`: t, df, two-sided p, p_less, p_greater, low, high; relative tolerance 10⁻¹⁰.
+    fn assert_close(test: &TTest, expected: [f64; 7]) {
+        let found = [
+            test.t,
+            test.degrees_of_freedom,
+            test.p_two_sided,
+            test.p_less,
+            test.p_greater,
+            test.interval.low,
+            test.interval.high,
+        ];
+        for (found, expected) in found.iter().zip(expected) {
+            assert!(
+                (found - expected).abs() <= 1e-10 * expected.abs(),
+                "{found} is not {expected}"
+            );
+        }
+    }
+
+    /// Source: SciPy 1.17.1, `ttest_ind(a, b, equal_var=False, alternative=…)` and its
+    /// `confidence_interval()`.
+    #[test]
+    #[rustfmt::skip]
+    fn welch_agrees_with_scipy() {
+        assert_close(
+            &welch_t_test(&A, &B).unwrap(),
+            [
+                16.223684210526322, 7.555315068096068, 3.8157458187389315e-07, 0.999999809212709,
+                1.9078729093694657e-07, 0.015084740899194567, 0.020143830529376846,
+            ],
+        );
+        let far = welch_t_test(&ramp(60, 0.0, 0.01, 7, 11), &ramp(40, 1.0, 0.013, 5, 13)).unwrap();
+        assert_close(
+            &far,
+            [
+                -114.58599225575811, 60.25306915641263, 3.212303429021756e-72, 1.606151714510878e-72,
+                1.0, -1.0437903645405853, -1.0079763021260812,
+            ],
+        );
+        // One side without spread is no special case.
+        assert_close(
+            &welch_t_test(&[1.0, 2.0, 4.0], &[3.0; 4]).unwrap(),
+            [
+                -0.7559289460184544, 2.0, 0.5285954792089683, 0.26429773960448416,
+                0.7357022603955159, -4.4612497002634255, 3.1279163669300925,
+            ],
+        );
+    }
+
+    /// Source: SciPy 1.17.1, `ttest_rel(a, b, alternative=…)` and its `confidence_interval()`.
+    #[test]
+    #[rustfmt::skip]
+    fn paired_agrees_with_scipy() {
+        assert_close(
+            &paired_t_test(&A, &B[..5]).unwrap(),
+            [
+                12.65237945967256, 4.0, 0.0002246928400415711, 0.9998876535799792,
+                0.00011234642002078555, 0.013753457512121505, 0.021486542487878495,
+            ],
+        );
+        let far = paired_t_test(&ramp(40, 0.0, 0.01, 7, 11), &ramp(40, 1.0, 0.013, 5, 13)).unwrap();
+        assert_close(
+            &far,
+            [
+                -117.56039462797835, 39.0, 2.322315746863437e-51, 1.1611578734317185e-51,
+                1.0, -1.0431951489432991, -1.0079048510567008,
+            ],
+        );
+    }
+
+    #[test]
+    fn samples_without_spread() {
+        let equal = welch_t_test(&[0.1; 3], &[0.1; 7]).unwrap();
+        assert_eq!(
+            (equal.t, equal.p_two_sided, equal.p_less, equal.p_greater),
+            (0.0, 1.0, 0.5, 0.5)
+        );
+        assert_eq!(equal.degrees_of_freedom, 8.0);
+        let below = welch_t_test(&[0.1; 3], &[0.2; 3]).unwrap();
+        assert_eq!(below.t, f64::NEG_INFINITY);
+        assert_eq!((below.p_two_sided, below.p_less, below.p_greater), (0.0, 0.0, 1.0));
+        assert_eq!(below.interval, Interval { low: -0.1, high: -0.1 });
+        let above = paired_t_test(&[3.0, 2.0], &[2.0, 1.0]).unwrap();
+        assert_eq!((above.t, above.p_two_sided), (f64::INFINITY, 0.0));
+        assert_eq!((above.p_less, above.p_greater), (1.0, 0.0));
+        assert_eq!(paired_t_test(&A, &A).unwrap().p_two_sided, 1.0);
+    }
+
+    #[test]
+    fn what_cannot_be_tested_says_why() {
+        let message = |result: Result<TTest, MetricsError>| result.unwrap_err().to_string();
+        assert_eq!(message(welch_t_test(&A, &[1.0])), "b: samples: found 1, expected at least 2");
+        assert!(message(welch_t_test(&[1.0, f64::NAN], &A)).starts_with("a: sample 1 is NaN"));
+        assert_eq!(
+            message(paired_t_test(&A, &B)),
+            "samples of a: 5 but samples of b: 7, expected as many: they form pairs"
+        );
+        assert!(paired_t_test(&[1.0], &[2.0]).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn swapping_the_sides_mirrors_the_result(
+            a in prop::collection::vec(-5.0..5.0f64, 2..20),
+            b in prop::collection::vec(-5.0..5.0f64, 2..20),
+        ) {
+            let n = a.len().min(b.len());
+            for (ab, ba) in [
+                (welch_t_test(&a, &b).unwrap(), welch_t_test(&b, &a).unwrap()),
+                (paired_t_test(&a[..n], &b[..n]).unwrap(), paired_t_test(&b[..n], &a[..n]).unwrap()),
+            ] {
+                prop_assert!((ab.t + ba.t).abs() <= 1e-9 * ab.t.abs());
+                prop_assert!((ab.p_less - ba.p_greater).abs() < 1e-9);
+                prop_assert!((ab.p_less + ab.p_greater - 1.0).abs() < 1e-12);
+                // The interval leaves out 0 exactly when the two-sided p is below 5 %.
+                let excludes_zero = ab.interval.low > 0.0 || ab.interval.high < 0.0;
+                prop_assert_eq!(excludes_zero, ab.p_two_sided < 0.05);
+            }
+        }
+    }
+}

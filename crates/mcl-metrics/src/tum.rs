@@ -1,0 +1,267 @@
+//! Trajectory files in the TUM format: one pose per line, `t x y z qx qy qz qw`, seconds and metres
+//! and a quaternion, fields parted by blanks, lines that begin with `#` are comments (TUM RGB-D
+//! benchmark, *File Formats*).
+//!
+//! Poses here are planar, so a file must be too: |z| at most [`MAX_Z`], and the vertical axis tilted
+//! by at most [`MAX_TILT`]; or the poses are projected onto the plane when asked
+//! ([`NonPlanar::Project`], as evo's `--project_to_plane xy`). Stamps are read and written to the
+//! nanosecond, poses in file order, whether sorted or not.
+//!
+//! # Example
+//! ```
+//! use mcl_metrics::tum::{self, NonPlanar};
+//!
+//! let text = "# t x y z qx qy qz qw\n1071078718.462310123 1.5 -2 0 0 0 1 0\n";
+//! let file = tum::read(text.as_bytes(), "example.tum", NonPlanar::Refuse)?;
+//! assert_eq!(file.trajectory.poses()[0].theta, std::f64::consts::PI);
+//! assert_eq!(file.trajectory.stamps()[0].nanoseconds(), 1_071_078_718_462_310_123);
+//! # Ok::<(), tum::TumError>(())
+//! ```
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use mcl_core::{Pose2, Stamp, Trajectory, wrap_angle};
+
+/// Largest height above or below the plane of a planar pose, in metres.
+pub const MAX_Z: f64 = 1e-3;
+
+/// Largest tilt of the vertical axis of a planar pose (roll and pitch together), in radians.
+pub const MAX_TILT: f64 = 1e-3;
+
+/// What to do with poses that are not in the plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum NonPlanar {
+    /// An error that says which pose it is.
+    #[default]
+    Refuse,
+    /// Height, roll and pitch are dropped; the heading is the yaw of the Z-Y-X Euler angles, the
+    /// direction of the body's x axis seen from above.
+    Project,
+}
+
+/// A file's trajectory, and what is worth knowing about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TumTrajectory {
+    /// Stamped poses in file order; headings within (−π, π].
+    pub trajectory: Trajectory,
+    /// How many stamps are earlier than the one before.
+    pub backward_stamps: usize,
+}
+
+/// Why a TUM file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum TumError {
+    /// The file could not be opened or created.
+    #[error("{}: {source}", .file.display())]
+    Open {
+        /// The file.
+        file: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A line could not be read (or is no UTF-8 text).
+    #[error("{}, line {line}: cannot read: {source}", .file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A line without exactly eight fields.
+    #[error(
+        "{}, line {line}: {found} fields, expected 8 parted by blanks: t x y z qx qy qz qw",
+        .file.display()
+    )]
+    FieldCount {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// Number of fields found.
+        found: usize,
+    },
+    /// A field with a value that cannot be used.
+    #[error("{}, line {line}, field {field}: found {found}, expected {expected}", .file.display())]
+    Field {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// Name of the field, or fields.
+        field: &'static str,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// No pose in the file.
+    #[error("{}: no pose found, expected lines of t x y z qx qy qz qw", .file.display())]
+    Empty {
+        /// The file.
+        file: PathBuf,
+    },
+    /// A pose that no reader would accept: NaN, infinite, or a negative stamp.
+    #[error(
+        "cannot write pose {index}, {pose:?} at {stamp} s: expected finite numbers and a stamp of \
+         at least 0"
+    )]
+    Pose {
+        /// Index of the pose, from 0.
+        index: usize,
+        /// Its stamp.
+        stamp: Stamp,
+        /// The pose.
+        pose: Pose2,
+    },
+    /// Writing failed.
+    #[error("cannot write the trajectory: {0}")]
+    Write(#[from] io::Error),
+}
+
+/// Reads the file at `path`; see [`read`].
+///
+/// # Errors
+/// As [`read`], and when the file cannot be opened.
+pub fn read_file(path: impl AsRef<Path>, non_planar: NonPlanar) -> Result<TumTrajectory, TumError> {
+    let path = path.as_ref();
+    let open = |source| TumError::Open { file: path.to_owned(), source };
+    read(BufReader::new(File::open(path).map_err(open)?), path, non_planar)
+}
+
+/// Reads a trajectory line by line; `name` stands for the file in errors. Quaternions need not be
+/// normalized.
+///
+/// # Errors
+/// At the first line that is not a comment, empty, or a planar pose (unless poses are projected),
+/// and when there is no pose at all.
+pub fn read(
+    reader: impl BufRead,
+    name: impl AsRef<Path>,
+    non_planar: NonPlanar,
+) -> Result<TumTrajectory, TumError> {
+    let file = name.as_ref();
+    let (mut stamps, mut poses) = (Vec::new(), Vec::new());
+    for (index, text) in reader.lines().enumerate() {
+        let line = index + 1;
+        let text = text.map_err(|source| TumError::Read { file: file.to_owned(), line, source })?;
+        // Some editors begin a file with a byte order mark.
+        let text = if index == 0 { text.trim_start_matches('\u{feff}') } else { &text }.trim();
+        if text.is_empty() || text.starts_with('#') {
+            continue;
+        }
+        let (stamp, pose) = Line { file, line }.parse(text, non_planar)?;
+        stamps.push(stamp);
+        poses.push(pose);
+    }
+    if stamps.is_empty() {
+        return Err(TumError::Empty { file: file.to_owned() });
+    }
+    let backward_stamps = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    Ok(TumTrajectory { trajectory: stamps.into_iter().zip(poses).collect(), backward_stamps })
+}
+
+/// Where a line stands, for its errors.
+struct Line<'a> {
+    file: &'a Path,
+    line: usize,
+}
+
+impl Line<'_> {
+    fn parse(&self, text: &str, non_planar: NonPlanar) -> Result<(Stamp, Pose2), TumError> {
+        let fields: Vec<&str> = text.split_whitespace().collect();
+        let [t, x, y, z, qx, qy, qz, qw] = fields[..] else {
+            let (file, line, found) = (self.file.to_owned(), self.line, fields.len());
+            return Err(TumError::FieldCount { file, line, found });
+        };
+        let stamp = Stamp::parse_seconds(t)
+            .map_err(|error| self.error("t", quoted(t), format!("seconds; this is {error}")))?;
+        let [x, y, z] = [self.number("x", x)?, self.number("y", y)?, self.number("z", z)?];
+        let quaternion = [
+            self.number("qx", qx)?,
+            self.number("qy", qy)?,
+            self.number("qz", qz)?,
+            self.number("qw", qw)?,
+        ];
+        let (theta, tilt) = self.heading_and_tilt(quaternion)?;
+        if non_planar == NonPlanar::Refuse {
+            let advice = "project the poses onto the plane if that is meant";
+            if z.abs() > MAX_Z {
+                let expected = format!("a height within {MAX_Z} m of 0; {advice}");
+                return Err(self.error("z", format!("{z} m"), expected));
+            }
+            if tilt > MAX_TILT {
+                let expected = format!("roll and pitch within {MAX_TILT} rad of 0; {advice}");
+                return Err(self.error(QUATERNION, format!("a tilt of {tilt:.4} rad"), expected));
+            }
+        }
+        Ok((stamp, Pose2::new(x, y, theta)))
+    }
+
+    fn number(&self, field: &'static str, text: &str) -> Result<f64, TumError> {
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => Err(self.error(field, quoted(text), "a finite number".into())),
+        }
+    }
+
+    /// Yaw of the Z-Y-X Euler angles, and the angle between the body's z axis and the map's.
+    fn heading_and_tilt(&self, quaternion: [f64; 4]) -> Result<(f64, f64), TumError> {
+        let largest = quaternion.iter().fold(0.0, |largest: f64, q| largest.max(q.abs()));
+        if largest == 0.0 {
+            let expected = "a quaternion that can be normalized".into();
+            return Err(self.error(QUATERNION, "0 0 0 0".into(), expected));
+        }
+        let [x, y, z, w] = quaternion.map(|q| q / largest);
+        let (sin, cos) = (2.0 * (w * z + x * y), w * w + x * x - y * y - z * z);
+        // The x axis seen from above, in units of |q|² ≥ 1; too short to have a direction.
+        if sin.hypot(cos) < 1e-9 {
+            let expected = "an x axis that is not vertical: this one has no heading".into();
+            return Err(self.error(QUATERNION, "a pitch of ±90°".into(), expected));
+        }
+        Ok((wrap_angle(sin.atan2(cos)), 2.0 * x.hypot(y).atan2(z.hypot(w))))
+    }
+
+    fn error(&self, field: &'static str, found: String, expected: String) -> TumError {
+        TumError::Field { file: self.file.to_owned(), line: self.line, field, found, expected }
+    }
+}
+
+const QUATERNION: &str = "qx qy qz qw";
+
+/// The start of a text in quotes; a broken file can have very long fields.
+fn quoted(text: &str) -> String {
+    let start: String = text.chars().take(40).collect();
+    if start.len() < text.len() { format!("{start:?}…") } else { format!("{start:?}") }
+}
+
+/// Writes a trajectory to the file at `path`, replacing it; see [`write()`].
+///
+/// # Errors
+/// As [`write()`], and when the file cannot be created.
+pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(), TumError> {
+    let file = path.as_ref();
+    let created = File::create(file);
+    let created = created.map_err(|source| TumError::Open { file: file.to_owned(), source })?;
+    write(BufWriter::new(created), trajectory)
+}
+
+/// Writes a trajectory, one line per pose in its own order: stamps with nine digits after the point,
+/// numbers with as many digits as reading them back exactly takes. A heading reads back wrapped to
+/// (−π, π] and within 10⁻¹⁵ rad, as the file holds the sine and cosine of its half.
+///
+/// # Errors
+/// When a pose is not finite or its stamp negative (no reader would take it), or writing fails.
+pub fn write(mut writer: impl Write, trajectory: &Trajectory) -> Result<(), TumError> {
+    for (index, (stamp, pose)) in trajectory.iter().enumerate() {
+        if !pose.is_finite() || stamp.nanoseconds() < 0 {
+            return Err(TumError::Pose { index, stamp, pose });
+        }
+        let (qz, qw) = (0.5 * wrap_angle(pose.theta)).sin_cos();
+        writeln!(writer, "{stamp} {} {} 0 0 0 {qz} {qw}", pose.x, pose.y)?;
+    }
+    Ok(writer.flush()?)
+}
