@@ -48,6 +48,16 @@ pub fn mean_interval(samples: &[f64]) -> Result<MeanInterval, MetricsError> {
     Ok(MeanInterval { mean: moments.mean, interval })
 }
 
+/// Standard deviation of what the samples were drawn from: the sum of squares divided by n − 1
+/// (that of the samples themselves, divided by n, is [`Summary::std`](crate::Summary)).
+///
+/// # Errors
+/// When there are fewer than two samples, or one is not finite.
+pub fn standard_deviation(samples: &[f64]) -> Result<f64, MetricsError> {
+    check_samples(samples, 2)?;
+    Ok(Moments::of(samples).variance.sqrt())
+}
+
 pub(crate) fn student_interval(center: f64, standard_error: f64, freedom: f64) -> Interval {
     let half = critical_value_95(freedom) * standard_error;
     Interval { low: center - half, high: center + half }
@@ -132,6 +142,12 @@ mod tests {
 
     fn seed() -> Seed {
         Seed::new(3).derive("bootstrap")
+    }
+
+    #[test]
+    fn standard_deviation_divides_by_one_less() {
+        assert_eq!(standard_deviation(&[1.0, 3.0]), Ok(2.0f64.sqrt()));
+        assert!(standard_deviation(&[1.0]).is_err());
     }
 
     /// Source: SciPy 1.17.1, `scipy.stats.ttest_1samp(a, 0).confidence_interval()`.

@@ -41,7 +41,7 @@ pub use association::{DEFAULT_TOLERANCE_S, Matched, associate};
 pub use ate::{Alignment, Ate, ate};
 pub use error::MetricsError;
 pub use hypothesis::{TTest, paired_t_test, welch_t_test};
-pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval};
+pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use outcome::{DivergenceSettings, LossSettings, LostEpisode, diverged, lost_episodes};
 pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};

@@ -5,7 +5,7 @@ use mcl_core::{Point, Seed};
 use mcl_maps::{
     GridOffset, InitialMap, MapSize, PointSet, fuzzy_k_means, initial_map, mixture_log_likelihood,
 };
-use mcl_metrics::{Summary, mean_interval, paired_t_test, welch_t_test};
+use mcl_metrics::{Summary, mean_interval, paired_t_test, standard_deviation, welch_t_test};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -241,9 +241,12 @@ pub fn summarize(rows: &[LikelihoodRow]) -> Result<Vec<SummaryRow>> {
                 let mean = |value| Summary::of(&of(value)).map(|summary| summary.mean);
                 let likelihoods = of(LikelihoodRow::log_likelihood);
                 // One map has no spread to estimate an interval from.
-                let spread = match likelihoods.len() {
-                    1 => None,
-                    _ => Some(mean_interval(&likelihoods)?),
+                let (sd, interval) = match likelihoods.len() {
+                    1 => (None, None),
+                    _ => (
+                        Some(standard_deviation(&likelihoods)?),
+                        Some(mean_interval(&likelihoods)?.interval),
+                    ),
                 };
                 let iterations = mean(|row, _| row.iterations as f64)?;
                 summary.push(SummaryRow {
@@ -258,9 +261,9 @@ pub fn summarize(rows: &[LikelihoodRow]) -> Result<Vec<SummaryRow>> {
                         100.0 * row.map_points(improved) as f64 / row.data_points as f64
                     })?,
                     mean_log_likelihood: Summary::of(&likelihoods)?.mean,
-                    sd_log_likelihood: spread.map(|spread| spread.standard_deviation),
-                    ci95_low: spread.map(|spread| spread.interval.low),
-                    ci95_high: spread.map(|spread| spread.interval.high),
+                    sd_log_likelihood: sd,
+                    ci95_low: interval.map(|interval| interval.low),
+                    ci95_high: interval.map(|interval| interval.high),
                     mean_iterations: improved.then_some(iterations),
                     mean_seconds: mean(|row, improved| match improved {
                         true => row.improved_seconds,

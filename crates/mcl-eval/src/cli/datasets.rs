@@ -1,0 +1,138 @@
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Result, bail};
+use mcl_datasets::log::read_log_as;
+use mcl_datasets::registry::{
+    Dataset, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, Source, Verification,
+};
+use serde::Serialize;
+
+use super::Outcome;
+use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
+use super::output::{print, thousands};
+use crate::progress;
+
+pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
+    let registry = Registry::from_environment()?;
+    match &args.command {
+        DatasetsCommand::List(names) => list(&registry, names),
+        DatasetsCommand::Fetch(names) => fetch(&registry, names, global),
+        DatasetsCommand::Verify(names) => verify(&registry, names),
+    }
+}
+
+/// The data sets named, or all.
+fn chosen<'a>(registry: &'a Registry, names: &DatasetNames) -> Result<Vec<&'a Dataset>> {
+    if names.names.is_empty() {
+        return Ok(registry.datasets().collect());
+    }
+    Ok(names.names.iter().map(|name| registry.get(name)).collect::<Result<_, _>>()?)
+}
+
+/// A data set with what was found or done, for `--json` and the terminal.
+#[derive(Serialize)]
+struct Line {
+    name: String,
+    title: String,
+    good: bool,
+    status: String,
+}
+
+#[derive(Serialize)]
+struct Lines {
+    datasets: Vec<Line>,
+}
+
+fn report(lines: Vec<Line>, json: bool) -> Result<Outcome> {
+    let good = lines.iter().all(|line| line.good);
+    print(json, &Lines { datasets: lines }, |lines| {
+        let width = lines.datasets.iter().map(|line| line.name.len()).max().unwrap_or(0);
+        let rows = lines.datasets.iter().map(|line| format!("{:width$}  {}", line.name, line.status));
+        rows.collect::<Vec<_>>().join("\n")
+    })?;
+    if good { Ok(Outcome::Done) } else { bail!("not every data set is in order, see above") }
+}
+
+fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
+    let lines = chosen(registry, names)?.into_iter().map(|dataset| {
+        let place = match &dataset.source {
+            Source::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
+            Source::Carmen(_) => match registry.locate(dataset) {
+                Ok(path) => path.display().to_string(),
+                Err(_) => format!("not at hand: mcl-eval datasets fetch {}", dataset.name),
+            },
+        };
+        let status = format!("{}\n    {}\n    {place}", dataset.title, dataset.description);
+        Line { name: dataset.name.clone(), title: dataset.title.clone(), good: true, status }
+    });
+    report(lines.collect(), names.json)
+}
+
+fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<Outcome> {
+    let mut lines = Vec::new();
+    for dataset in chosen(registry, names)? {
+        let bar = progress::bytes(&dataset.name, global.quiet);
+        bar.enable_steady_tick(Duration::from_millis(250));
+        let read = |path: &Path| read_for_facts(dataset, path);
+        let result = registry.fetch(dataset, &FetchSettings::default(), &read, &mut |event| match event {
+            FetchEvent::Connecting { url, kept } => {
+                bar.set_position(kept);
+                bar.set_message(url.to_owned());
+            }
+            FetchEvent::Progress { downloaded, total } => {
+                if let Some(total) = total {
+                    bar.set_length(total);
+                }
+                bar.set_position(downloaded);
+            }
+            FetchEvent::Failed { url, failure, retrying } => {
+                let next = if retrying { "; trying again" } else { "" };
+                bar.suspend(|| eprintln!("{}: {url}: {failure}{next}", dataset.name));
+            }
+        });
+        bar.finish_and_clear();
+        let (good, status) = match result {
+            Ok(Fetched::Simulated) => (true, "simulated, nothing to fetch".to_owned()),
+            Ok(Fetched::AlreadyPresent { path, .. }) => {
+                (true, format!("already there: {}", path.display()))
+            }
+            Ok(Fetched::Downloaded { path, content, .. }) => {
+                (true, format!("fetched: {} ({} bytes)", path.display(), thousands(content.bytes as usize)))
+            }
+            Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
+        };
+        lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
+    }
+    report(lines, names.json)
+}
+
+fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
+    let mut lines = Vec::new();
+    for dataset in chosen(registry, names)? {
+        let read = |path: &Path| read_for_facts(dataset, path);
+        // Without names, data sets that are not at hand are no failure.
+        let absent = matches!(dataset.source, Source::Carmen(_)) && registry.locate(dataset).is_err();
+        let (good, status) = match registry.verify(dataset, &read) {
+            Err(error) if absent && names.names.is_empty() => (true, format!("not at hand: {error}")),
+            Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
+            Ok(Verification::Simulated) => (true, "simulated, nothing to verify".to_owned()),
+            Ok(Verification::Found(found)) => {
+                let mut status = format!("{}: {}", found.path.display(), found.status());
+                for mismatch in found.mismatches.iter().flatten() {
+                    status += &format!("\n    {mismatch}");
+                }
+                if !found.accepted {
+                    status += &format!("\n    sha256 {}", found.content.sha256);
+                }
+                (found.is_good(), status)
+            }
+        };
+        lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
+    }
+    report(lines, names.json)
+}
+
+fn read_for_facts(dataset: &Dataset, path: &Path) -> Result<mcl_core::Recording, ReadLogError> {
+    Ok(read_log_as(path, dataset.reference)?.recording)
+}

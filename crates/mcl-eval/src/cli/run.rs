@@ -1,0 +1,85 @@
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mcl_datasets::registry::{Registry, Source};
+use serde::Serialize;
+
+use super::args::{Global, RunArgs};
+use super::output::{print, tell_losses};
+use super::Outcome;
+use crate::experiment::{Experiment, TrialOutcome};
+use crate::results::{self, RunOptions};
+use crate::source::{LogSource, SourceOptions};
+
+#[derive(Serialize)]
+struct Ran {
+    trials: usize,
+    done: usize,
+    failed: usize,
+    /// Where the results of each data set are.
+    folders: Vec<PathBuf>,
+}
+
+pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
+    let experiment = Experiment::read(&args.experiment)?;
+    let name = experiment_name(&args.experiment)?;
+    let names = match args.datasets.is_empty() {
+        false => args.datasets.clone(),
+        true => at_hand(&experiment, global)?,
+    };
+    let options = SourceOptions { max_range: args.max_range, reference: None };
+    let mut total = TrialOutcome { done: 0, failed: 0 };
+    let mut complete = true;
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for dataset in &names {
+        let source = LogSource::open(dataset, options)?;
+        complete &= tell_losses(dataset, &source.report) == Outcome::Done;
+        let folder = args.output.join(&name).join(&source.name);
+        if folders.contains(&folder) {
+            bail!("{dataset}: the results of another log of this name are in {}", folder.display());
+        }
+        let run = RunOptions { fresh: args.fresh, quiet: global.quiet, threads: global.threads };
+        let outcome = results::run_experiment(&experiment, &name, &source, &folder, &run)
+            .with_context(|| format!("experiment {name} on {dataset}"))?;
+        total.done += outcome.done;
+        total.failed += outcome.failed;
+        folders.push(folder);
+    }
+    let ran = Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
+    print(args.json, &ran, |ran| {
+        let mut text = format!("{} trials done, {} failed", ran.done, ran.failed);
+        for folder in &ran.folders {
+            text += &format!("\n{}", folder.display());
+        }
+        text
+    })?;
+    Ok(Outcome::of(complete && ran.failed == 0))
+}
+
+/// The data sets of the definition that are at hand; says how to get the others.
+fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
+    let registry = Registry::from_environment()?;
+    let mut names = Vec::new();
+    for name in experiment.dataset_names() {
+        let dataset = registry.get(name)?;
+        let present = matches!(dataset.source, Source::Simulated { .. });
+        match registry.locate(dataset) {
+            Err(error) if !present => {
+                if !global.quiet {
+                    eprintln!("leaving out {name}: {error}");
+                }
+            }
+            _ => names.push(name.to_owned()),
+        }
+    }
+    if names.is_empty() {
+        bail!("none of the experiment's data sets is at hand; `mcl-eval datasets fetch` gets them");
+    }
+    Ok(names)
+}
+
+/// The experiment's name: that of its file, without the ending.
+fn experiment_name(path: &Path) -> Result<String> {
+    let stem = path.file_stem().with_context(|| format!("{} has no name", path.display()))?;
+    Ok(stem.to_string_lossy().into_owned())
+}
