@@ -13,10 +13,10 @@ const PATH_CLEARANCE: f64 = 0.4;
 /// Pieces stand this far apart, in m.
 const GAP: f64 = 0.05;
 
-/// A piece as it stands: its origin at the middle of its back, facing +x.
+/// A piece of furniture in its own frame, facing +x.
 struct Piece {
     shape: Vec<Part>,
-    /// Whether it stands with its back to a wall.
+    /// Whether it stands with its back, which is then at the origin, to a wall.
     against_wall: bool,
 }
 

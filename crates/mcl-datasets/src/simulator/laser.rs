@@ -8,10 +8,6 @@ use super::settings::LaserSettings;
 
 impl LaserSettings {
     /// One scan from `map_from_laser`: readings in m, one per beam.
-    ///
-    /// A beam is lost (drop-out); else it goes on until a surface answers, glass only sometimes; else
-    /// nothing answers. Something unmapped may answer before the building does. Noise and rounding
-    /// come last; what is then not within `max_range` is no return.
     pub(super) fn scan(
         &self,
         map_from_laser: &Pose2,
@@ -171,7 +167,7 @@ mod tests {
         // Short readings are uniform over the 2 m: 95 % of them fall below 1.9 m.
         let short = rate(readings.iter().filter(|&&r| r < 1.9).count());
         assert!((short - 0.9 * 0.2 * 0.95).abs() < 0.012, "{short}");
-        let near: Vec<f64> = readings.into_iter().filter(|&r| r >= 1.9 && r < 3.0).collect();
+        let near: Vec<f64> = readings.into_iter().filter(|r| (1.9..3.0).contains(r)).collect();
         let deviation =
             (near.iter().map(|r| (r - 2.0).powi(2)).sum::<f64>() / near.len() as f64).sqrt();
         assert!((deviation - 0.02).abs() < 2e-3, "{deviation}");

@@ -75,53 +75,22 @@ pub(super) struct Path {
 impl Path {
     /// The path from `start` along the legs, with corners rounded where there is room.
     pub fn new(start: Point<2>, legs: &[Leg], drive: &DriveSettings) -> Self {
-        // Legs of no length have no direction.
-        let mut corners: Vec<(Point<2>, f64, f64, bool)> = Vec::with_capacity(legs.len());
-        let mut from = start;
-        for leg in legs {
-            let (dx, dy) = (leg.to[0] - from[0], leg.to[1] - from[1]);
-            let length = dx.hypot(dy);
-            if length > 0.0 {
-                let direction = dy.atan2(dx);
-                let heading =
-                    if leg.backward { direction + std::f64::consts::PI } else { direction };
-                corners.push((from, heading, length, leg.backward));
-                from = leg.to;
-            }
-        }
+        let lines = lines(start, legs);
         let mut motions = Vec::new();
-        // Length at the start of the current leg that the curve before it has already driven.
+        // How much of the line the curve before it has already driven.
         let mut driven = 0.0;
-        for (i, &(from, heading, length, backward)) in corners.iter().enumerate() {
-            let sign = if backward { -1.0 } else { 1.0 };
-            let mut trimmed = 0.0;
-            let mut manoeuvre = None;
-            if let Some(&(to, next_heading, next_length, next_backward)) = corners.get(i + 1) {
-                let sweep = wrap_angle(next_heading - heading);
-                let half_tan = (0.5 * sweep.abs()).tan();
-                let room = (0.5 * length).min(0.5 * next_length);
-                let radius = CURVE_RADIUS.min(room / half_tan);
-                let corner = Pose2::new(to[0], to[1], heading);
-                if sweep.abs() < STRAIGHT {
-                    // Nothing to do between the legs.
-                } else if backward
-                    || next_backward
-                    || sweep.abs() > LARGEST_CURVE
-                    || radius < SMALLEST_RADIUS
-                {
-                    manoeuvre = Some(Motion::Turn { from: corner, sweep });
-                } else {
-                    trimmed = radius * half_tan;
-                    let from = corner.compose(&Pose2::new(-trimmed, 0.0, 0.0));
-                    manoeuvre = Some(Motion::Curve { from, radius, sweep });
-                }
-            }
-            let begin = Pose2::new(from[0], from[1], heading);
+        for (i, line) in lines.iter().enumerate() {
+            let corner = lines.get(i + 1).and_then(|next| corner(line, next));
+            let trimmed = match corner {
+                Some(Motion::Curve { radius, sweep, .. }) => radius * (0.5 * sweep.abs()).tan(),
+                _ => 0.0,
+            };
+            let sign = if line.backward { -1.0 } else { 1.0 };
             motions.push(Motion::Straight {
-                from: begin.compose(&Pose2::new(sign * driven, 0.0, 0.0)),
-                length: sign * (length - driven - trimmed),
+                from: line.from.compose(&Pose2::new(sign * driven, 0.0, 0.0)),
+                length: sign * (line.length - driven - trimmed),
             });
-            motions.extend(manoeuvre);
+            motions.extend(corner);
             driven = trimmed;
         }
         let mut time = 0.0;
@@ -168,6 +137,48 @@ impl Path {
         }
         positions
     }
+}
+
+/// A leg with its start.
+struct Line {
+    /// Where it begins, with the robot's heading on it.
+    from: Pose2,
+    length: f64,
+    backward: bool,
+}
+
+/// The legs as lines; legs of no length have no direction and are left out.
+fn lines(start: Point<2>, legs: &[Leg]) -> Vec<Line> {
+    let mut lines = Vec::with_capacity(legs.len());
+    let [mut x, mut y] = start;
+    for &Leg { to, backward } in legs {
+        let (dx, dy) = (to[0] - x, to[1] - y);
+        let length = dx.hypot(dy);
+        if length > 0.0 {
+            let heading = if backward { (-dy).atan2(-dx) } else { dy.atan2(dx) };
+            lines.push(Line { from: Pose2::new(x, y, heading), length, backward });
+            [x, y] = to;
+        }
+    }
+    lines
+}
+
+/// How the robot gets from the end of one line to the heading of the next: along a curve that is
+/// tangent to both, or on the spot; `None` when the heading stays.
+fn corner(line: &Line, next: &Line) -> Option<Motion> {
+    let sweep = wrap_angle(next.from.theta - line.from.theta);
+    if sweep.abs() < STRAIGHT {
+        return None;
+    }
+    let at = Pose2::new(next.from.x, next.from.y, line.from.theta);
+    // A curve of radius r touches both lines at r·tan(sweep/2) from the corner.
+    let half_tan = (0.5 * sweep.abs()).tan();
+    let radius = CURVE_RADIUS.min(0.5 * line.length.min(next.length) / half_tan);
+    if line.backward || next.backward || sweep.abs() > LARGEST_CURVE || radius < SMALLEST_RADIUS {
+        return Some(Motion::Turn { from: at, sweep });
+    }
+    let from = at.compose(&Pose2::new(-radius * half_tan, 0.0, 0.0));
+    Some(Motion::Curve { from, radius, sweep })
 }
 
 #[cfg(test)]

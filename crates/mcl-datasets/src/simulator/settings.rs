@@ -57,8 +57,11 @@ pub struct DriveSettings {
     pub start_time: f64,
 }
 
-/// The laser range finder, modelled on a SICK LMS: see [`Laser`](super::laser::Laser) for the order
-/// of effects.
+/// The laser range finder; the default resembles the Intel log's SICK LMS.
+///
+/// A beam is lost (drop-out), or goes on until a surface answers, glass only sometimes. Something
+/// unmapped may answer before. Noise and rounding come last; what is then not within `max_range` is
+/// no return.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaserSettings {
@@ -121,7 +124,7 @@ pub struct OdometrySettings {
 impl Default for OfficeSettings {
     fn default() -> Self {
         OfficeSettings {
-            furniture_density: 0.45,
+            furniture_density: 0.8,
             drive: DriveSettings::default(),
             laser: LaserSettings::default(),
             odometry: OdometrySettings::default(),
@@ -133,10 +136,10 @@ impl Default for DriveSettings {
     fn default() -> Self {
         DriveSettings {
             speed: 0.4,
-            turn_rate: 0.5,
+            turn_rate: 0.6,
             scan_period: 0.2,
-            scan_distance: 1.0,
-            scan_angle: 0.5,
+            scan_distance: 0.92,
+            scan_angle: 0.46,
             start_time: 30.0,
         }
     }
@@ -152,7 +155,7 @@ impl Default for LaserSettings {
             no_return: 81.83,
             range_noise: 0.015,
             resolution: 0.01,
-            dropout_probability: 0.01,
+            dropout_probability: 0.025,
             short_probability: 0.003,
             glass_return: 0.9,
             glass_exponent: 4.0,
