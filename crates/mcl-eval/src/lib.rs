@@ -7,4 +7,5 @@ pub mod cli;
 pub mod experiment;
 pub mod figures;
 pub mod progress;
+pub mod results;
 pub mod source;

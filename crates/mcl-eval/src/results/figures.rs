@@ -1,0 +1,232 @@
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use mcl_core::{Bounds, Point, PointMap};
+use mcl_maps::files::read_map;
+
+use super::maps::{
+    ALL, COMPARISON_GRID, COMPARISON_RANDOM, INDEX, MapRow, OVERVIEW, OVERVIEW_IMPROVED, file_name,
+};
+use super::{FIGURES, MANIFEST, MAPS, SUMMARY};
+use crate::cli::thousands;
+use crate::experiment::{Builder, Manifest, SummaryRow, read_rows};
+use crate::figures::{
+    Arrangement, AxisSpec, CloudFigure, CloudPanel, Curve, CurveFigure, CurvePanel, CurvePoint,
+    CurveStyle, Interval, Scale, draw_clouds, draw_curves,
+};
+
+/// Draws the figures of a result folder from its saved files, and returns what was written.
+///
+/// # Errors
+/// When a file is missing or cannot be read or written.
+pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
+    let manifest = Manifest::read(&folder.join(MANIFEST))?;
+    let drawing = Drawing {
+        maps: Maps::read(&folder.join(MAPS))?,
+        summary: read_rows(&folder.join(SUMMARY))?,
+        figures: folder.join(FIGURES),
+        manifest,
+    };
+    std::fs::create_dir_all(&drawing.figures)
+        .with_context(|| format!("cannot make {}", drawing.figures.display()))?;
+    let drawn = [
+        drawing.overview()?,
+        drawing.comparison()?,
+        drawing.points()?,
+        drawing.likelihood()?,
+    ];
+    Ok(drawn.concat())
+}
+
+/// The saved maps.
+struct Maps {
+    folder: PathBuf,
+    rows: Vec<MapRow>,
+}
+
+impl Maps {
+    fn read(folder: &Path) -> Result<Self> {
+        Ok(Maps { folder: folder.to_owned(), rows: read_rows(&folder.join(INDEX))? })
+    }
+
+    fn row(&self, name: &str) -> Result<&MapRow> {
+        self.rows.iter().find(|row| row.name == name).with_context(|| {
+            format!("{} has no row for map {name}", self.folder.join(INDEX).display())
+        })
+    }
+
+    fn points(&self, name: &str) -> Result<PointMap<2>> {
+        Ok(read_map(self.folder.join(file_name(name)))?)
+    }
+}
+
+struct Drawing {
+    manifest: Manifest,
+    maps: Maps,
+    summary: Vec<SummaryRow>,
+    figures: PathBuf,
+}
+
+impl Drawing {
+    /// Figure 1: all points, a grid-based map, and what fuzzy k-means makes of it.
+    fn overview(&self) -> Result<[PathBuf; 2]> {
+        let [all, initial, improved] =
+            [ALL, OVERVIEW, OVERVIEW_IMPROVED].map(|name| self.maps.points(name));
+        let (all, initial, improved) = (all?, initial?, improved?);
+        let panels = vec![
+            panel(format!("all data: {} points", thousands(all.len())), &all),
+            panel(self.title("grid-based map (gbs)", OVERVIEW)?, &initial),
+            panel(self.title("improved map (gbs+f-km)", OVERVIEW_IMPROVED)?, &improved),
+        ];
+        let caption = format!(
+            "{}. Grid-based sampling with cells of {:.3} m; fuzzy k-means with σ = {} m.",
+            self.data(),
+            self.maps.row(OVERVIEW)?.cell_m.unwrap_or(f64::NAN),
+            self.manifest.definition.sigma
+        );
+        self.clouds("figure1-maps", panels, Arrangement::Stacked, caption)
+    }
+
+    /// Figure 2: a random beside a grid-based map of the same size.
+    fn comparison(&self) -> Result<[PathBuf; 2]> {
+        let random = self.maps.points(COMPARISON_RANDOM)?;
+        let grid = self.maps.points(COMPARISON_GRID)?;
+        let panels = vec![
+            panel(self.title("random (rnd)", COMPARISON_RANDOM)?, &random),
+            panel(self.title("grid-based (gbs)", COMPARISON_GRID)?, &grid),
+        ];
+        let caption = format!(
+            "{}. Random sampling with seed {}; grid-based sampling with cells of {:.3} m.",
+            self.data(),
+            self.maps.row(COMPARISON_RANDOM)?.seed.unwrap_or_default(),
+            self.maps.row(COMPARISON_GRID)?.cell_m.unwrap_or(f64::NAN)
+        );
+        let arrangement = beside_when_tall(&grid.bounds());
+        self.clouds("figure2-sampling", panels, arrangement, caption)
+    }
+
+    /// Figure 3: all points.
+    fn points(&self) -> Result<[PathBuf; 2]> {
+        let all = self.maps.points(ALL)?;
+        let bounds = all.bounds();
+        let title = format!(
+            "{}: {} points, {:.1} m × {:.1} m",
+            self.manifest.dataset.title,
+            thousands(all.len()),
+            bounds.extent(0),
+            bounds.extent(1)
+        );
+        let caption = format!("{}. Darker where points are denser.", self.data());
+        self.clouds("figure3-points", vec![panel(title, &all)], Arrangement::Stacked, caption)
+    }
+
+    /// Figure 4: likelihood against map size, all sizes above, up to 10 % beneath.
+    fn likelihood(&self) -> Result<[PathBuf; 2]> {
+        const LOWER_PANEL_UP_TO: f64 = 10.0;
+        let panel = |title: &str, up_to: f64, x: Scale, y: Scale| CurvePanel {
+            title: title.to_owned(),
+            x: AxisSpec { label: "map size [% of the data's points]".into(), scale: x, range: None },
+            y: AxisSpec { label: "log-likelihood [nats per point]".into(), scale: y, range: None },
+            curves: self.curves(up_to),
+        };
+        let symlog = Scale::Symlog { linear_below: 1.0 };
+        let figure = CurveFigure {
+            panels: vec![
+                panel("all sizes", f64::INFINITY, Scale::Log, symlog),
+                panel("up to 10 %", LOWER_PANEL_UP_TO, Scale::Linear, symlog),
+            ],
+            interval: Interval::Bars,
+            caption: vec![format!(
+                "{}. Mean log-likelihood of the data under maps of different sizes, with Student's \
+                 95 % intervals over {} maps; σ = {} m. The size is that of the map itself, after \
+                 fuzzy k-means where it applies (+f-km).",
+                self.data(),
+                self.map_counts(),
+                self.manifest.definition.sigma
+            )],
+        };
+        Ok(draw_curves(&self.figures.join("figure4-likelihood"), &figure)?)
+    }
+
+    /// The four curves, over sizes of at most `up_to` percent.
+    fn curves(&self, up_to: f64) -> Vec<Curve> {
+        let strategies = Builder::ALL.into_iter().flat_map(|b| [(b, false), (b, true)]);
+        strategies
+            .enumerate()
+            .map(|(index, (builder, improved))| {
+                let of_strategy = self.summary.iter().filter(|row| {
+                    row.builder == builder && row.improved == improved && row.size_percent <= up_to
+                });
+                let points = of_strategy.map(|row| CurvePoint {
+                    x: row.mean_real_percent,
+                    mean: row.mean_log_likelihood,
+                    low: row.ci95_low.unwrap_or(f64::NAN),
+                    high: row.ci95_high.unwrap_or(f64::NAN),
+                    mark: None,
+                });
+                Curve {
+                    label: builder.label(improved).to_owned(),
+                    style: CurveStyle::nth(index),
+                    points: points.collect(),
+                }
+            })
+            .collect()
+    }
+
+    /// "10" or "5 to 10": how many maps stand behind a point.
+    fn map_counts(&self) -> String {
+        let counts = self.summary.iter().map(|row| row.maps);
+        match (counts.clone().min(), counts.max()) {
+            (Some(least), Some(most)) if least < most => format!("{least} to {most}"),
+            (least, _) => least.unwrap_or_default().to_string(),
+        }
+    }
+
+    /// "Intel Research Lab: 910 scans, 155,648 points with 0 < r ≤ 10 m".
+    fn data(&self) -> String {
+        let dataset = &self.manifest.dataset;
+        format!(
+            "{}: {} scans, {} points with 0 < r ≤ {} m",
+            dataset.title,
+            thousands(dataset.scans),
+            thousands(dataset.points),
+            dataset.max_range
+        )
+    }
+
+    /// A map's name with its size and likelihood.
+    fn title(&self, what: &str, name: &str) -> Result<String> {
+        let row = self.maps.row(name)?;
+        let percent = 100.0 * row.points as f64 / self.manifest.dataset.points as f64;
+        let mut title = format!("{what}: {} points ({percent:.2} %)", thousands(row.points));
+        if let Some(log_likelihood) = row.log_likelihood {
+            title += &format!(", {log_likelihood:.2} nats per point");
+        }
+        Ok(title)
+    }
+
+    fn clouds(
+        &self,
+        name: &str,
+        panels: Vec<CloudPanel>,
+        arrangement: Arrangement,
+        caption: String,
+    ) -> Result<[PathBuf; 2]> {
+        let figure = CloudFigure { panels, arrangement, caption: vec![caption] };
+        Ok(draw_clouds(&self.figures.join(name), &figure)?)
+    }
+}
+
+fn panel(title: String, map: &PointMap<2>) -> CloudPanel<'_> {
+    let points: &[Point<2>] = map.points();
+    CloudPanel { title, points, paths: Vec::new() }
+}
+
+/// Wide buildings above each other, others beside each other.
+fn beside_when_tall(bounds: &Bounds<2>) -> Arrangement {
+    if bounds.extent(0) > 1.5 * bounds.extent(1) {
+        Arrangement::Stacked
+    } else {
+        Arrangement::SideBySide
+    }
+}
