@@ -1,1 +1,133 @@
-//! Placeholder.
+//! Map files: point maps in CSV, PLY and PCD.
+//!
+//! The file's ending says the format. Coordinates are metres in the map's frame, stored as 64-bit
+//! numbers (in text as the shortest decimals that read back to the same bits), so a map survives
+//! write → read bit for bit, signed zeros and subnormal numbers included.
+//!
+//! | ending | written | read |
+//! |---|---|---|
+//! | `.csv` | header `x,y` (`x,y,z` in 3-D) | any column order, further columns, `#` comments, CRLF |
+//! | `.ply` | `double x y z`, binary little-endian or ASCII | also big-endian, any scalar type, further columns and elements |
+//! | `.pcd` | version 0.7, `x y z` as `SIZE 8 TYPE F`, binary or ASCII | also `binary_compressed`, any scalar type, further columns |
+//!
+//! Point-cloud tools expect three coordinates, so a planar map is written to PLY and PCD with z = 0.
+//! Reading a planar map accepts a file without z or with z = 0 everywhere; any other height is an
+//! error, because dropping it would silently flatten a 3-D cloud.
+//!
+//! # Example
+//! ```
+//! use mcl_core::PointMap;
+//! use mcl_maps::files::{Encoding, read_map, write_map};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("corridor.ply");
+//! let map = PointMap::new(vec![[0.0, 1.5], [0.1, -0.0]])?;
+//! write_map(&path, &map, Encoding::Ascii)?;
+//! assert_eq!(read_map::<2>(&path)?, map);
+//! # Ok(())
+//! # }
+//! ```
+
+mod atomic;
+mod columns;
+mod csv_points;
+mod error;
+mod pcd_points;
+mod ply_points;
+mod text_rows;
+
+use std::path::Path;
+
+use mcl_core::PointMap;
+
+pub use atomic::write_atomically;
+pub use error::{MapFileError, MapProblem, Place};
+
+/// How numbers are written to PLY and PCD. CSV is always text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Encoding {
+    /// Little-endian 64-bit numbers: smaller and faster.
+    #[default]
+    Binary,
+    /// Decimal text: readable and easy to compare, just as exact.
+    Ascii,
+}
+
+/// The formats, by the file's ending.
+enum Format {
+    Csv,
+    Ply,
+    Pcd,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, MapFileError> {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        match ending.as_str() {
+            "csv" => Ok(Format::Csv),
+            "ply" => Ok(Format::Ply),
+            "pcd" => Ok(Format::Pcd),
+            "yaml" | "yml" | "pgm" => Err(MapFileError::GridMap { path: path.into() }),
+            _ => Err(MapFileError::UnknownEnding { path: path.into(), ending }),
+        }
+    }
+}
+
+/// Checks that the ending of a path names a format that [`write_map`] can write, before much is computed
+/// that could then not be saved.
+///
+/// # Errors
+/// [`MapFileError`] for an unknown ending.
+pub fn check_format(path: impl AsRef<Path>) -> Result<(), MapFileError> {
+    Format::of(path.as_ref()).map(|_| ())
+}
+
+/// Point maps have two or three dimensions; anything else does not compile.
+const fn planar_or_spatial(dimensions: usize) {
+    assert!(dimensions == 2 || dimensions == 3, "map files hold points in 2 or 3 dimensions");
+}
+
+/// Reads a point map; the ending of `path` says the format, and the points keep the file's order.
+///
+/// # Errors
+/// [`MapFileError`] names the file and what is wrong with it: an unknown ending, an unreadable
+/// file, or the [`MapProblem`] of its content with line or point, column, what was found and what
+/// was expected.
+pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, MapFileError> {
+    const { planar_or_spatial(D) };
+    let path = path.as_ref();
+    let format = Format::of(path)?;
+    let bytes = std::fs::read(path)
+        .map_err(|source| MapFileError::Unreadable { path: path.into(), source })?;
+    match format {
+        Format::Csv => csv_points::parse(&bytes),
+        Format::Ply => ply_points::parse(&bytes),
+        Format::Pcd => pcd_points::parse(&bytes),
+    }
+    .and_then(|points| PointMap::new(points).map_err(MapProblem::Points))
+    .map_err(|problem| MapFileError::Content { path: path.into(), problem })
+}
+
+/// Writes a point map; the ending of `path` says the format.
+///
+/// The file is whole or not there: an interrupted write leaves what was under `path` before.
+///
+/// # Errors
+/// [`MapFileError`] for an unknown ending or a file that cannot be written.
+pub fn write_map<const D: usize>(
+    path: impl AsRef<Path>,
+    map: &PointMap<D>,
+    encoding: Encoding,
+) -> Result<(), MapFileError> {
+    const { planar_or_spatial(D) };
+    let path = path.as_ref();
+    let bytes = match Format::of(path)? {
+        Format::Csv => csv_points::encode(map.points()),
+        Format::Ply => ply_points::encode(map.points(), encoding),
+        Format::Pcd => pcd_points::encode(map.points(), encoding),
+    };
+    bytes
+        .and_then(|bytes| write_atomically(path, &bytes))
+        .map_err(|source| MapFileError::Unwritable { path: path.into(), source })
+}

@@ -1,0 +1,101 @@
+//! Which columns of a file are coordinates, and what a coordinate must be.
+
+use mcl_core::Point;
+
+use super::{MapProblem, Place};
+
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Where x, y and z stand among the columns of a file.
+pub(super) struct Axes<const D: usize> {
+    columns: [usize; D],
+    /// The z column of a file read as a planar map: it must be 0 everywhere.
+    flat: Option<usize>,
+}
+
+impl<const D: usize> Axes<D> {
+    /// Finds the coordinates by name, upper or lower case, in any order.
+    pub(super) fn find<S: AsRef<str>>(names: &[S]) -> Result<Self, MapProblem> {
+        let found = || {
+            let quoted: Vec<_> = names.iter().map(|name| format!("{:?}", name.as_ref())).collect();
+            if quoted.is_empty() { "no columns".to_owned() } else { quoted.join(", ") }
+        };
+        let position = |column: &'static str| {
+            let mut at =
+                (0..names.len()).filter(|&i| names[i].as_ref().trim().eq_ignore_ascii_case(column));
+            match (at.next(), at.next()) {
+                (_, Some(_)) => Err(MapProblem::DoubleColumn { column, found: found() }),
+                (first, None) => Ok(first),
+            }
+        };
+        let mut columns = [0; D];
+        for (index, column) in columns.iter_mut().zip(AXES) {
+            *index = position(column)?
+                .ok_or_else(|| MapProblem::MissingColumn { column, found: found() })?;
+        }
+        let flat = if D == 2 { position("z")? } else { None };
+        Ok(Axes { columns, flat })
+    }
+
+    /// The point of one row; `value` reads the coordinate of a column by its index and name.
+    pub(super) fn point(
+        &self,
+        place: Place,
+        value: impl Fn(usize, &'static str) -> Result<f64, MapProblem>,
+    ) -> Result<Point<D>, MapProblem> {
+        let finite = |index, column| {
+            let found = value(index, column)?;
+            if found.is_finite() {
+                return Ok(found);
+            }
+            Err(MapProblem::Value {
+                place,
+                column,
+                found: found.to_string(),
+                expected: "a finite number of metres",
+            })
+        };
+        let mut point = [0.0; D];
+        for ((coordinate, &index), column) in point.iter_mut().zip(&self.columns).zip(AXES) {
+            *coordinate = finite(index, column)?;
+        }
+        if let Some(index) = self.flat {
+            let height = finite(index, "z")?;
+            if height != 0.0 {
+                return Err(MapProblem::Value {
+                    place,
+                    column: "z",
+                    found: height.to_string(),
+                    expected: "0, because a planar map is wanted",
+                });
+            }
+        }
+        Ok(point)
+    }
+}
+
+/// A coordinate from text.
+pub(super) fn parse_number(
+    text: &str,
+    place: Place,
+    column: &'static str,
+) -> Result<f64, MapProblem> {
+    text.trim().parse().map_err(|_| {
+        // A damaged file may hold a line of any length where a number should be.
+        let mut found: String = text.chars().take(40).collect();
+        if found.len() < text.len() {
+            found.push('…');
+        }
+        MapProblem::Value {
+            place,
+            column,
+            found: format!("{found:?}"),
+            expected: "a number of metres",
+        }
+    })
+}
+
+/// A point with z = 0 where it has none, as point-cloud tools expect.
+pub(super) fn with_height<const D: usize>(point: &Point<D>) -> [f64; 3] {
+    std::array::from_fn(|axis| point.get(axis).copied().unwrap_or(0.0))
+}

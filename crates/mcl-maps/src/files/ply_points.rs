@@ -1,0 +1,218 @@
+//! PLY (the Stanford polygon file format): element `vertex` with properties x, y, z.
+
+use std::io;
+
+use mcl_core::Point;
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    Addable, ElementDef, Encoding as PlyEncoding, Header, Ply, Property, PropertyAccess,
+    PropertyAccessResult, PropertyDef, PropertyType, ScalarType,
+};
+use ply_rs_bw::writer::Writer;
+
+use super::columns::{AXES, Axes, with_height};
+use super::text_rows::{TextColumn, TextRows};
+use super::{Encoding, MapProblem, Place};
+
+const VERTEX: &str = "vertex";
+
+/// A point to be written.
+struct Vertex([f64; 3]);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Vertex([0.0; 3])
+    }
+
+    fn get_double(&self, name: &str) -> Option<f64> {
+        AXES.iter().position(|&axis| axis == name).map(|axis| self.0[axis])
+    }
+}
+
+pub(super) fn encode<const D: usize>(
+    points: &[Point<D>],
+    encoding: Encoding,
+) -> io::Result<Vec<u8>> {
+    let mut vertex = ElementDef::new(VERTEX.to_owned());
+    for axis in AXES {
+        let double = PropertyType::Scalar(ScalarType::Double);
+        vertex.properties.add(PropertyDef::new(axis.to_owned(), double));
+    }
+    let mut ply = Ply::new();
+    ply.header.encoding = match encoding {
+        Encoding::Binary => PlyEncoding::BinaryLittleEndian,
+        Encoding::Ascii => PlyEncoding::Ascii,
+    };
+    ply.header.elements.add(vertex);
+    let vertices = points.iter().map(|point| Vertex(with_height(point))).collect();
+    ply.payload.insert(VERTEX.to_owned(), vertices);
+    let mut bytes = Vec::new();
+    Writer::new().write_ply(&mut bytes, &mut ply)?;
+    Ok(bytes)
+}
+
+/// One element as read: its properties in the header's order, lists as NaN.
+struct Row(Vec<f64>);
+
+impl PropertyAccess for Row {
+    fn new() -> Self {
+        Row(Vec::new())
+    }
+
+    fn set_property(&mut self, _name: &str, property: Property) -> PropertyAccessResult {
+        self.0.push(match property {
+            Property::Char(value) => value.into(),
+            Property::UChar(value) => value.into(),
+            Property::Short(value) => value.into(),
+            Property::UShort(value) => value.into(),
+            Property::Int(value) => value.into(),
+            Property::UInt(value) => value.into(),
+            Property::Float(value) => value.into(),
+            Property::Double(value) => value,
+            _ => f64::NAN,
+        });
+        PropertyAccessResult::Set
+    }
+}
+
+pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapProblem> {
+    let mut reader = Reader::new(bytes);
+    let header = Parser::<Row>::new().read_header(&mut reader).map_err(|error| syntax(&error))?;
+    let payload = reader.into_inner();
+    let start = bytes.len() - payload.len();
+    check_names(&bytes[..start], &header)?;
+    let elements: Vec<&ElementDef> = header.elements.values().collect();
+    let Some(at) = elements.iter().position(|element| element.name == VERTEX) else {
+        let found: Vec<_> = elements.iter().map(|element| format!("{:?}", element.name)).collect();
+        let found = found.join(", ");
+        return Err(MapProblem::syntax(format!("no element \"vertex\", found [{found}]")));
+    };
+    let (before, vertex) = (&elements[..at], elements[at]);
+    let is_last = elements[at + 1..].iter().all(|element| element.count == 0);
+    let names: Vec<_> = vertex.properties.values().map(column_name).collect();
+    let axes = Axes::find(&names)?;
+    if header.encoding == PlyEncoding::Ascii {
+        let mut rows = TextRows::after_header(bytes, start)?;
+        for element in before {
+            for read in 0..element.count {
+                if rows.next_row().is_none() {
+                    return Err(short(element, read));
+                }
+            }
+        }
+        let columns: Vec<_> = vertex.properties.values().map(text_column).collect();
+        let points = rows.points(vertex.count as u64, &columns, &axes)?;
+        if is_last && rows.next_row().is_some() {
+            return Err(MapProblem::count("points", vertex.count as u64, "more"));
+        }
+        return Ok(points);
+    }
+    let mut rest = payload;
+    for element in before {
+        read_binary(&mut rest, element, &header, |_, _| Ok(()))?;
+    }
+    let mut points = Vec::new();
+    read_binary(&mut rest, vertex, &header, |index, row| {
+        points.push(axes.point(Place::Point(index), |column, _| Ok(row.0[column]))?);
+        Ok(())
+    })?;
+    if is_last && rest.len() >= least_size(vertex) {
+        return Err(MapProblem::count("points", vertex.count as u64, "more"));
+    }
+    Ok(points)
+}
+
+/// Reads the rows of one element of a binary file.
+fn read_binary(
+    rest: &mut &[u8],
+    element: &ElementDef,
+    header: &Header,
+    mut use_row: impl FnMut(u64, &Row) -> Result<(), MapProblem>,
+) -> Result<(), MapProblem> {
+    let size = least_size(element);
+    if size == 0 {
+        return Ok(()); // Nothing is stored for an element without properties.
+    }
+    // Before the first row: a header that lies must not keep us reading or allocating.
+    if element.count > rest.len() / size {
+        return Err(short(element, rest.len() / size));
+    }
+    let parser = Parser::<Row>::new();
+    for index in 0..element.count {
+        let row = match header.encoding {
+            PlyEncoding::BinaryBigEndian => parser.read_big_endian_element(rest, element),
+            _ => parser.read_little_endian_element(rest, element),
+        };
+        let row = row.map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => short(element, index),
+            _ => MapProblem::syntax(format!("{} {index}: {}", element.name, one_line(&error))),
+        })?;
+        use_row(index as u64, &row)?;
+    }
+    Ok(())
+}
+
+/// The fewest bytes a binary row can take: every list empty.
+fn least_size(element: &ElementDef) -> usize {
+    let size = |scalar: &ScalarType| match scalar {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    };
+    element
+        .properties
+        .values()
+        .map(|property| match &property.data_type {
+            PropertyType::Scalar(scalar) | PropertyType::List(scalar, _) => size(scalar),
+        })
+        .sum()
+}
+
+/// The library keeps the last of equally named elements or properties, which would shift the rest.
+fn check_names(header_text: &[u8], header: &Header) -> Result<(), MapProblem> {
+    let declared = |keyword: &[u8]| {
+        header_text
+            .split(|&byte| byte == b'\n')
+            .filter(|line| line.split(u8::is_ascii_whitespace).next() == Some(keyword))
+            .count()
+    };
+    let properties: usize = header.elements.values().map(|element| element.properties.len()).sum();
+    if declared(b"element") != header.elements.len() || declared(b"property") != properties {
+        return Err(MapProblem::syntax(
+            "the header declares an element or property of the same name twice",
+        ));
+    }
+    Ok(())
+}
+
+fn column_name(property: &PropertyDef) -> String {
+    match property.data_type {
+        PropertyType::Scalar(_) => property.name.clone(),
+        // Not a coordinate, whatever its name.
+        PropertyType::List(..) => format!("list {}", property.name),
+    }
+}
+
+fn text_column(property: &PropertyDef) -> TextColumn {
+    match property.data_type {
+        PropertyType::Scalar(_) => TextColumn::Values(1),
+        PropertyType::List(..) => TextColumn::List,
+    }
+}
+
+fn short(element: &ElementDef, found: usize) -> MapProblem {
+    let what = if element.name == VERTEX { "points".to_owned() } else { element.name.clone() };
+    MapProblem::count(what, element.count as u64, format!("at most {found}"))
+}
+
+fn syntax(error: &ParseError) -> MapProblem {
+    MapProblem::syntax(format!("bad PLY header: {}", one_line(error)))
+}
+
+/// The library's message without its line breaks, cut to a readable length.
+fn one_line(error: &ParseError) -> String {
+    let text = error.to_string();
+    let words: Vec<_> = text.split_whitespace().collect();
+    words.join(" ").chars().take(300).collect()
+}
