@@ -10,7 +10,7 @@
 //! Copies of one public log differ in comment and parameter lines, hence in their digests, but not
 //! in their scans. So a definition holds two things:
 //! - the **digests** of copies somebody has examined (`[[copy]]`): SHA-256 and size of the
-//!   *unpacked* content. nothing else is taken from the network;
+//!   *unpacked* content. [`Registry::fetch`] takes nothing else from the network;
 //! - the **facts** (`[facts]`): numbers of scans, readings and points that any good copy has.
 //!
 //! [`Registry::verify`] tells the four cases apart: accepted digest or unknown copy, facts agree or
@@ -31,8 +31,12 @@ mod content;
 mod dataset;
 mod definition;
 mod digest;
+mod download;
 mod facts;
+mod failure;
+mod fetch;
 mod folders;
+mod part_file;
 mod verify;
 
 use std::path::{Path, PathBuf};
@@ -43,7 +47,10 @@ pub use content::Content;
 pub use dataset::{DEFINITION_FILE, Dataset, KnownCopy, LogFile, ReferenceSource, Source};
 pub use definition::DefinitionError;
 pub use digest::{ParseDigestError, Sha256Digest};
+pub use download::{FetchEvent, FetchSettings};
 pub use facts::{FactMismatch, Facts};
+pub use failure::UrlFailure;
+pub use fetch::{FetchError, Fetched};
 pub use folders::{Registry, RegistryError};
 pub use verify::{FoundCopy, Verification, VerifyError};
 
