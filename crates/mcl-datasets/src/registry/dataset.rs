@@ -1,0 +1,139 @@
+use mcl_core::Pose2;
+use serde::Deserialize;
+
+use super::definition::Definition;
+use super::{Content, DefinitionError, Facts, Sha256Digest};
+
+/// Name of the file that defines a data set, in the folder named after the data set.
+pub const DEFINITION_FILE: &str = "dataset.toml";
+
+/// A data set of the registry: where it comes from and what is known about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// Name on the command line, and of the folder that holds definition and files.
+    pub name: String,
+    /// Title for tables and figures.
+    pub title: String,
+    /// What it is, in a sentence or two.
+    pub description: String,
+    /// Where its scans come from.
+    pub source: Source,
+    /// Largest reading that counts as a measurement, in metres, inclusive.
+    pub max_range: f64,
+    /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
+    pub robot_from_laser: Pose2,
+    /// Where the reference poses come from.
+    pub reference: ReferenceSource,
+    /// What any copy must hold; `None` when nothing is recorded.
+    pub facts: Option<Facts>,
+    /// Terms of use or licence.
+    pub terms: String,
+    /// How to cite it.
+    pub citation: String,
+}
+
+/// Where the scans of a data set come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Source {
+    /// A CARMEN log on disk.
+    Carmen(LogFile),
+    /// The built-in simulation, made in memory from this seed.
+    Simulated {
+        /// Seed of the simulation.
+        seed: u64,
+    },
+}
+
+/// The file of a data set: its names, where to get it, and the copies known to be good.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LogFile {
+    /// Name under which a fetched file is stored, unpacked.
+    pub name: String,
+    /// Other names under which copies go round. Any of the names may end with `.gz` or not.
+    pub other_names: Vec<String>,
+    /// HTTP(S) addresses, tried in this order.
+    pub urls: Vec<String>,
+    /// Copies known to be good. They differ in header lines only.
+    pub copies: Vec<KnownCopy>,
+}
+
+/// A copy of a log that is known to be good.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KnownCopy {
+    /// SHA-256 of the unpacked content.
+    pub sha256: Sha256Digest,
+    /// Size of the unpacked content.
+    pub bytes: u64,
+    /// What tells this copy from others.
+    pub note: Option<String>,
+}
+
+/// Where the reference poses of a data set come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ReferenceSource {
+    /// The reader decides by what the log looks like.
+    #[default]
+    Auto,
+    /// The poses recorded with the scans are the reference (a corrected log).
+    Recorded,
+    /// None: the recorded poses are odometry (a raw log).
+    None,
+}
+
+impl Dataset {
+    /// Reads the text of a `dataset.toml`; `name` is that of its folder.
+    ///
+    /// # Errors
+    /// [`DefinitionError`] names the line or the key that is wrong, unknown or missing.
+    pub fn parse(name: &str, text: &str) -> Result<Dataset, DefinitionError> {
+        toml::from_str::<Definition>(text)?.check(name)
+    }
+
+    /// The file of the data set; `None` when it is made in memory.
+    pub fn log_file(&self) -> Option<&LogFile> {
+        match &self.source {
+            Source::Carmen(file) => Some(file),
+            Source::Simulated { .. } => None,
+        }
+    }
+}
+
+impl LogFile {
+    /// Every file name under which a copy is looked for, in order: the stored name first, each name
+    /// plain before packed.
+    pub fn known_names(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        for name in std::iter::once(&self.name).chain(&self.other_names) {
+            let plain = name.strip_suffix(".gz").unwrap_or(name);
+            for name in [plain.to_owned(), format!("{plain}.gz")] {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+        }
+        names
+    }
+
+    /// Whether a file with this content is one of the known copies.
+    pub fn accepts(&self, content: &Content) -> bool {
+        self.copies.iter().any(|copy| copy.sha256 == content.sha256 && copy.bytes == content.bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_looked_for_under_all_its_names_plain_and_packed() {
+        let file = LogFile {
+            name: "a.log".into(),
+            other_names: vec!["b.log.gz".into(), "a.log.gz".into()],
+            urls: vec![],
+            copies: vec![],
+        };
+        assert_eq!(file.known_names(), ["a.log", "a.log.gz", "b.log", "b.log.gz"]);
+    }
+}

@@ -1,0 +1,380 @@
+use std::io;
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use super::content::{UnpackError, unpack};
+use super::download::{agent, receive};
+use super::failure::Stop;
+use super::part_file::PartFile;
+use super::{
+    Content, Dataset, FactMismatch, FetchEvent, FetchSettings, LogFile, ReadLog, ReadLogError,
+    Registry, UrlFailure, joined,
+};
+
+/// A file larger than this many times the largest known copy is not read on: copies differ in a few
+/// header lines.
+const SIZE_FACTOR: u64 = 4;
+
+/// Files up to this size are always read on, so that a small wrong one is told by its digest.
+const SIZE_FLOOR: u64 = 1 << 20;
+
+/// What a fetch came to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fetched {
+    /// A simulated data set: there is nothing to fetch.
+    Simulated,
+    /// A known copy was on disk already; nothing was asked of the network.
+    AlreadyPresent {
+        /// The file.
+        path: PathBuf,
+        /// Digest and size of its unpacked content.
+        content: Content,
+    },
+    /// The file was downloaded, unpacked and checked.
+    Downloaded {
+        /// The file, unpacked.
+        path: PathBuf,
+        /// Where it came from.
+        url: String,
+        /// Digest and size of its unpacked content.
+        content: Content,
+    },
+}
+
+/// Why a data set could not be fetched. In no case is there a file under the final name that was
+/// not there before.
+#[derive(Debug, thiserror::Error)]
+pub enum FetchError {
+    /// The definition names no address.
+    #[error(
+        "data set `{name}` names no address to fetch it from; put its file into {}",
+        folder.display()
+    )]
+    NoUrl {
+        /// Name of the data set.
+        name: String,
+        /// Where its file is looked for.
+        folder: PathBuf,
+    },
+    /// A file that is no known copy lies where the data set is looked for.
+    #[error(
+        "{} is there already, but is no known copy of data set `{name}`: sha256 {} of {} bytes \
+         (unpacked); move it away to fetch a known copy, or, if it is good \
+         (`mcl-eval datasets verify {name}` compares scans and points), {}",
+        path.display(), found.sha256, found.bytes, how_to_accept(name, found)
+    )]
+    UnknownFile {
+        /// Name of the data set.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// Digest and size of its unpacked content.
+        found: Content,
+    },
+    /// A file that cannot be read or unpacked lies where the data set is looked for.
+    #[error("{} is there already, but cannot be read: {source}; move it away to fetch", path.display())]
+    UnreadableFile {
+        /// The file.
+        path: PathBuf,
+        /// The system's or the decompressor's reason.
+        source: io::Error,
+    },
+    /// Another program is downloading the same file.
+    #[error("{} is locked: another program is fetching the same data set", path.display())]
+    Busy {
+        /// The part file.
+        path: PathBuf,
+    },
+    /// A file or folder cannot be read or written.
+    #[error("cannot {action} {}: {source}", path.display())]
+    File {
+        /// What was tried.
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// No address gave a known copy.
+    #[error(
+        "data set `{name}` could not be fetched{}{}{}",
+        listed(failures),
+        kept_hint(kept),
+        accept_hint(name, failures)
+    )]
+    AllFailed {
+        /// Name of the data set.
+        name: String,
+        /// The last failure of each address.
+        failures: Vec<(String, UrlFailure)>,
+        /// The part file and its bytes, if there is something to go on from.
+        kept: Option<(PathBuf, u64)>,
+    },
+    /// A known copy cannot be read as a log.
+    #[error(
+        "the file from {url} is a known copy of data set `{name}`, but is no readable log: {source}"
+    )]
+    Log {
+        /// Name of the data set.
+        name: String,
+        /// Where it came from.
+        url: String,
+        /// The reader's reason.
+        source: ReadLogError,
+    },
+    /// A known copy disagrees with the recorded facts: the definition contradicts itself.
+    #[error(
+        "the file from {url} is a known copy of data set `{name}`, but disagrees with the recorded \
+         facts ({}); correct `[facts]` or `[[copy]]` of its dataset.toml",
+        joined(mismatches)
+    )]
+    Facts {
+        /// Name of the data set.
+        name: String,
+        /// Where it came from.
+        url: String,
+        /// The facts that differ.
+        mismatches: Vec<FactMismatch>,
+    },
+}
+
+impl FetchError {
+    pub(super) fn file(action: &'static str, path: &Path, source: io::Error) -> FetchError {
+        FetchError::File { action, path: path.to_owned(), source }
+    }
+}
+
+fn listed(failures: &[(String, UrlFailure)]) -> String {
+    failures.iter().map(|(url, failure)| format!("\n  {url}: {failure}")).collect()
+}
+
+fn kept_hint(kept: &Option<(PathBuf, u64)>) -> String {
+    kept.as_ref().map_or(String::new(), |(path, bytes)| {
+        format!("\n{bytes} bytes are kept in {}; fetch again to go on from there", path.display())
+    })
+}
+
+fn accept_hint(name: &str, failures: &[(String, UrlFailure)]) -> String {
+    let unknown = failures.iter().find_map(|(_, failure)| match failure {
+        UrlFailure::UnknownCopy { found, .. } => Some(found),
+        _ => None,
+    });
+    unknown.map_or(String::new(), |found| {
+        format!(
+            "\nIf you trust that copy, {}; without that, download it yourself and compare its scans \
+             and points with `mcl-eval datasets verify {name}`",
+            how_to_accept(name, found)
+        )
+    })
+}
+
+fn how_to_accept(name: &str, found: &Content) -> String {
+    format!(
+        "add to datasets/{name}/dataset.toml: [[copy]], sha256 = \"{}\", bytes = {}",
+        found.sha256, found.bytes
+    )
+}
+
+impl Registry {
+    /// Fetches the file of a data set, unless a known copy is on disk: asks its addresses in turn,
+    /// goes on where an earlier attempt broke off, unpacks, and checks digest and facts (`read`
+    /// reads the file for them). Only then does the file get its final name, in one step.
+    ///
+    /// What was received is kept as `<file>.part` when the transfer broke off, and removed when it
+    /// turned out wrong. `report` hears what is going on; the library prints nothing.
+    ///
+    /// # Errors
+    /// [`FetchError`]; whatever happens, an existing file is not overwritten.
+    pub fn fetch(
+        &self,
+        dataset: &Dataset,
+        settings: &FetchSettings,
+        read: &ReadLog<'_>,
+        report: &mut dyn FnMut(FetchEvent<'_>),
+    ) -> Result<Fetched, FetchError> {
+        let Some(file) = dataset.log_file() else {
+            return Ok(Fetched::Simulated);
+        };
+        for (is_later, path) in self.present_files(dataset, file) {
+            let content = Content::of_file(&path)
+                .map_err(|source| FetchError::UnreadableFile { path: path.clone(), source })?;
+            if file.accepts(&content) {
+                return Ok(Fetched::AlreadyPresent { path, content });
+            }
+            // A later one would no longer be found once the file is fetched, so it is in no one's
+            // way.
+            if !is_later {
+                let name = dataset.name.clone();
+                return Err(FetchError::UnknownFile { name, path, found: content });
+            }
+        }
+        let folder = self.fetch_folder(dataset);
+        if file.urls.is_empty() {
+            return Err(FetchError::NoUrl { name: dataset.name.clone(), folder });
+        }
+        std::fs::create_dir_all(&folder)
+            .map_err(|source| FetchError::file("create", &folder, source))?;
+        let part = PartFile::open(folder.join(format!("{}.part", file.name)))?;
+        let agent = agent(settings);
+        Fetch { dataset, file, folder, settings, read, agent, part }.run(report)
+    }
+}
+
+/// A fetch under way.
+struct Fetch<'a> {
+    dataset: &'a Dataset,
+    file: &'a LogFile,
+    folder: PathBuf,
+    settings: &'a FetchSettings,
+    read: &'a ReadLog<'a>,
+    agent: ureq::Agent,
+    part: PartFile,
+}
+
+impl Fetch<'_> {
+    fn run(mut self, report: &mut dyn FnMut(FetchEvent<'_>)) -> Result<Fetched, FetchError> {
+        let result = self.try_urls(report);
+        if self.part.len() == 0 || result.is_ok() {
+            self.part.remove()?;
+        }
+        result
+    }
+
+    fn try_urls(&mut self, report: &mut dyn FnMut(FetchEvent<'_>)) -> Result<Fetched, FetchError> {
+        let mut failures = Vec::new();
+        for url in &self.file.urls {
+            match self.try_url(url, report) {
+                Ok((path, content)) => {
+                    return Ok(Fetched::Downloaded { path, url: url.clone(), content });
+                }
+                Err(Stop::Url(failure)) => failures.push((url.clone(), failure)),
+                Err(Stop::Fetch(error)) => return Err(error),
+            }
+        }
+        let bytes = self.part.len();
+        let kept = (bytes > 0).then(|| (self.part.path().to_owned(), bytes));
+        Err(FetchError::AllFailed { name: self.dataset.name.clone(), failures, kept })
+    }
+
+    fn try_url(
+        &mut self,
+        url: &str,
+        report: &mut dyn FnMut(FetchEvent<'_>),
+    ) -> Result<(PathBuf, Content), Stop> {
+        let mut attempt = 1;
+        loop {
+            let failure = match self.attempt(url, report) {
+                Err(Stop::Url(failure)) => failure,
+                done_or_stopped => return done_or_stopped,
+            };
+            let retrying = failure.is_worth_retrying() && attempt < self.settings.attempts;
+            report(FetchEvent::Failed { url, failure: &failure, retrying });
+            if !retrying {
+                return Err(failure.into());
+            }
+            attempt += 1;
+            std::thread::sleep(self.settings.retry_wait);
+        }
+    }
+
+    fn attempt(
+        &mut self,
+        url: &str,
+        report: &mut dyn FnMut(FetchEvent<'_>),
+    ) -> Result<(PathBuf, Content), Stop> {
+        let largest = self.file.copies.iter().map(|copy| copy.bytes).max().unwrap_or(0);
+        let limit = largest.saturating_mul(SIZE_FACTOR).max(SIZE_FLOOR);
+        let received = receive(&self.agent, url, &mut self.part, limit, largest, report)?;
+
+        let mut unpacked = self.temporary_file()?;
+        let failure = match unpack(self.part.reader()?, unpacked.as_file_mut(), limit) {
+            Ok(content) if self.file.accepts(&content) => {
+                return self.finish(url, unpacked, content);
+            }
+            Ok(found) => {
+                let expected = self.file.copies.iter().map(|copy| copy.sha256).collect();
+                UrlFailure::UnknownCopy { found, expected }
+            }
+            Err(UnpackError::TooLarge) => UrlFailure::TooLarge { limit, largest },
+            Err(UnpackError::Output(source)) => {
+                return Err(FetchError::file("write", unpacked.path(), source).into());
+            }
+            Err(UnpackError::Input(error)) => match error.kind() {
+                io::ErrorKind::UnexpectedEof if !received.end_is_known => {
+                    return Err(UrlFailure::CutOff { received: self.part.len() }.into());
+                }
+                io::ErrorKind::UnexpectedEof
+                | io::ErrorKind::InvalidInput
+                | io::ErrorKind::InvalidData => UrlFailure::Gzip(error),
+                _ => return Err(FetchError::file("read", self.part.path(), error).into()),
+            },
+        };
+        self.part.clear()?;
+        // The server's file may have changed since the part was received, or another address have
+        // another file: only a file received in one piece speaks for itself.
+        Err(if received.resumed { UrlFailure::Unfit } else { failure }.into())
+    }
+
+    /// A file in the final folder, so that giving it the final name is one step. It is removed
+    /// unless it gets there.
+    fn temporary_file(&self) -> Result<NamedTempFile, FetchError> {
+        let mut builder = tempfile::Builder::new();
+        let prefix = format!(".{}.", self.file.name);
+        // A reader may tell formats by the ending.
+        let suffix = Path::new(&self.file.name)
+            .extension()
+            .map_or(String::new(), |ending| format!(".{}", ending.to_string_lossy()));
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As for any file a program creates; the umask still applies.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        builder
+            .prefix(&prefix)
+            .suffix(&suffix)
+            .tempfile_in(&self.folder)
+            .map_err(|source| FetchError::file("create a file in", &self.folder, source))
+    }
+
+    /// Checks the facts of a known copy, and gives it its final name.
+    fn finish(
+        &mut self,
+        url: &str,
+        unpacked: NamedTempFile,
+        content: Content,
+    ) -> Result<(PathBuf, Content), Stop> {
+        if let Err(error) = self.check_facts(url, unpacked.path()) {
+            self.part.clear()?;
+            return Err(error.into());
+        }
+        let path = self.folder.join(&self.file.name);
+        unpacked
+            .as_file()
+            .sync_all()
+            .map_err(|source| FetchError::file("write", unpacked.path(), source))?;
+        unpacked
+            .persist_noclobber(&path)
+            .map_err(|error| FetchError::file("create", &path, error.error))?;
+        #[cfg(unix)]
+        std::fs::File::open(&self.folder)
+            .and_then(|folder| folder.sync_all())
+            .map_err(|source| FetchError::file("write", &self.folder, source))?;
+        Ok((path, content))
+    }
+
+    fn check_facts(&self, url: &str, path: &Path) -> Result<(), FetchError> {
+        let Some(facts) = self.dataset.facts else {
+            return Ok(());
+        };
+        let (name, url) = (self.dataset.name.clone(), url.to_owned());
+        match (self.read)(path) {
+            Err(source) => Err(FetchError::Log { name, url, source }),
+            Ok(recording) => match facts.check(&recording, self.dataset.max_range) {
+                mismatches if mismatches.is_empty() => Ok(()),
+                mismatches => Err(FetchError::Facts { name, url, mismatches }),
+            },
+        }
+    }
+}

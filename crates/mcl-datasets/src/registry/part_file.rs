@@ -1,0 +1,98 @@
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use super::FetchError;
+
+/// The bytes of a file received so far, packed or not as the server sends them. Locked, so that two
+/// programs never write the same one.
+pub(super) struct PartFile {
+    path: PathBuf,
+    file: File,
+    len: u64,
+}
+
+impl PartFile {
+    pub(super) fn open(path: PathBuf) -> Result<PartFile, FetchError> {
+        let error = |source| FetchError::file("write", &path, source);
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path)
+            .map_err(error)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(FetchError::Busy { path }),
+            // Some network file systems have no locks; the digest still guards the content.
+            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+            Err(TryLockError::Error(source)) => return Err(error(source)),
+        }
+        let len = file.metadata().map_err(error)?.len();
+        Ok(PartFile { path, file, len })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// The file from its beginning.
+    pub(super) fn reader(&mut self) -> Result<&File, FetchError> {
+        self.file
+            .seek(SeekFrom::Start(0))
+            .map_err(|source| FetchError::file("read", &self.path, source))?;
+        Ok(&self.file)
+    }
+
+    /// Forgets what was received.
+    pub(super) fn clear(&mut self) -> Result<(), FetchError> {
+        self.len = 0;
+        self.file.set_len(0).map_err(|source| FetchError::file("write", &self.path, source))
+    }
+
+    pub(super) fn append(&mut self, bytes: &[u8]) -> Result<(), FetchError> {
+        self.file
+            .seek(SeekFrom::Start(self.len))
+            .and_then(|_| self.file.write_all(bytes))
+            .map_err(|source| FetchError::file("write", &self.path, source))?;
+        self.len += bytes.len() as u64;
+        Ok(())
+    }
+
+    pub(super) fn remove(self) -> Result<(), FetchError> {
+        std::fs::remove_file(&self.path)
+            .map_err(|source| FetchError::file("remove", &self.path, source))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use super::*;
+
+    #[test]
+    fn a_part_file_is_written_by_one_program_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.part");
+        let mut first = PartFile::open(path.clone()).unwrap();
+        first.append(b"abc").unwrap();
+        assert!(matches!(PartFile::open(path.clone()), Err(FetchError::Busy { .. })));
+        drop(first);
+        let mut again = PartFile::open(path.clone()).unwrap();
+        assert_eq!(again.len(), 3);
+        again.append(b"de").unwrap();
+        let mut text = String::new();
+        again.reader().unwrap().read_to_string(&mut text).unwrap();
+        assert_eq!(text, "abcde");
+        again.clear().unwrap();
+        again.append(b"f").unwrap();
+        again.remove().unwrap();
+        assert!(!path.exists());
+    }
+}
