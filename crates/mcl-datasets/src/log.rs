@@ -42,8 +42,8 @@ pub struct Log {
     /// What was ignored, skipped or unusable.
     pub report: ReadReport,
     /// How far ahead of the robot's centre the log says the front laser is mounted (metres;
-    /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. `recording.robot_from_laser`
-    /// already accounts for it.
+    /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
+    /// it where the poses of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
 }
 
@@ -151,7 +151,7 @@ impl fmt::Display for ReadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} records ignored, {} skipped, {} unusable stamps",
+            "ignored records: {}, skipped records: {}, unusable stamps: {}",
             self.ignored, self.skipped, self.unusable_stamps
         )?;
         for record in &self.skipped_details {

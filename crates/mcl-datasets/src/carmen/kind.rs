@@ -70,11 +70,17 @@ fn detect(content: &Content, is_mount_constant: bool) -> LogKind {
 }
 
 /// The transform from the robot's to the laser's pose, if it is the same for all scans up to the
-/// rounding of the text; the identity where the two are equal.
+/// rounding of the text; exactly the identity where the two poses are equal. One scan in a hundred
+/// may differ: a wrong digit must not change what a whole log means.
 fn constant_mount(scans: &[LoggedScan], front_laser_offset: Option<f64>) -> Option<Pose2> {
-    if scans.iter().all(|scan| scan.laser == scan.robot) {
-        return Some(Pose2::IDENTITY);
-    }
+    let mounts: Vec<Pose2> = scans.iter().map(|scan| scan.robot.between(&scan.laser)).collect();
+    // Headings relative to one of them, so that the median does not fall between −π and π.
+    let turn = |mount: &Pose2| wrap_angle(mount.theta - mounts[0].theta);
+    let typical = Pose2::new(
+        median(mounts.iter().map(|mount| mount.x)),
+        median(mounts.iter().map(|mount| mount.y)),
+        wrap_angle(mounts[0].theta + median(mounts.iter().map(turn))),
+    );
     let farthest = scans
         .iter()
         .flat_map(|scan| [scan.laser.x, scan.laser.y, scan.robot.x, scan.robot.y])
@@ -84,27 +90,28 @@ fn constant_mount(scans: &[LoggedScan], front_laser_offset: Option<f64>) -> Opti
     // two poses: 3·10⁻⁵ of the coordinate. A heading loses at most 5·10⁻⁶ rad.
     let tolerance = 1e-3 + 3e-5 * farthest;
     let heading_tolerance = 1e-3;
-    let first = scans[0].robot.between(&scans[0].laser);
     let is_close = |mount: &Pose2| {
-        mount.distance(&first) <= tolerance
-            && wrap_angle(mount.theta - first.theta).abs() <= heading_tolerance
+        mount.distance(&typical) <= tolerance
+            && wrap_angle(mount.theta - typical.theta).abs() <= heading_tolerance
     };
-    let mounts = || scans.iter().map(|scan| scan.robot.between(&scan.laser));
-    if !mounts().all(|mount| is_close(&mount)) {
+    let outliers = mounts.iter().filter(|mount| !is_close(mount)).count();
+    if outliers * 100 > scans.len() {
         return None;
     }
     // The parameter is not rounded.
     let parameter = front_laser_offset.map(|offset| Pose2::new(offset, 0.0, 0.0));
-    if let Some(parameter) = parameter.filter(is_close) {
-        return Some(parameter);
+    let is_equal = typical == Pose2::IDENTITY;
+    Some(parameter.filter(|parameter| !is_equal && is_close(parameter)).unwrap_or(typical))
+}
+
+/// The middle value (the upper of two); 0 of none.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
     }
-    let mean = |part: &dyn Fn(Pose2) -> f64| mounts().map(part).sum::<f64>() / scans.len() as f64;
-    let heading_offset = mean(&|mount| wrap_angle(mount.theta - first.theta));
-    Some(Pose2::new(
-        mean(&|mount| mount.x),
-        mean(&|mount| mount.y),
-        wrap_angle(first.theta + heading_offset),
-    ))
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Whether the odometry fields beside the laser poses hold nothing: all are zero, and neither a

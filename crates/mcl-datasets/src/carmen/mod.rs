@@ -23,6 +23,31 @@
 //!   them and `ODOM` lines confirm it.
 //! * `NEFF`, `SYNC` and other kinds are ignored and counted. A malformed record of a kind that is
 //!   read is skipped and described; the increment to the next scan then spans the skipped one.
+//!
+//! # Example
+//! A corrected log: two scans of 180 beams, and odometry that restarts at the first of them.
+//! ```
+//! use mcl_datasets::carmen;
+//! use mcl_datasets::log::{LogKind, ReferencePoses};
+//!
+//! let ranges = ["2.5"; 180].join(" ");
+//! let text = format!(
+//!     "FLASER 180 {ranges} 1 2 0 1 2 0 32.9068 host 32.9068\n\
+//!      ODOM 1 2 0 0 0 0 0 host 0\n\
+//!      ODOM 1.5 2 0 0 0 0 33.1 host 33.1\n\
+//!      FLASER 180 {ranges} 1.6 2.1 0 1.6 2.1 0 33.1 host 33.1\n"
+//! );
+//! let log = carmen::read(text.as_bytes(), "walk.log", ReferencePoses::Auto)?;
+//! assert_eq!(log.kind, LogKind::GfsCorrected);
+//! let second = &log.recording.scans[1];
+//! assert_eq!(second.odometry.unwrap().x, 0.5); // what the wheels measured
+//! assert_eq!(second.map_from_laser.unwrap().x, 1.6); // where the robot was
+//!
+//! let mut copy = Vec::new();
+//! carmen::write(&log.recording, &["a copy"], &mut copy)?;
+//! assert_eq!(carmen::read(copy.as_slice(), "copy.log", ReferencePoses::Auto)?, log);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod fields;
 mod kind;

@@ -69,8 +69,8 @@ pub(super) struct OdometryChain {
     segment_last: Option<Pose2>,
     /// The next line is the restart after an unreadable scan, and gives the pose of that scan.
     awaiting_restart: bool,
-    /// Whether an unreadable scan came since the last kept one.
-    interrupted: bool,
+    /// Whether an unreadable record hides what the lines since the last kept scan begin with.
+    is_start_hidden: bool,
     /// First and last line since the last kept scan, and how many there are.
     first: Option<Pose2>,
     last: Option<Pose2>,
@@ -94,6 +94,7 @@ impl OdometryChain {
     /// An unreadable `ODOM` line. The lines around it still say where the robot went, unless it was
     /// the only one to tell the pose of an unreadable scan.
     pub fn unreadable_odom(&mut self) {
+        self.is_start_hidden |= self.first.is_none();
         self.awaiting_restart = false;
     }
 
@@ -119,7 +120,7 @@ impl OdometryChain {
         self.segment_start = None;
         self.segment_last = None;
         self.awaiting_restart = true;
-        self.interrupted = true;
+        self.is_start_hidden = true;
     }
 
     fn close_segment(&mut self) {
@@ -133,7 +134,7 @@ impl OdometryChain {
         let (Some(scan), Some(first), Some(last)) = (self.scan, self.first, self.last) else {
             return;
         };
-        if self.interrupted {
+        if self.is_start_hidden {
             return;
         }
         let restarts = usize::from(first == scan);
