@@ -2,5 +2,6 @@
 //! of public data sets.
 
 pub mod carmen;
+pub mod log;
 pub mod registry;
 pub mod simulator;

@@ -1,6 +1,6 @@
 //! Fetching a data set from a local HTTP server that truncates, stalls, lies and recovers.
 
-mod support;
+mod http_server;
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -12,7 +12,7 @@ use mcl_datasets::registry::{
     Content, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, UrlFailure,
     Verification, VerifyError,
 };
-use support::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
+use http_server::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
 use tempfile::TempDir;
 
 /// A log in a format of these tests: one scan per line, one reading per word.

@@ -1,157 +1,113 @@
-//! A scripted HTTP server on 127.0.0.1: each connection gets the next answer of the script, byte for
-//! byte, so that the tests can answer what no well-behaved server would.
+//! Logs built in code, line by line.
+#![allow(dead_code)] // Each test binary uses its own part.
 
-use std::io::{BufRead, BufReader, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::fmt::Display;
 
-/// What to do with a connection, after its request was read.
-pub enum Answer {
-    /// Send these bytes and close the connection.
-    Send(Vec<u8>),
-    /// Send these bytes, then nothing more until the server is dropped.
-    Hang(Vec<u8>),
-    /// Send these bytes, then one more every 10 ms until the client goes away.
-    Drip(Vec<u8>),
+use mcl_core::{Pose2, wrap_angle};
+use mcl_datasets::carmen;
+use mcl_datasets::log::{Log, ReferencePoses};
+
+pub const ORIGIN: Pose2 = Pose2::IDENTITY;
+
+pub fn pose(x: f64, y: f64, theta: f64) -> Pose2 {
+    Pose2::new(x, y, theta)
 }
 
-/// A request as received.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Request {
-    pub path: String,
-    pub range: Option<String>,
+/// A `FLASER` line of `ranges.len()` readings.
+pub fn flaser(ranges: &[f64], laser: Pose2, robot: Pose2, stamp: impl Display) -> String {
+    let ranges: String = ranges.iter().map(|range| format!(" {range}")).collect();
+    let beams = ranges.split_ascii_whitespace().count();
+    format!("FLASER {beams}{ranges}{}{} {stamp} pippo {stamp}\n", text(laser), text(robot))
 }
 
-pub struct Server {
-    address: SocketAddr,
-    stopping: Arc<AtomicBool>,
-    requests: Arc<Mutex<Vec<Request>>>,
-    thread: Option<JoinHandle<()>>,
+/// A `FLASER` line of 180 readings of 1 m whose two poses are equal.
+pub fn scan(pose: Pose2, stamp: impl Display) -> String {
+    flaser(&[1.0; 180], pose, pose, stamp)
 }
 
-impl Server {
-    pub fn start(script: Vec<Answer>) -> Server {
-        let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
-        let address = listener.local_addr().unwrap();
-        let stopping = Arc::new(AtomicBool::new(false));
-        let requests = Arc::new(Mutex::new(Vec::new()));
-        let thread = std::thread::spawn({
-            let (stopping, requests) = (stopping.clone(), requests.clone());
-            move || {
-                let mut hanging = Vec::new();
-                let mut script = script.into_iter();
-                for stream in listener.incoming() {
-                    if stopping.load(Ordering::SeqCst) {
-                        break;
-                    }
-                    let mut stream = stream.unwrap();
-                    let Some(request) = read_request(&stream) else { continue };
-                    requests.lock().unwrap().push(request);
-                    match script.next() {
-                        // A client that gave up is part of some tests: not an error of the server.
-                        Some(Answer::Send(bytes)) => drop(stream.write_all(&bytes)),
-                        Some(Answer::Hang(bytes)) => {
-                            drop(stream.write_all(&bytes));
-                            hanging.push(stream);
-                        }
-                        Some(Answer::Drip(bytes)) => {
-                            let mut sent = stream.write_all(&bytes);
-                            while sent.is_ok() {
-                                std::thread::sleep(Duration::from_millis(10));
-                                sent = stream.write_all(b"1");
-                            }
-                        }
-                        None => drop(stream.write_all(&status("410 Gone", "script is over"))),
-                    }
-                }
-            }
-        });
-        Server { address, stopping, requests, thread: Some(thread) }
-    }
+/// A `ROBOTLASER1` line of three beams at −60°, 0° and 60°, in radians of the usual six digits.
+pub fn robot_laser(laser: Pose2, robot: Pose2, stamp: impl Display) -> String {
+    format!(
+        "ROBOTLASER1 0 -1.047198 2.094395 1.047198 80.0 0.01 0 3 1.5 2.5 81.91 0{}{} 0 0 0 0 0 {stamp} pippo {stamp}\n",
+        text(laser),
+        text(robot)
+    )
+}
 
-    pub fn url(&self, path: &str) -> String {
-        format!("http://{}/{path}", self.address)
-    }
+pub fn odom(pose: Pose2) -> String {
+    format!("ODOM{} 0 0 0 1.5 pippo 1.5\n", text(pose))
+}
 
-    /// The requests so far.
-    pub fn requests(&self) -> Vec<Request> {
-        self.requests.lock().unwrap().clone()
-    }
+/// An `ODOM` line with the stamp of uninitialised memory.
+pub fn restart(pose: Pose2) -> String {
+    format!("ODOM{} 0 0 0 6.9e-310 pippo 6.9e-310\n", text(pose))
+}
 
-    /// The `Range` headers of the requests so far.
-    pub fn ranges(&self) -> Vec<Option<String>> {
-        self.requests().into_iter().map(|request| request.range).collect()
+fn text(pose: Pose2) -> String {
+    format!(" {} {} {}", pose.x, pose.y, pose.theta)
+}
+
+pub fn read(text: &str) -> Log {
+    read_as(text, ReferencePoses::Auto)
+}
+
+pub fn read_as(text: &str, reference: ReferencePoses) -> Log {
+    carmen::read(text.as_bytes(), "test.log", reference).unwrap()
+}
+
+/// Odometry increments of all scans.
+pub fn increments(log: &Log) -> Vec<Option<Pose2>> {
+    log.recording.scans.iter().map(|scan| scan.odometry).collect()
+}
+
+#[track_caller]
+pub fn assert_close(found: Option<Pose2>, expected: Pose2, tolerance: f64) {
+    let found = found.expect("a pose");
+    assert!(
+        found.distance(&expected) <= tolerance
+            && wrap_angle(found.theta - expected.theta).abs() <= tolerance,
+        "{found:?}, expected {expected:?}"
+    );
+}
+
+/// A corrected log of four scans: corrected poses, and the raw increments between them.
+pub struct Corrected {
+    pub poses: [Pose2; 4],
+    pub raw: [Pose2; 3],
+}
+
+pub fn corrected() -> Corrected {
+    Corrected {
+        poses: [
+            pose(0.5, -0.25, 0.1),
+            pose(1.5, 0.0, 0.3),
+            pose(2.25, 0.5, -0.2),
+            pose(3.0, 0.25, 3.1),
+        ],
+        raw: [pose(1.0, 0.125, 0.25), pose(0.75, 0.5, -0.5), pose(0.5, -0.25, -2.9)],
     }
 }
 
-impl Drop for Server {
-    fn drop(&mut self) {
-        self.stopping.store(true, Ordering::SeqCst);
-        // Wakes the thread from waiting for a connection.
-        drop(TcpStream::connect(self.address));
-        if let Some(thread) = self.thread.take() {
-            let ended = thread.join();
-            assert!(ended.is_ok() || std::thread::panicking(), "the server panicked");
+impl Corrected {
+    /// Lines of the gap after scan `k`: the restart, a line half way, and the last line.
+    pub fn gap(&self, k: usize) -> String {
+        let step = self.raw[k];
+        let half = pose(0.5 * step.x, 0.5 * step.y, 0.5 * step.theta);
+        restart(self.poses[k])
+            + &odom(self.poses[k].compose(&half))
+            + &odom(self.poses[k].compose(&step))
+    }
+
+    pub fn scan(&self, k: usize) -> String {
+        scan(self.poses[k], 10 + k)
+    }
+
+    pub fn text(&self) -> String {
+        let mut text = odom(ORIGIN) + &odom(pose(0.25, 0.0, 0.0)) + &self.scan(0);
+        for k in 0..3 {
+            text += &self.gap(k);
+            text += &self.scan(k + 1);
         }
+        text
     }
-}
-
-fn read_request(stream: &TcpStream) -> Option<Request> {
-    let mut lines = BufReader::new(stream).lines();
-    let first = lines.next()?.ok()?;
-    let path = first.split(' ').nth(1)?.to_owned();
-    let mut range = None;
-    for line in lines {
-        let line = line.ok()?;
-        if line.is_empty() {
-            break;
-        }
-        if let Some((name, value)) = line.split_once(": ")
-            && name.eq_ignore_ascii_case("range")
-        {
-            range = Some(value.to_owned());
-        }
-    }
-    Some(Request { path, range })
-}
-
-/// A whole answer with a status line of one's own.
-pub fn status(line: &str, body: &str) -> Vec<u8> {
-    with_headers(line, &[("Content-Length", body.len().to_string())], body.as_bytes())
-}
-
-/// 200 with the body's true length.
-pub fn ok(body: &[u8]) -> Vec<u8> {
-    with_headers("200 OK", &[("Content-Length", body.len().to_string())], body)
-}
-
-/// 200 that announces the whole body but sends only its first `sent` bytes.
-pub fn truncated(body: &[u8], sent: usize) -> Vec<u8> {
-    with_headers("200 OK", &[("Content-Length", body.len().to_string())], &body[..sent])
-}
-
-/// 200 without a length: the body ends where the connection does.
-pub fn ok_without_length(body: &[u8]) -> Vec<u8> {
-    with_headers("200 OK", &[], body)
-}
-
-/// 206 with the rest of `body` from `first` on.
-pub fn rest(body: &[u8], first: usize) -> Vec<u8> {
-    let range = format!("bytes {first}-{}/{}", body.len() - 1, body.len());
-    let length = (body.len() - first).to_string();
-    let headers = [("Content-Range", range), ("Content-Length", length)];
-    with_headers("206 Partial Content", &headers, &body[first..])
-}
-
-/// Any answer.
-pub fn with_headers(line: &str, headers: &[(&str, String)], body: &[u8]) -> Vec<u8> {
-    let mut answer = format!("HTTP/1.1 {line}\r\nConnection: close\r\n");
-    for (name, value) in headers {
-        answer += &format!("{name}: {value}\r\n");
-    }
-    answer += "\r\n";
-    [answer.as_bytes(), body].concat()
 }

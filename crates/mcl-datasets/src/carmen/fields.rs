@@ -1,0 +1,147 @@
+//! The whitespace-separated fields of one record, read in order, each with its name.
+
+use std::fmt;
+use std::str::SplitAsciiWhitespace;
+
+use mcl_core::{ParseStampError, Pose2, Stamp};
+
+use crate::log::SkippedRecord;
+
+/// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough
+/// that composing poses keeps them finite.
+pub(super) const MAX_POSE_COMPONENT: f64 = 1e9;
+/// Characters of a field quoted in a message.
+const QUOTED_CHARS: usize = 40;
+
+/// Name of a field as written in the format's definition; formatted only when something is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Field {
+    /// A field that occurs once.
+    Named(&'static str),
+    /// Reading of a beam: r1 is that of beam 0.
+    Reading(usize),
+    /// Remission value of a beam: e1 is that of beam 0.
+    Remission(usize),
+    /// The number of fields of the whole record, its kind included.
+    Total,
+}
+
+impl fmt::Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Field::Named(name) => f.write_str(name),
+            Field::Reading(index) => write!(f, "r{}", index + 1),
+            Field::Remission(index) => write!(f, "e{}", index + 1),
+            Field::Total => f.write_str("number of fields"),
+        }
+    }
+}
+
+/// What is wrong with a record of a known kind.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{record}: {field} is {found}, expected {expected}")]
+pub struct Malformed {
+    /// Kind of the record.
+    pub record: &'static str,
+    /// The field at fault.
+    pub field: Field,
+    /// What stands there, cut to a readable length.
+    pub found: String,
+    /// What should.
+    pub expected: String,
+}
+
+impl Malformed {
+    /// The same with its place in the log (line from 1).
+    pub fn at_line(self, line: usize) -> SkippedRecord {
+        SkippedRecord {
+            line,
+            record: self.record.to_owned(),
+            field: self.field.to_string(),
+            found: self.found,
+            expected: self.expected,
+        }
+    }
+}
+
+/// The fields of a record after its kind, taken one by one.
+pub(crate) struct Fields<'a> {
+    record: &'static str,
+    tokens: SplitAsciiWhitespace<'a>,
+}
+
+impl<'a> Fields<'a> {
+    /// Fields of `line` after its first one, the kind.
+    pub fn of(record: &'static str, line: &'a str) -> Self {
+        let mut tokens = line.split_ascii_whitespace();
+        tokens.next();
+        Fields { record, tokens }
+    }
+
+    pub fn malformed(&self, field: Field, found: &str, expected: impl Into<String>) -> Malformed {
+        let mut quoted: String = found.chars().take(QUOTED_CHARS).collect();
+        if quoted.len() < found.len() {
+            quoted.push('…');
+        }
+        Malformed { record: self.record, field, found: quoted, expected: expected.into() }
+    }
+
+    pub fn text(&mut self, field: Field, expected: &str) -> Result<&'a str, Malformed> {
+        match self.tokens.next() {
+            Some(text) => Ok(text),
+            None => Err(self.malformed(field, "missing", expected)),
+        }
+    }
+
+    /// Passes over fields that are not used.
+    pub fn pass(&mut self, count: usize) {
+        if count > 0 {
+            self.tokens.nth(count - 1);
+        }
+    }
+
+    /// Fields not taken yet.
+    pub fn remaining(&self) -> usize {
+        self.tokens.clone().count()
+    }
+
+    pub fn count(&mut self, field: Field) -> Result<usize, Malformed> {
+        const EXPECTED: &str = "a count (0, 1, 2, …)";
+        let text = self.text(field, EXPECTED)?;
+        text.parse().map_err(|_| self.malformed(field, text, EXPECTED))
+    }
+
+    /// Any number, `nan` and `inf` included.
+    pub fn number(&mut self, field: Field) -> Result<f64, Malformed> {
+        let text = self.text(field, "a number")?;
+        text.parse().map_err(|_| self.malformed(field, text, "a number"))
+    }
+
+    pub fn finite(&mut self, field: Field) -> Result<f64, Malformed> {
+        const EXPECTED: &str = "a finite number of at most 1e9";
+        let text = self.text(field, EXPECTED)?;
+        match text.parse::<f64>() {
+            Ok(value) if value.abs() <= MAX_POSE_COMPONENT => Ok(value),
+            _ => Err(self.malformed(field, text, EXPECTED)),
+        }
+    }
+
+    pub fn pose(&mut self, [x, y, theta]: [&'static str; 3]) -> Result<Pose2, Malformed> {
+        Ok(Pose2::new(
+            self.finite(Field::Named(x))?,
+            self.finite(Field::Named(y))?,
+            self.finite(Field::Named(theta))?,
+        ))
+    }
+
+    /// A stamp; `None` for a number that is no time (uninitialised, negative).
+    pub fn stamp(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
+        const EXPECTED: &str = "a decimal number of seconds";
+        let text = self.text(field, EXPECTED)?;
+        match Stamp::parse_seconds(text) {
+            Ok(stamp) => Ok(Some(stamp)),
+            Err(ParseStampError::Unusable) => Ok(None),
+            Err(ParseStampError::NotANumber) => Err(self.malformed(field, text, EXPECTED)),
+        }
+    }
+}

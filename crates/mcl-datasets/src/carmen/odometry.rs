@@ -1,0 +1,152 @@
+//! Raw odometry from the `ODOM` lines between the scans of a log.
+//!
+//! In a corrected log the `ODOM` line after a scan restarts at the corrected pose just written, and
+//! the lines after it follow raw odometry from there. The restart is told by its position; its
+//! stamp is uninitialised memory.
+
+use mcl_core::Pose2;
+
+/// Largest difference per component (metres, radians) between the pose of a scan and the `ODOM`
+/// line before it that still counts as the same pose: the last digit of `%f`.
+const SAME_POSE: f64 = 1e-6;
+
+/// What the `ODOM` lines say about the motion from the scan kept before to this one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Gap {
+    /// The robot's motion, if `ODOM` lines restart at the pose of each scan.
+    pub restarted: Option<Pose2>,
+    /// The last `ODOM` line since the scan before.
+    pub last: Option<Pose2>,
+}
+
+/// Signs, gathered over all pairs of neighbouring scans, that `ODOM` lines restart at each scan.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Evidence {
+    /// `ODOM` lines in the log.
+    pub lines: usize,
+    /// Pairs of scans with `ODOM` lines between them, and how many of them begin with the pose of
+    /// the scan before.
+    pub gaps: usize,
+    pub restarts: usize,
+    /// The same for the pairs with at least two lines between them. A single line tells nothing:
+    /// a raw log that writes each odometry reading after the scan it belongs to looks like that.
+    pub telling_gaps: usize,
+    pub telling_restarts: usize,
+    /// Telling gaps after which the scan's pose differs from the line before it.
+    pub jumps: usize,
+}
+
+impl Evidence {
+    /// At least nine in ten gaps begin with the pose of the scan before.
+    pub fn mostly_restarts(&self) -> bool {
+        self.gaps > 0 && self.restarts * 10 >= self.gaps * 9
+    }
+
+    /// Whether the log was corrected scan by scan: `ODOM` lines restart at the poses of scans, and
+    /// these poses are not where the odometry led. `None` where the lines do not tell: there are
+    /// too few, or the restarts could be a robot that stops for each scan.
+    pub fn corrected(&self) -> Option<bool> {
+        if self.telling_gaps == 0 {
+            return None;
+        }
+        if self.telling_restarts * 10 < self.telling_gaps * 9 {
+            return Some(false);
+        }
+        (self.jumps * 2 > self.telling_gaps).then_some(true)
+    }
+}
+
+/// Follows the `ODOM` lines and scans of a log in order.
+#[derive(Debug, Default)]
+pub(super) struct OdometryChain {
+    pub evidence: Evidence,
+    /// Pose of the last kept scan.
+    scan: Option<Pose2>,
+    /// Motion since the last kept scan up to the last unreadable one after it; `None` when unknown.
+    before_segment: Option<Pose2>,
+    /// Where the lines since the last scan, readable or not, started.
+    segment_start: Option<Pose2>,
+    segment_last: Option<Pose2>,
+    /// The next line is the restart after an unreadable scan, and gives the pose of that scan.
+    awaiting_restart: bool,
+    /// Whether an unreadable record hides what the lines since the last kept scan begin with.
+    is_start_hidden: bool,
+    /// First and last line since the last kept scan, and how many there are.
+    first: Option<Pose2>,
+    last: Option<Pose2>,
+    lines: usize,
+}
+
+impl OdometryChain {
+    /// An `ODOM` line.
+    pub fn odom(&mut self, pose: Pose2) {
+        if self.awaiting_restart {
+            self.segment_start = Some(pose);
+            self.awaiting_restart = false;
+        }
+        self.segment_last = Some(pose);
+        self.first = self.first.or(Some(pose));
+        self.last = Some(pose);
+        self.lines += 1;
+        self.evidence.lines += 1;
+    }
+
+    /// An unreadable `ODOM` line. The lines around it still say where the robot went, unless it was
+    /// the only one to tell the pose of an unreadable scan.
+    pub fn unreadable_odom(&mut self) {
+        self.is_start_hidden |= self.first.is_none();
+        self.awaiting_restart = false;
+    }
+
+    /// A scan that is kept, with the robot's pose as written in its record.
+    pub fn scan(&mut self, robot: Pose2) -> Gap {
+        self.weigh(robot);
+        self.close_segment();
+        let gap = Gap { restarted: self.before_segment, last: self.last };
+        *self = OdometryChain {
+            evidence: self.evidence,
+            scan: Some(robot),
+            before_segment: Some(Pose2::IDENTITY),
+            segment_start: Some(robot),
+            ..OdometryChain::default()
+        };
+        gap
+    }
+
+    /// A scan whose record cannot be read: the odometry restarts, at a pose that only the next
+    /// `ODOM` line tells.
+    pub fn unreadable_scan(&mut self) {
+        self.close_segment();
+        self.segment_start = None;
+        self.segment_last = None;
+        self.awaiting_restart = true;
+        self.is_start_hidden = true;
+    }
+
+    fn close_segment(&mut self) {
+        self.before_segment = match (self.before_segment, self.segment_start, self.segment_last) {
+            (Some(before), Some(start), Some(last)) => Some(before.compose(&start.between(&last))),
+            _ => None,
+        };
+    }
+
+    fn weigh(&mut self, robot: Pose2) {
+        let (Some(scan), Some(first), Some(last)) = (self.scan, self.first, self.last) else {
+            return;
+        };
+        if self.is_start_hidden {
+            return;
+        }
+        let restarts = usize::from(first == scan);
+        self.evidence.gaps += 1;
+        self.evidence.restarts += restarts;
+        if self.lines > 1 {
+            let jumps = (robot.x - last.x).abs() > SAME_POSE
+                || (robot.y - last.y).abs() > SAME_POSE
+                || last.between(&robot).theta.abs() > SAME_POSE;
+            self.evidence.telling_gaps += 1;
+            self.evidence.telling_restarts += restarts;
+            self.evidence.jumps += usize::from(jumps);
+        }
+    }
+}

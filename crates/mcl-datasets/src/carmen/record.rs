@@ -1,0 +1,215 @@
+//! The records of a CARMEN log, one per line: pure parsing, from bytes to values.
+//!
+//! The definitions follow the comments that CARMEN's logger writes at the head of its logs.
+
+use std::f64::consts::FRAC_PI_2;
+
+use mcl_core::{Pose2, ScanGeometry, Stamp};
+
+use super::fields::{Field, Fields, Malformed};
+use crate::log::ReferencePoses;
+
+/// Parameter that says how far ahead of the robot's centre the front laser is mounted (metres).
+pub(super) const FRONT_LASER_PARAM: &str = "robot_frontlaser_offset";
+/// Parameter that this suite's writer adds, so that its logs need no guess: whether the laser poses
+/// are ground truth (a name of [`ReferencePoses`]).
+pub(super) const REFERENCE_PARAM: &str = "mcl_reference_poses";
+
+/// What a line is, by its first word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordKind {
+    /// A scan of the front laser, with implied directions of its beams.
+    Flaser,
+    /// A scan with explicit directions of its beams (newer CARMEN).
+    RobotLaser1,
+    /// An odometry reading.
+    Odom,
+    /// A parameter of the robot.
+    Param,
+    /// A comment or a blank line.
+    Comment,
+    /// Any other kind; not read.
+    Other,
+}
+
+impl RecordKind {
+    /// The kind of a line.
+    pub fn of(line: &[u8]) -> Self {
+        let line = line.trim_ascii_start();
+        let end = line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len());
+        match &line[..end] {
+            b"FLASER" => RecordKind::Flaser,
+            b"ROBOTLASER1" => RecordKind::RobotLaser1,
+            b"ODOM" => RecordKind::Odom,
+            b"PARAM" => RecordKind::Param,
+            word if word.is_empty() || word[0] == b'#' => RecordKind::Comment,
+            _ => RecordKind::Other,
+        }
+    }
+}
+
+/// A scan as written in a log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanRecord {
+    /// Directions of the beams.
+    pub geometry: ScanGeometry,
+    /// One reading per beam (metres), as written; `nan`, `inf` and negative numbers are kept.
+    pub ranges: Vec<f64>,
+    /// Pose of the laser: `x y θ` of `FLASER`.
+    pub laser: Pose2,
+    /// Pose of the robot: `ox oy oθ` of `FLASER`.
+    pub robot: Pose2,
+    /// When the scan was taken; `None` for a number that is no time.
+    pub stamp: Option<Stamp>,
+}
+
+/// What one line says.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Record {
+    /// `FLASER` or `ROBOTLASER1`.
+    Scan(ScanRecord),
+    /// `ODOM`: pose of the robot in the frame of its odometry. Velocities and stamp are not used.
+    Odom(Pose2),
+    /// `PARAM robot_frontlaser_offset` (metres).
+    FrontLaserOffset(f64),
+    /// `PARAM mcl_reference_poses`, written by [`super::write`].
+    ReferencePoses(ReferencePoses),
+    /// A comment, a blank line, or a parameter that is not used.
+    Nothing,
+    /// A record of a kind that is not read.
+    Ignored,
+}
+
+/// Parses one line, with or without its line break. Bytes that are no UTF-8 harm only the field
+/// they stand in.
+///
+/// # Errors
+/// [`Malformed`] names the field at fault of a record of a known kind.
+pub fn parse(line: &[u8]) -> Result<Record, Malformed> {
+    let kind = RecordKind::of(line);
+    match kind {
+        RecordKind::Comment => return Ok(Record::Nothing),
+        RecordKind::Other => return Ok(Record::Ignored),
+        _ => {}
+    }
+    let text = String::from_utf8_lossy(line);
+    match kind {
+        RecordKind::Flaser => flaser(&text).map(Record::Scan),
+        RecordKind::RobotLaser1 => robot_laser(&text).map(Record::Scan),
+        RecordKind::Odom => Fields::of("ODOM", &text).pose(["x", "y", "theta"]).map(Record::Odom),
+        _ => param(&text),
+    }
+}
+
+/// Directions of the beams of a `FLASER` record: beam 0 at −90°, in steps of 1° for 180 or 181
+/// beams and of 0.5° for 360 or 361; `None` for any other number.
+pub(super) fn flaser_geometry(beams: usize) -> Option<ScanGeometry> {
+    let step_degrees: f64 = match beams {
+        180 | 181 => 1.0,
+        360 | 361 => 0.5,
+        _ => return None,
+    };
+    Some(ScanGeometry { start_angle: -FRAC_PI_2, angle_step: step_degrees.to_radians(), beams })
+}
+
+/// `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`
+fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
+    let mut fields = Fields::of("FLASER", line);
+    let beams = fields.count(Field::Named("n"))?;
+    let Some(geometry) = flaser_geometry(beams) else {
+        return Err(fields.malformed(
+            Field::Named("n"),
+            &beams.to_string(),
+            "180, 181, 360 or 361 beams (the directions of any other number are not defined)",
+        ));
+    };
+    // Counted first: one reading too few would shift every later field, and blame the wrong one.
+    check_total(&fields, 2, beams + 11, || format!("n = {beams}"))?;
+    let ranges = readings(&mut fields, beams)?;
+    let laser = fields.pose(["x", "y", "theta"])?;
+    let robot = fields.pose(["ox", "oy", "otheta"])?;
+    let stamp = fields.stamp(Field::Named("stamp"))?;
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+}
+
+/// `ROBOTLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ
+/// laser_x laser_y laser_θ robot_x robot_y robot_θ tv rv forward_safety side_safety turn_axis stamp
+/// host logger_stamp`
+fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
+    let mut fields = Fields::of("ROBOTLASER1", line);
+    fields.pass(1);
+    let start_angle = fields.finite(Field::Named("start_angle"))?;
+    fields.pass(1);
+    let angle_step = fields.finite(Field::Named("resolution"))?;
+    fields.pass(3);
+    let beams = fields.count(Field::Named("n"))?;
+    // A count no line can hold is refused before it is computed with or allocated for.
+    if beams == 0 || beams > fields.remaining() {
+        let expected = format!("at least 1 and at most the {} fields left", fields.remaining());
+        return Err(fields.malformed(Field::Named("n"), &beams.to_string(), expected));
+    }
+    if beams > 1 && angle_step == 0.0 {
+        let expected = "the angle between two beams in radians, not 0";
+        return Err(fields.malformed(Field::Named("resolution"), "0", expected));
+    }
+    let ranges = readings(&mut fields, beams)?;
+    // With a reading too many or too few, another field stands here.
+    let remissions = fields.count(Field::Named("m")).map_err(|error| Malformed {
+        expected: format!("a count of remission values after n = {beams} readings"),
+        ..error
+    })?;
+    let read = 10 + beams;
+    let total = read.saturating_add(14).saturating_add(remissions);
+    check_total(&fields, read, total, || format!("n = {beams}, m = {remissions}"))?;
+    for index in 0..remissions {
+        fields.number(Field::Remission(index))?;
+    }
+    let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
+    let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
+    fields.pass(5);
+    let stamp = fields.stamp(Field::Named("stamp"))?;
+    let geometry = ScanGeometry { start_angle, angle_step, beams };
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+}
+
+/// `PARAM name value …`; other parameters than the two that are used may have any form.
+fn param(line: &str) -> Result<Record, Malformed> {
+    let mut fields = Fields::of("PARAM", line);
+    match fields.text(Field::Named("name"), "a parameter's name")? {
+        FRONT_LASER_PARAM => {
+            fields.finite(Field::Named(FRONT_LASER_PARAM)).map(Record::FrontLaserOffset)
+        }
+        REFERENCE_PARAM => {
+            const EXPECTED: &str = "auto, recorded or none";
+            let field = Field::Named(REFERENCE_PARAM);
+            let text = fields.text(field, EXPECTED)?;
+            text.parse()
+                .map(Record::ReferencePoses)
+                .map_err(|_| fields.malformed(field, text, EXPECTED))
+        }
+        _ => Ok(Record::Nothing),
+    }
+}
+
+fn readings(fields: &mut Fields<'_>, beams: usize) -> Result<Vec<f64>, Malformed> {
+    let mut ranges = Vec::with_capacity(beams);
+    for index in 0..beams {
+        ranges.push(fields.number(Field::Reading(index))?);
+    }
+    Ok(ranges)
+}
+
+/// Checks the number of fields of the whole record, `read` of which (with the kind) were taken.
+fn check_total(
+    fields: &Fields<'_>,
+    read: usize,
+    expected: usize,
+    because: impl Fn() -> String,
+) -> Result<(), Malformed> {
+    let found = read + fields.remaining();
+    if found == expected {
+        return Ok(());
+    }
+    let expected = format!("{expected} for {}", because());
+    Err(fields.malformed(Field::Total, &found.to_string(), expected))
+}

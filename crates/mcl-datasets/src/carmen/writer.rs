@@ -1,0 +1,281 @@
+//! Writing a recording as a CARMEN log.
+
+use std::fmt::Write as _;
+use std::io::{self, Write};
+
+use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
+
+use super::fields::MAX_POSE_COMPONENT;
+use super::record::{REFERENCE_PARAM, flaser_geometry};
+
+/// What a reading without return (NaN or infinite) is written as, in metres. CARMEN writes no-return
+/// readings as values beyond the sensor's range, and many of its readers stop at `inf`.
+pub const NO_RETURN: f64 = 10_000.0;
+
+/// Written for a scan without stamp; no reader takes it for a time.
+const NO_STAMP: &str = "-1";
+
+/// Why a recording cannot be written as a CARMEN log.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Writing failed.
+    #[error("cannot write the log: {0}")]
+    Io(io::Error),
+    /// There is nothing to write.
+    #[error("the recording has no scan, expected at least one")]
+    NoScan,
+    /// Some scans have a reference pose, and some do not.
+    #[error(
+        "scan {scan} has no reference pose but others do: a CARMEN log has them for all scans or none"
+    )]
+    PartialReference {
+        /// Index of the scan, from 0.
+        scan: usize,
+    },
+    /// A recording without reference needs odometry for the poses of its scans.
+    #[error(
+        "scan {scan} has neither a reference pose nor odometry, and a CARMEN log needs a pose for every scan"
+    )]
+    NoPose {
+        /// Index of the scan, from 0.
+        scan: usize,
+    },
+    /// A pose or an angle is not finite, or too large for readers.
+    #[error("scan {scan}: the {what} is not finite or beyond 1e9, expected metres and radians")]
+    OutOfRange {
+        /// Index of the scan, from 0.
+        scan: usize,
+        /// What is out of range.
+        what: &'static str,
+    },
+    /// A scan has no beams, or not as many readings as beams.
+    #[error(
+        "scan {scan} has {readings} readings for {beams} beams, expected one for each, and at least one"
+    )]
+    Readings {
+        /// Index of the scan, from 0.
+        scan: usize,
+        /// Number of readings.
+        readings: usize,
+        /// Number of beams of its geometry.
+        beams: usize,
+    },
+    /// A stamp before the epoch, which readers take for uninitialised.
+    #[error("scan {scan} has the negative stamp {stamp} s, expected one from 0 on")]
+    NegativeStamp {
+        /// Index of the scan, from 0.
+        scan: usize,
+        /// The stamp.
+        stamp: Stamp,
+    },
+}
+
+/// Writes a recording as a CARMEN log, with `comments` as its first lines.
+///
+/// With reference poses it is written like a `*.gfs.log`: each scan with its reference pose, then
+/// the `ODOM` line that restarts there, then one with the raw odometry up to the next scan (none of
+/// the two where the increment is unknown), and `PARAM mcl_reference_poses recorded` at the head.
+/// Without, it is written as a raw log, with the odometry accumulated from the origin.
+///
+/// [`super::read`] gives the same scans, stamps, readings and reference poses, bit for bit, and the
+/// same odometry and mount but for the rounding of composed poses (10⁻¹² m within some hundred
+/// metres of the origin). NaN and infinite readings become [`NO_RETURN`]. Scans are `FLASER` records
+/// where those define the same beams for all of them, else `ROBOTLASER1`.
+///
+/// Each line is written by one call: wrap a file into a [`std::io::BufWriter`].
+///
+/// # Errors
+/// [`WriteError`] when the sink fails, or names the scan that a CARMEN log cannot hold. All scans are
+/// checked before the first byte is written.
+pub fn write(
+    recording: &Recording,
+    comments: &[&str],
+    mut sink: impl Write,
+) -> Result<(), WriteError> {
+    let has_reference = check(recording)?;
+    write_lines(recording, has_reference, comments, &mut sink).map_err(WriteError::Io)
+}
+
+fn write_lines(
+    recording: &Recording,
+    has_reference: bool,
+    comments: &[&str],
+    sink: &mut impl Write,
+) -> io::Result<()> {
+    for line in comments.iter().flat_map(|comment| comment.lines()) {
+        writeln!(sink, "# {line}")?;
+    }
+    if has_reference {
+        writeln!(sink, "PARAM {REFERENCE_PARAM} recorded 0 nohost 0")?;
+    }
+    let scans = &recording.scans;
+    let is_flaser =
+        scans.iter().all(|scan| flaser_geometry(scan.ranges.len()) == Some(scan.geometry));
+    let mount = Mount::new(recording.robot_from_laser);
+    let mut odometry = Pose2::IDENTITY;
+    let mut line = String::new();
+    for (index, scan) in scans.iter().enumerate() {
+        if let Some(increment) = scan.odometry.filter(|_| index > 0) {
+            odometry = odometry.compose(&mount.robot_increment(increment));
+            write_odom(&mut line, sink, odometry, scan.stamp)?;
+        }
+        let (laser, robot) = match scan.map_from_laser {
+            Some(laser) => (laser, mount.robot_pose(laser)),
+            None => (mount.laser_pose(odometry), odometry),
+        };
+        line.clear();
+        if is_flaser {
+            push_flaser(&mut line, scan, laser, robot);
+        } else {
+            push_robot_laser(&mut line, scan, laser, robot);
+        }
+        sink.write_all(line.as_bytes())?;
+        let next_has_odometry = scans.get(index + 1).is_some_and(|next| next.odometry.is_some());
+        if has_reference && next_has_odometry {
+            odometry = robot;
+            write_odom(&mut line, sink, robot, scan.stamp)?;
+        }
+    }
+    sink.flush()
+}
+
+/// Checks that every scan can be written, and says whether the log has reference poses.
+fn check(recording: &Recording) -> Result<bool, WriteError> {
+    let scans = &recording.scans;
+    if scans.is_empty() {
+        return Err(WriteError::NoScan);
+    }
+    let has_reference = scans.iter().any(|scan| scan.map_from_laser.is_some());
+    for (index, scan) in scans.iter().enumerate() {
+        let out_of_range = |what| WriteError::OutOfRange { scan: index, what };
+        let (readings, beams) = (scan.ranges.len(), scan.geometry.beams);
+        if readings != beams || readings == 0 {
+            return Err(WriteError::Readings { scan: index, readings, beams });
+        }
+        if has_reference && scan.map_from_laser.is_none() {
+            return Err(WriteError::PartialReference { scan: index });
+        }
+        if !has_reference && index > 0 && scan.odometry.is_none() {
+            return Err(WriteError::NoPose { scan: index });
+        }
+        if !scan.map_from_laser.is_none_or(is_readable) {
+            return Err(out_of_range("reference pose"));
+        }
+        if !scan.odometry.is_none_or(is_readable) {
+            return Err(out_of_range("odometry increment"));
+        }
+        let ScanGeometry { start_angle, angle_step, .. } = scan.geometry;
+        if !is_readable(Pose2::new(0.0, start_angle, angle_step)) {
+            return Err(out_of_range("direction of the beams"));
+        }
+        if let Some(stamp) = scan.stamp.filter(|stamp| stamp.nanoseconds() < 0) {
+            return Err(WriteError::NegativeStamp { scan: index, stamp });
+        }
+    }
+    if !is_readable(recording.robot_from_laser) {
+        return Err(WriteError::OutOfRange { scan: 0, what: "mount of the laser" });
+    }
+    Ok(has_reference)
+}
+
+/// Whether the reader accepts all three components.
+fn is_readable(pose: Pose2) -> bool {
+    [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_POSE_COMPONENT)
+}
+
+/// Carries poses and increments of the laser over to the robot; exactly, where the two are one.
+struct Mount {
+    robot_from_laser: Pose2,
+    laser_from_robot: Pose2,
+    is_identity: bool,
+}
+
+impl Mount {
+    fn new(robot_from_laser: Pose2) -> Self {
+        Mount {
+            robot_from_laser,
+            laser_from_robot: robot_from_laser.inverse(),
+            is_identity: robot_from_laser == Pose2::IDENTITY,
+        }
+    }
+
+    fn robot_pose(&self, laser: Pose2) -> Pose2 {
+        if self.is_identity { laser } else { laser.compose(&self.laser_from_robot) }
+    }
+
+    fn laser_pose(&self, robot: Pose2) -> Pose2 {
+        if self.is_identity { robot } else { robot.compose(&self.robot_from_laser) }
+    }
+
+    fn robot_increment(&self, laser_increment: Pose2) -> Pose2 {
+        if self.is_identity {
+            return laser_increment;
+        }
+        self.robot_from_laser.compose(&laser_increment).compose(&self.laser_from_robot)
+    }
+}
+
+/// `Display` of a float is the shortest decimal that reads back as the same number.
+fn push_pose(line: &mut String, pose: Pose2) {
+    push(line, format_args!(" {} {} {}", pose.x, pose.y, pose.theta));
+}
+
+fn push(line: &mut String, text: std::fmt::Arguments<'_>) {
+    // Writing to a string cannot fail.
+    let _ = line.write_fmt(text);
+}
+
+fn push_readings(line: &mut String, ranges: &[f64]) {
+    push(line, format_args!(" {}", ranges.len()));
+    for &range in ranges {
+        push(line, format_args!(" {}", if range.is_finite() { range } else { NO_RETURN }));
+    }
+}
+
+/// Stamp, host and the logger's stamp.
+fn push_tail(line: &mut String, stamp: Option<Stamp>) {
+    match stamp {
+        Some(stamp) => push(line, format_args!(" {stamp} nohost {stamp}\n")),
+        None => push(line, format_args!(" {NO_STAMP} nohost {NO_STAMP}\n")),
+    }
+}
+
+fn write_odom(
+    line: &mut String,
+    sink: &mut impl Write,
+    pose: Pose2,
+    stamp: Option<Stamp>,
+) -> io::Result<()> {
+    line.clear();
+    line.push_str("ODOM");
+    push_pose(line, pose);
+    line.push_str(" 0 0 0");
+    push_tail(line, stamp);
+    sink.write_all(line.as_bytes())
+}
+
+fn push_flaser(line: &mut String, scan: &LaserScan, laser: Pose2, robot: Pose2) {
+    line.push_str("FLASER");
+    push_readings(line, &scan.ranges);
+    push_pose(line, laser);
+    push_pose(line, robot);
+    push_tail(line, scan.stamp);
+}
+
+fn push_robot_laser(line: &mut String, scan: &LaserScan, laser: Pose2, robot: Pose2) {
+    let geometry = &scan.geometry;
+    let field_of_view = (geometry.beams as f64 - 1.0) * geometry.angle_step.abs();
+    push(
+        line,
+        format_args!(
+            "ROBOTLASER1 0 {} {field_of_view} {} {NO_RETURN} 0 0",
+            geometry.start_angle, geometry.angle_step
+        ),
+    );
+    push_readings(line, &scan.ranges);
+    line.push_str(" 0");
+    push_pose(line, laser);
+    push_pose(line, robot);
+    line.push_str(" 0 0 0 0 0");
+    push_tail(line, scan.stamp);
+}
