@@ -7,12 +7,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use http_server::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry};
 use mcl_datasets::registry::{
     Content, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, UrlFailure,
     Verification, VerifyError,
 };
-use http_server::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
 use tempfile::TempDir;
 
 /// A log in a format of these tests: one scan per line, one reading per word.

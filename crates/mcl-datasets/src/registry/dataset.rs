@@ -2,6 +2,8 @@ use mcl_core::Pose2;
 use serde::Deserialize;
 
 use super::definition::Definition;
+use crate::log::ReferencePoses;
+
 use super::{Content, DefinitionError, Facts, Sha256Digest};
 
 /// Name of the file that defines a data set, in the folder named after the data set.
@@ -22,8 +24,8 @@ pub struct Dataset {
     pub max_range: f64,
     /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
     pub robot_from_laser: Pose2,
-    /// Where the reference poses come from.
-    pub reference: ReferenceSource,
+    /// Whether the laser poses in its log are ground truth.
+    pub reference: ReferencePoses,
     /// What any copy must hold; `None` when nothing is recorded.
     pub facts: Option<Facts>,
     /// Terms of use or licence.
@@ -67,19 +69,6 @@ pub struct KnownCopy {
     pub bytes: u64,
     /// What tells this copy from others.
     pub note: Option<String>,
-}
-
-/// Where the reference poses of a data set come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ReferenceSource {
-    /// The reader decides by what the log looks like.
-    #[default]
-    Auto,
-    /// The poses recorded with the scans are the reference (a corrected log).
-    Recorded,
-    /// None: the recorded poses are odometry (a raw log).
-    None,
 }
 
 impl Dataset {

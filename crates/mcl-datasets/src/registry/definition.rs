@@ -3,7 +3,9 @@
 use mcl_core::Pose2;
 use serde::Deserialize;
 
-use super::dataset::{Dataset, KnownCopy, LogFile, ReferenceSource, Source};
+use crate::log::ReferencePoses;
+
+use super::dataset::{Dataset, KnownCopy, LogFile, Source};
 use super::{DEFINITION_FILE, Facts};
 
 /// What is wrong with a `dataset.toml`.
@@ -75,7 +77,7 @@ pub(super) struct Definition {
     seed: Option<u64>,
     max_range: f64,
     #[serde(default)]
-    reference: ReferenceSource,
+    reference: ReferencePoses,
     terms: String,
     citation: String,
     sensor: SensorKeys,
@@ -218,7 +220,7 @@ mod tests {
     fn a_minimal_definition_has_defaults() {
         let dataset = Dataset::parse("lab", MINIMAL).unwrap();
         assert_eq!(dataset.name, "lab");
-        assert_eq!(dataset.reference, ReferenceSource::Auto);
+        assert_eq!(dataset.reference, ReferencePoses::Auto);
         assert_eq!(dataset.facts, None);
         assert_eq!(dataset.robot_from_laser, Pose2::new(0.1, 0.0, 0.0));
         let file = dataset.log_file().unwrap();

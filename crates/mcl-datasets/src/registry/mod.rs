@@ -44,7 +44,7 @@ use std::path::{Path, PathBuf};
 use mcl_core::Recording;
 
 pub use content::Content;
-pub use dataset::{DEFINITION_FILE, Dataset, KnownCopy, LogFile, ReferenceSource, Source};
+pub use dataset::{DEFINITION_FILE, Dataset, KnownCopy, LogFile, Source};
 pub use definition::DefinitionError;
 pub use digest::{ParseDigestError, Sha256Digest};
 pub use download::{FetchEvent, FetchSettings};

@@ -48,7 +48,8 @@ fn report(lines: Vec<Line>, json: bool) -> Result<Outcome> {
     let good = lines.iter().all(|line| line.good);
     print(json, &Lines { datasets: lines }, |lines| {
         let width = lines.datasets.iter().map(|line| line.name.len()).max().unwrap_or(0);
-        let rows = lines.datasets.iter().map(|line| format!("{:width$}  {}", line.name, line.status));
+        let rows =
+            lines.datasets.iter().map(|line| format!("{:width$}  {}", line.name, line.status));
         rows.collect::<Vec<_>>().join("\n")
     })?;
     if good { Ok(Outcome::Done) } else { bail!("not every data set is in order, see above") }
@@ -75,31 +76,37 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
         let bar = progress::bytes(&dataset.name, global.quiet);
         bar.enable_steady_tick(Duration::from_millis(250));
         let read = |path: &Path| read_for_facts(dataset, path);
-        let result = registry.fetch(dataset, &FetchSettings::default(), &read, &mut |event| match event {
-            FetchEvent::Connecting { url, kept } => {
-                bar.set_position(kept);
-                bar.set_message(url.to_owned());
-            }
-            FetchEvent::Progress { downloaded, total } => {
-                if let Some(total) = total {
-                    bar.set_length(total);
+        let result =
+            registry.fetch(dataset, &FetchSettings::default(), &read, &mut |event| match event {
+                FetchEvent::Connecting { url, kept } => {
+                    bar.set_position(kept);
+                    bar.set_message(url.to_owned());
                 }
-                bar.set_position(downloaded);
-            }
-            FetchEvent::Failed { url, failure, retrying } => {
-                let next = if retrying { "; trying again" } else { "" };
-                bar.suspend(|| eprintln!("{}: {url}: {failure}{next}", dataset.name));
-            }
-        });
+                FetchEvent::Progress { downloaded, total } => {
+                    if let Some(total) = total {
+                        bar.set_length(total);
+                    }
+                    bar.set_position(downloaded);
+                }
+                FetchEvent::Failed { url, failure, retrying } => {
+                    let next = if retrying { "; trying again" } else { "" };
+                    bar.suspend(|| eprintln!("{}: {url}: {failure}{next}", dataset.name));
+                }
+            });
         bar.finish_and_clear();
         let (good, status) = match result {
             Ok(Fetched::Simulated) => (true, "simulated, nothing to fetch".to_owned()),
             Ok(Fetched::AlreadyPresent { path, .. }) => {
                 (true, format!("already there: {}", path.display()))
             }
-            Ok(Fetched::Downloaded { path, content, .. }) => {
-                (true, format!("fetched: {} ({} bytes)", path.display(), thousands(content.bytes as usize)))
-            }
+            Ok(Fetched::Downloaded { path, content, .. }) => (
+                true,
+                format!(
+                    "fetched: {} ({} bytes)",
+                    path.display(),
+                    thousands(content.bytes as usize)
+                ),
+            ),
             Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
         };
         lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
@@ -112,9 +119,12 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     for dataset in chosen(registry, names)? {
         let read = |path: &Path| read_for_facts(dataset, path);
         // Without names, data sets that are not at hand are no failure.
-        let absent = matches!(dataset.source, Source::Carmen(_)) && registry.locate(dataset).is_err();
+        let absent =
+            matches!(dataset.source, Source::Carmen(_)) && registry.locate(dataset).is_err();
         let (good, status) = match registry.verify(dataset, &read) {
-            Err(error) if absent && names.names.is_empty() => (true, format!("not at hand: {error}")),
+            Err(error) if absent && names.names.is_empty() => {
+                (true, format!("not at hand: {error}"))
+            }
             Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
             Ok(Verification::Simulated) => (true, "simulated, nothing to verify".to_owned()),
             Ok(Verification::Found(found)) => {

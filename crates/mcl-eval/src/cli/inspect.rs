@@ -77,10 +77,7 @@ fn text(found: &Inspection) -> String {
     line("kind", found.notes.kind.clone());
     line("scans", thousands(found.scans));
     line("readings", thousands(found.readings));
-    line(
-        "points",
-        format!("{} with 0 < r ≤ {} m", thousands(found.points), found.notes.max_range),
-    );
+    line("points", format!("{} with 0 < r ≤ {} m", thousands(found.points), found.notes.max_range));
     line("beams used", format!("{:.1} per scan", found.beams_used_per_scan));
     if let Some([x_min, y_min, x_max, y_max]) = found.bounds {
         line(

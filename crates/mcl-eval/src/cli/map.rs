@@ -76,15 +76,16 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
 
 /// What `--init` and its companions mean; combinations that mean nothing are usage errors.
 fn initial_settings(args: &MapArgs) -> InitialMap<2> {
-    let refuse = |message: &str| -> ! {
-        Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
-    };
+    let refuse =
+        |message: &str| -> ! { Cli::command().error(ErrorKind::ArgumentConflict, message).exit() };
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
         refuse("--cell and --offset go with --init grid");
     }
     let offset = args.offset.map_or(GridOffset::ORIGIN, GridOffset::Metres);
     match (args.init, args.size, args.cell) {
-        (Init::All, Some(_), _) => refuse("--init all takes every point: --size does not go with it"),
+        (Init::All, Some(_), _) => {
+            refuse("--init all takes every point: --size does not go with it")
+        }
         (Init::All, None, _) => InitialMap::All,
         (Init::Random, Some(size), _) => InitialMap::Random { size, seed: Seed::new(args.seed) },
         (Init::Random, None, _) => refuse("--init random needs --size"),
@@ -137,7 +138,8 @@ fn text(built: &Built, args: &MapArgs) -> String {
     if let (Some(cell), Some([x, y])) = (built.cell_m, built.offset_m) {
         text += &format!("\ngrid: cells of {cell:.6} m, corner at ({x:.3}, {y:.3}) m");
     }
-    if let (Some(converged), [first, .., last]) = (built.converged, &built.log_likelihood_trace[..]) {
+    if let (Some(converged), [first, .., last]) = (built.converged, &built.log_likelihood_trace[..])
+    {
         let how = if converged { "converged" } else { "stopped (not converged)" };
         let updates = built.iterations;
         text += &format!(

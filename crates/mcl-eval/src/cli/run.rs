@@ -4,9 +4,9 @@ use anyhow::{Context, Result, bail};
 use mcl_datasets::registry::{Registry, Source};
 use serde::Serialize;
 
+use super::Outcome;
 use super::args::{Global, RunArgs};
 use super::output::{print, tell_losses};
-use super::Outcome;
 use crate::experiment::{Experiment, TrialOutcome};
 use crate::results::{self, RunOptions};
 use crate::source::{LogSource, SourceOptions};
@@ -45,7 +45,8 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         total.failed += outcome.failed;
         folders.push(folder);
     }
-    let ran = Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
+    let ran =
+        Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
     print(args.json, &ran, |ran| {
         let mut text = format!("{} trials done, {} failed", ran.done, ran.failed);
         for folder in &ran.folders {

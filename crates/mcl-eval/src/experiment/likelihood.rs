@@ -13,7 +13,7 @@ use super::scheduler::Trial;
 use super::{LikelihoodExperiment, SizeGroup};
 
 /// How an initial map is chosen, by the paper's names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Builder {
     /// Grid-based sampling with a random offset of the grid.
     #[serde(rename = "gbs")]

@@ -118,10 +118,15 @@ mod tests {
     #[test]
     fn long_trials_start_first() {
         let mut seen = Vec::new();
-        run_trials(&trials(), 1, |trial| Ok(trial.0), |_, n| {
-            seen.push(n?);
-            Ok(())
-        })
+        run_trials(
+            &trials(),
+            1,
+            |trial| Ok(trial.0),
+            |_, n| {
+                seen.push(n?);
+                Ok(())
+            },
+        )
         .unwrap();
         assert!(seen.is_sorted_by(|a, b| a > b));
     }
@@ -129,10 +134,15 @@ mod tests {
     #[test]
     fn a_result_that_cannot_be_saved_stops_the_run() {
         let mut received = 0;
-        let error = run_trials(&trials(), 2, |trial| Ok(trial.0), |_, _| {
-            received += 1;
-            bail!("disk full")
-        });
+        let error = run_trials(
+            &trials(),
+            2,
+            |trial| Ok(trial.0),
+            |_, _| {
+                received += 1;
+                bail!("disk full")
+            },
+        );
         assert_eq!(error.unwrap_err().to_string(), "disk full");
         assert_eq!(received, 1);
     }

@@ -23,7 +23,9 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+            Err(error) => {
+                return Err(error).with_context(|| format!("cannot read {}", path.display()));
+            }
         };
         let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
         let rows = parse_rows(whole.as_bytes(), path)
@@ -66,9 +68,7 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
     /// # Errors
     /// When the file cannot be written.
     pub fn finish<K: PartialOrd>(mut self, key: impl Fn(&R) -> K) -> Result<Vec<R>> {
-        self.rows.sort_by(|a, b| {
-            key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
-        });
+        self.rows.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
         write_rows(&self.path, &self.rows)?;
         Ok(self.rows)
     }

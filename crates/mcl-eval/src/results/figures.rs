@@ -29,12 +29,8 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
     };
     std::fs::create_dir_all(&drawing.figures)
         .with_context(|| format!("cannot make {}", drawing.figures.display()))?;
-    let drawn = [
-        drawing.overview()?,
-        drawing.comparison()?,
-        drawing.points()?,
-        drawing.likelihood()?,
-    ];
+    let drawn =
+        [drawing.overview()?, drawing.comparison()?, drawing.points()?, drawing.likelihood()?];
     Ok(drawn.concat())
 }
 
@@ -125,7 +121,11 @@ impl Drawing {
         const LOWER_PANEL_UP_TO: f64 = 10.0;
         let panel = |title: &str, up_to: f64, x: Scale, y: Scale| CurvePanel {
             title: title.to_owned(),
-            x: AxisSpec { label: "map size [% of the data's points]".into(), scale: x, range: None },
+            x: AxisSpec {
+                label: "map size [% of the data's points]".into(),
+                scale: x,
+                range: None,
+            },
             y: AxisSpec { label: "log-likelihood [nats per point]".into(), scale: y, range: None },
             curves: self.curves(up_to),
         };

@@ -23,9 +23,9 @@ use mcl_maps::PointSet;
 pub use figures::draw_figures;
 
 use crate::experiment::{
-    DatasetFacts, Experiment, LikelihoodExperiment, LikelihoodRow, LikelihoodTrial, Manifest, Trial,
-    TrialOutcome, TrialStore, run_likelihood_trial, run_trials, summarize, test_improvement, trials,
-    write_rows,
+    DatasetFacts, Experiment, LikelihoodExperiment, LikelihoodRow, LikelihoodTrial, Manifest,
+    Trial, TrialOutcome, TrialStore, run_likelihood_trial, run_trials, summarize, test_improvement,
+    trials, write_rows,
 };
 use crate::progress;
 use crate::source::LogSource;
@@ -83,12 +83,18 @@ fn run_likelihood(
     let data = PointSet::new(points)?;
 
     let mut store = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> = store.rows().iter().map(|row| identity(row.key())).collect();
+    let saved: HashSet<_> =
+        store.rows().iter().map(|row: &LikelihoodRow| identity(row.key())).collect();
     let all = trials(experiment, &source.name, sizes, data.len());
     let (done, pending): (Vec<_>, Vec<_>) =
         all.into_iter().partition(|trial| saved.contains(&identity(trial.key())));
     if !done.is_empty() && !options.quiet {
-        eprintln!("{}: {} of {} trials are there already", source.name, done.len(), done.len() + pending.len());
+        eprintln!(
+            "{}: {} of {} trials are there already",
+            source.name,
+            done.len(),
+            done.len() + pending.len()
+        );
     }
     let outcome = run_pending(experiment, &source.name, &data, &pending, &mut store, options)?;
     let rows = store.finish(LikelihoodRow::key)?;
@@ -135,7 +141,9 @@ fn run_pending(
                     let (size, builder, repeat) = trial.key();
                     let strategy = builder.label(false);
                     bar.suspend(|| {
-                        eprintln!("{dataset}: trial {strategy} {size} % #{repeat} failed: {error:#}");
+                        eprintln!(
+                            "{dataset}: trial {strategy} {size} % #{repeat} failed: {error:#}"
+                        );
                     });
                     Ok(())
                 }
@@ -203,7 +211,9 @@ pub fn folders(root: &Path) -> io::Result<Vec<PathBuf>> {
     };
     let mut found = Vec::new();
     for experiment in subfolders(root)? {
-        found.extend(subfolders(&experiment)?.into_iter().filter(|path| path.join(MANIFEST).exists()));
+        found.extend(
+            subfolders(&experiment)?.into_iter().filter(|path| path.join(MANIFEST).exists()),
+        );
     }
     found.sort();
     Ok(found)
