@@ -20,6 +20,11 @@ fn log() -> Vec<u8> {
     (0..2000).map(|i| format!("{}.5 {}.25 20\n", i % 9 + 1, i % 5 + 1)).collect::<String>().into()
 }
 
+/// As if a header line differed: other bytes, the same numbers of scans and points.
+fn other_copy() -> Vec<u8> {
+    [b"3.0 4.0 21\n", &log()[b"1.5 1.25 20\n".len()..]].concat()
+}
+
 const FACTS: &str = "[facts]\nscans = 2000\nreadings = 6000\npoints = 4000\n";
 
 fn read(path: &Path) -> Result<Recording, ReadLogError> {
@@ -323,9 +328,23 @@ fn a_wrong_file_is_refused_and_leaves_nothing() {
     assert!(matches!(failure, UrlFailure::UnknownCopy { found: f, .. } if f == found), "{failure}");
     assert!(message.contains(&found.sha256.to_string()), "{message}");
     assert!(message.contains(&content(&log()).sha256.to_string()), "{message}");
-    assert!(message.contains("add to datasets/lab/dataset.toml: [[copy]]"), "{message}");
+    assert!(message.contains("add to datasets/lab/dataset.toml:\n[[copy]]\n"), "{message}");
     lab.assert_files(&[]);
     assert_eq!(server.requests().len(), 1, "a whole wrong file is not asked for twice");
+}
+
+#[test]
+fn what_the_error_says_to_add_makes_an_unknown_copy_a_known_one() {
+    let other = other_copy();
+    let server = Server::start(vec![Answer::Send(ok(&other)), Answer::Send(ok(&other))]);
+    let lab = Lab::new(&[server.url("lab.log")]);
+    let (_, message) = last_failure(lab.fetch());
+    let (_, to_add) = message.split_once("dataset.toml:\n").unwrap();
+    let definition = lab.data().join("dataset.toml");
+    let text = std::fs::read_to_string(&definition).unwrap();
+    std::fs::write(&definition, format!("{text}\n{to_add}\n")).unwrap();
+    lab.fetch().unwrap();
+    assert_eq!(std::fs::read(lab.data().join("lab.gfs.log")).unwrap(), other);
 }
 
 #[test]
@@ -486,8 +505,7 @@ fn an_unknown_file_on_disk_is_neither_taken_nor_overwritten() {
 #[test]
 fn an_unknown_copy_whose_facts_agree_is_told_apart() {
     let lab = Lab::new(&[]);
-    // As if a header line differed: other bytes, the same scans.
-    lab.put("lab.gfs.log", &[b"3.0 4.0 21\n", &log()[b"1.5 1.25 20\n".len()..]].concat());
+    lab.put("lab.gfs.log", &other_copy());
     let Verification::Found(found) = lab.verify().unwrap() else { panic!("no file") };
     assert_eq!(found.status(), "unknown copy, facts agree");
     assert!(found.is_good() && !found.accepted);

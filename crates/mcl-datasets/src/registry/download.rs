@@ -25,7 +25,7 @@ pub struct FetchSettings {
 }
 
 impl Default for FetchSettings {
-    /// 10 s to connect, 15 s without a byte, 15 min and 3 attempts in all, 1 s between them.
+    /// 10 s to connect, 15 s without a byte, 15 min per attempt; 3 attempts with 1 s between them.
     fn default() -> Self {
         FetchSettings {
             connect_timeout: Duration::from_secs(10),

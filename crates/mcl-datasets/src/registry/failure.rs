@@ -48,7 +48,8 @@ pub enum UrlFailure {
     Gzip(io::Error),
     /// What an earlier attempt received and the rest received now do not make a known copy.
     #[error(
-        "the rest sent now does not fit the bytes kept of an earlier attempt; they are dropped"
+        "the rest sent now does not fit the bytes kept of an earlier attempt; \
+         they are dropped, and the next attempt starts anew"
     )]
     Unfit,
     /// The file is whole, but no known copy.

@@ -42,8 +42,8 @@ pub enum Fetched {
     },
 }
 
-/// Why a data set could not be fetched. In no case is there a file under the final name that was
-/// not there before.
+/// Why a data set could not be fetched. None of these leaves a file under the final name that was not
+/// wholly received and checked.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     /// The definition names no address.
@@ -62,7 +62,10 @@ pub enum FetchError {
         "{} is there already, but is no known copy of data set `{name}`: sha256 {} of {} bytes \
          (unpacked); move it away to fetch a known copy, or, if it is good \
          (`mcl-eval datasets verify {name}` compares scans and points), {}",
-        path.display(), found.sha256, found.bytes, how_to_accept(name, found)
+        path.display(),
+        found.sha256,
+        found.bytes,
+        how_to_accept(name, found)
     )]
     UnknownFile {
         /// Name of the data set.
@@ -162,17 +165,16 @@ fn accept_hint(name: &str, failures: &[(String, UrlFailure)]) -> String {
     });
     unknown.map_or(String::new(), |found| {
         format!(
-            "\nIf you trust that copy, {}; without that, download it yourself and compare its scans \
-             and points with `mcl-eval datasets verify {name}`",
+            "\nIf that copy is good (download it yourself into datasets/{name}/, and \
+             `mcl-eval datasets verify {name}` compares scans and points), {}",
             how_to_accept(name, found)
         )
     })
 }
 
-fn how_to_accept(name: &str, found: &Content) -> String {
+fn how_to_accept(name: &str, Content { sha256, bytes }: &Content) -> String {
     format!(
-        "add to datasets/{name}/dataset.toml: [[copy]], sha256 = \"{}\", bytes = {}",
-        found.sha256, found.bytes
+        "add to datasets/{name}/dataset.toml:\n[[copy]]\nsha256 = \"{sha256}\"\nbytes = {bytes}"
     )
 }
 
@@ -235,10 +237,11 @@ struct Fetch<'a> {
 impl Fetch<'_> {
     fn run(mut self, report: &mut dyn FnMut(FetchEvent<'_>)) -> Result<Fetched, FetchError> {
         let result = self.try_urls(report);
-        if self.part.len() == 0 || result.is_ok() {
-            self.part.remove()?;
-        }
-        result
+        let is_useless = result.is_ok() || self.part.len() == 0;
+        let removed = if is_useless { self.part.remove() } else { Ok(()) };
+        let fetched = result?;
+        removed?;
+        Ok(fetched)
     }
 
     fn try_urls(&mut self, report: &mut dyn FnMut(FetchEvent<'_>)) -> Result<Fetched, FetchError> {
