@@ -1,0 +1,125 @@
+//! Point clouds and paths as pictures.
+
+use resvg::tiny_skia::{
+    Color, FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
+    StrokeDash, Transform,
+};
+
+use super::PIXELS_PER_UNIT;
+use super::canvas::Position;
+use super::style::CurveStyle;
+
+/// More points than this are drawn as a density, fewer as dots.
+const MOST_DOTS: usize = 50_000;
+/// Darkness of a pixel that holds a single point, so that it can be seen in print.
+const FAINTEST: f32 = 0.38;
+/// Share of the pixels with points that may be fully dark.
+const DARKEST_SHARE: f64 = 0.02;
+
+/// A transparent picture of a window.
+pub(super) struct Raster {
+    pixels: Pixmap,
+}
+
+impl Raster {
+    /// A picture of a window of this size (SVG units).
+    pub(super) fn new(width: f64, height: f64) -> Option<Self> {
+        let pixels = |length: f64| (length as f32 * PIXELS_PER_UNIT).round().max(1.0) as u32;
+        Pixmap::new(pixels(width), pixels(height)).map(|pixels| Raster { pixels })
+    }
+
+    /// Draws points at places in SVG units from the window's corner.
+    pub(super) fn draw_points(&mut self, points: &[Position]) {
+        if points.len() <= MOST_DOTS {
+            self.draw_dots(points);
+        } else {
+            self.draw_density(points);
+        }
+    }
+
+    fn draw_dots(&mut self, points: &[Position]) {
+        // Fewer points get larger dots (2 units at 300 points, 1.1 at 6,000); a picture of half the
+        // width gets smaller ones.
+        let size = (self.pixels.width() as f32 / 1800.0).sqrt().clamp(0.6, 1.0);
+        let radius = 2.0 * (300.0 / points.len().max(300) as f32).powf(0.2) * size;
+        let mut paint = Paint::default();
+        paint.set_color_rgba8(20, 20, 20, 255);
+        paint.anti_alias = true;
+        for &[x, y] in points {
+            let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
+            if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
+                let untouched = Transform::identity();
+                self.pixels.fill_path(&dot, &paint, FillRule::Winding, untouched, None);
+            }
+        }
+    }
+
+    /// Darkness by the number of points: logarithmic, because walls seen in thousands of scans hold
+    /// a thousand times as many points as those seen once.
+    fn draw_density(&mut self, points: &[Position]) {
+        let (width, height) = (self.pixels.width() as usize, self.pixels.height() as usize);
+        let mut counts = vec![0_u32; width * height];
+        let scale = f64::from(PIXELS_PER_UNIT);
+        // Each point covers a few pixels; one alone would vanish in print.
+        let side = if points.len() <= 300_000 { 3 } else { 2 };
+        for &[x, y] in points {
+            let corner = |place: f64| (place * scale - 0.5 * (side as f64 - 1.0)).round() as isize;
+            for (x, y) in (0..side * side).map(|i| (corner(x) + i % side, corner(y) + i / side)) {
+                if (0..width as isize).contains(&x) && (0..height as isize).contains(&y) {
+                    counts[y as usize * width + x as usize] += 1;
+                }
+            }
+        }
+        let mut held: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
+        held.sort_unstable();
+        let darkest = ((1.0 - DARKEST_SHARE) * held.len() as f64) as usize;
+        let full = held.get(darkest).copied().unwrap_or(1).max(2) as f32;
+        for (pixel, &count) in self.pixels.pixels_mut().iter_mut().zip(&counts) {
+            if count > 0 {
+                let part = ((count as f32).ln() / full.ln()).min(1.0);
+                let alpha = (255.0 * (FAINTEST + (1.0 - FAINTEST) * part)) as u8;
+                if let Some(black) = PremultipliedColorU8::from_rgba(0, 0, 0, alpha) {
+                    *pixel = black;
+                }
+            }
+        }
+    }
+
+    /// Draws a line through places in SVG units from the window's corner.
+    pub(super) fn draw_path(&mut self, places: &[Position], style: CurveStyle) {
+        let mut path = PathBuilder::new();
+        for (index, &[x, y]) in places.iter().enumerate() {
+            let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
+            if index == 0 {
+                path.move_to(x, y);
+            } else {
+                path.line_to(x, y);
+            }
+        }
+        let Some(path) = path.finish() else { return };
+        let dashes = style.dash.lengths().iter().map(|length| length * PIXELS_PER_UNIT).collect();
+        let stroke = Stroke {
+            width: super::legend::LINE as f32 * PIXELS_PER_UNIT,
+            line_cap: LineCap::Butt,
+            line_join: LineJoin::Round,
+            dash: StrokeDash::new(dashes, 0.0),
+            ..Stroke::default()
+        };
+        let mut paint = Paint::default();
+        paint.set_color(color(style.hex()));
+        paint.anti_alias = true;
+        self.pixels.stroke_path(&path, &paint, &stroke, Transform::identity(), None);
+    }
+
+    pub(super) fn into_png(self) -> Result<Vec<u8>, String> {
+        self.pixels.encode_png().map_err(|error| error.to_string())
+    }
+}
+
+/// A colour of the palette, written `#RRGGBB`.
+fn color(hex: &str) -> Color {
+    let part = |at: usize| {
+        hex.get(at..at + 2).and_then(|digits| u8::from_str_radix(digits, 16).ok()).unwrap_or(0)
+    };
+    Color::from_rgba8(part(1), part(3), part(5), 255)
+}
