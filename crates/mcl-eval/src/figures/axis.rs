@@ -9,7 +9,7 @@ pub enum Scale {
     Log,
     /// By logarithm in both directions, and evenly around 0: arsinh(v / (2·`linear_below`)).
     Symlog {
-        /// Magnitude up to which the scale is about linear, positive.
+        /// Magnitude up to which the scale is about linear; at least 10⁻⁹.
         linear_below: f64,
     },
 }
@@ -17,8 +17,8 @@ pub enum Scale {
 impl Scale {
     /// Whether a value has a place on this scale.
     pub(super) fn holds(self, value: f64) -> bool {
-        // Beyond 1e300, differences overflow.
-        value.abs() < 1e300 && (self != Scale::Log || value > 0.0)
+        // Far beyond any measurement, sums and ratios overflow.
+        value.abs() < 1e200 && (self != Scale::Log || value > 0.0)
     }
 
     fn apply(self, value: f64) -> f64 {
@@ -26,11 +26,14 @@ impl Scale {
             Scale::Linear => value,
             Scale::Log => value.log10(),
             Scale::Symlog { linear_below } => {
-                (value / (2.0 * linear_below.max(1e-300))).asinh() / std::f64::consts::LN_10
+                (value / (2.0 * linear_below.max(LEAST))).asinh() / std::f64::consts::LN_10
             }
         }
     }
 }
+
+/// Smallest linear part of a symlog scale.
+const LEAST: f64 = 1e-9;
 
 /// A labelled tick.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,8 +89,9 @@ impl Axis {
 
     fn between(mut low: f64, mut high: f64, scale: Scale, ticks: usize) -> Self {
         // Equal values, or so close that labels could not tell them apart.
-        if high - low <= 1e-9 * low.abs().max(high.abs()) || high - low < 1e-290 {
-            let room = if scale == Scale::Linear && low != 0.0 { 0.1 * low.abs() } else { 0.5 };
+        let largest = low.abs().max(high.abs());
+        if high - low <= 1e-9 * largest || high - low < 1e-200 {
+            let room = if scale == Scale::Linear && largest > 1e-200 { 0.1 * largest } else { 0.5 };
             low -= room;
             high += room;
         }
@@ -111,7 +115,7 @@ impl Axis {
             Scale::Linear => position,
             Scale::Log => 10_f64.powf(position),
             Scale::Symlog { linear_below } => {
-                2.0 * linear_below.max(1e-300) * (position * std::f64::consts::LN_10).sinh()
+                2.0 * linear_below.max(LEAST) * (position * std::f64::consts::LN_10).sinh()
             }
         }
     }
@@ -137,20 +141,23 @@ impl Axis {
     fn add_log_ticks(&mut self, ticks: usize) {
         let (first, last) = (self.low.floor() as i32, self.high.ceil() as i32);
         let decades = self.high - self.low;
-        // Label 1, 2, 5 of each decade while there is room, else whole decades.
-        let steps: &[f64] =
-            if decades * 3.0 <= 1.5 * ticks as f64 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+        // The shorter the axis, the more of each decade is labelled; beyond that, whole decades only.
+        let steps: &[i32] = match 1.5 * ticks as f64 / decades {
+            room if room >= 8.0 => &[1, 2, 3, 4, 5, 6, 8],
+            room if room >= 3.0 => &[1, 2, 5],
+            _ => &[1],
+        };
         let stride = (decades / ticks as f64).ceil().max(1.0) as i32;
         for decade in first..=last {
             if decade.rem_euclid(stride) == 0 {
-                for step in steps {
-                    let value = power_of_ten(decade) * step;
+                for &step in steps {
+                    let value = decimal(step, decade);
                     self.push(value, || plain(value));
                 }
             }
             if decades <= 5.0 {
                 for step in 2..10 {
-                    let value = power_of_ten(decade) * f64::from(step);
+                    let value = decimal(step, decade);
                     if self.contains(value) {
                         self.minor.push(value);
                     }
@@ -162,11 +169,11 @@ impl Axis {
     fn add_symlog_ticks(&mut self) {
         let Scale::Symlog { linear_below } = self.scale else { return };
         let largest = self.invert(self.low).abs().max(self.invert(self.high).abs());
-        let first = linear_below.max(1e-290).log10().ceil() as i32;
-        let last = largest.min(1e300).log10().floor() as i32;
+        let first = linear_below.max(LEAST).log10().ceil() as i32;
+        let last = largest.log10().floor() as i32;
         self.push(0.0, || "0".to_owned());
         for decade in first..=last {
-            for value in [power_of_ten(decade), -power_of_ten(decade)] {
+            for value in [decimal(1, decade), -decimal(1, decade)] {
                 self.push(value, || plain(value));
             }
         }
@@ -178,7 +185,7 @@ impl Axis {
         let mut kept: Vec<Tick> = Vec::new();
         for tick in std::mem::take(&mut self.ticks) {
             let far = |other: &Tick| {
-                (self.fraction(other.value) - self.fraction(tick.value)).abs() > 0.07
+                (self.fraction(other.value) - self.fraction(tick.value)).abs() > 0.06
             };
             if kept.iter().all(far) {
                 kept.push(tick);
@@ -188,23 +195,22 @@ impl Axis {
     }
 }
 
-/// Ten to an integer power, rounded correctly: `powi` may be off in the last digit.
-fn power_of_ten(exponent: i32) -> f64 {
-    format!("1e{exponent}").parse().unwrap_or(f64::NAN)
+/// `digit`·10^`exponent`, rounded correctly: 3·0.1 is not 0.3, and would be labelled so.
+fn decimal(digit: i32, exponent: i32) -> f64 {
+    format!("{digit}e{exponent}").parse().unwrap_or(f64::NAN)
 }
 
 /// Ticks at multiples of 1, 2 or 5 times a power of ten.
 fn linear_ticks(low: f64, high: f64, ticks: usize) -> Vec<Tick> {
     let raw = (high - low) / ticks.max(1) as f64;
     let decade = raw.log10().floor() as i32;
-    let power = power_of_ten(decade);
-    let (multiple, decade) = match raw / power {
+    let (multiple, decade) = match raw / decimal(1, decade) {
         ratio if ratio <= 1.0 => (1.0, decade),
         ratio if ratio <= 2.0 => (2.0, decade),
         ratio if ratio <= 5.0 => (5.0, decade),
         _ => (1.0, decade + 1),
     };
-    let step = multiple * power_of_ten(decade);
+    let step = multiple * decimal(1, decade);
     let first = (low / step - 1e-9).ceil();
     let count = ((high / step + 1e-9).floor() - first).clamp(-1.0, 100.0) as i32;
     let digits = (-decade).clamp(0, 300) as usize;
@@ -257,15 +263,18 @@ mod tests {
         assert!((axis.fraction(1.0) - 1.0 / 500_f64.log10()).abs() < 1e-12);
         let axis = Axis::over([1e-3, 1e9], Scale::Log, 6);
         assert_eq!(labels(&axis), ["0.01", "1", "100", "10000", "1e6", "1e8"]);
+        let axis = Axis::over([0.13, 0.65], Scale::Log, 7);
+        assert_eq!(labels(&axis), ["0.2", "0.3", "0.4", "0.5", "0.6"]);
         assert!(Axis::over([2.1, 2.4], Scale::Log, 6).ticks.len() > 1);
     }
 
     #[test]
     fn symlog_ticks_reach_both_ways_from_zero() {
         let axis = Axis::over([-500.0, 2.0], Scale::Symlog { linear_below: 1.0 }, 5);
-        let mut ticks = labels(&axis);
-        ticks.sort_by_key(|label| label.len());
-        assert_eq!(ticks, ["0", "1", "−1", "−10", "−100"]);
+        assert_eq!(labels(&axis), ["0", "1", "−1", "−10", "−100"]);
+        // Farther out, 1 and −1 would be crowded by 0.
+        let axis = Axis::over([-50000.0, 2.0], Scale::Symlog { linear_below: 1.0 }, 5);
+        assert_eq!(labels(&axis), ["0", "−10", "−100", "−1000", "−10000"]);
         assert!(axis.fraction(0.0) > axis.fraction(-1.0));
     }
 
@@ -286,7 +295,7 @@ mod tests {
             [-3.0, -3.0],
             [1e-300, 1e-300],
             [5e-324, 1e-320],
-            [-9e299, 9e299],
+            [-9e199, 9e199],
             [1e12, 1e12 + 1e-4],
             [1e6, 1e6 + 1e-3],
             [0.1, 0.1 + 1e-15],

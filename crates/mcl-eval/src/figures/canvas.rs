@@ -89,16 +89,23 @@ impl Canvas {
         Canvas { content: Group::new(), clips: 0 }
     }
 
-    /// The finished document, on white.
-    pub(super) fn into_svg(self, width: f64, height: f64) -> String {
+    /// The finished document, on white paper.
+    pub(super) fn into_page(mut self, width: f64, height: f64) -> String {
         let (width, height) = (width.ceil(), height.ceil());
         let paper = Rectangle::new().set("width", width).set("height", height).set("fill", "white");
+        let drawn = std::mem::take(&mut self.content);
+        self.content.append(paper);
+        self.content.append(drawn);
+        self.into_svg(width, height)
+    }
+
+    /// The document without paper.
+    pub(super) fn into_svg(self, width: f64, height: f64) -> String {
         let document = Document::new()
             .set("width", width)
             .set("height", height)
             .set("viewBox", format!("0 0 {width} {height}"))
             .set("font-family", FONT_FAMILY)
-            .add(paper)
             .add(self.content);
         format!("{document}\n")
     }
@@ -139,9 +146,9 @@ impl Canvas {
     }
 
     pub(super) fn text(&mut self, text: &str, at: Position, style: Text) {
-        // Control characters are not allowed in XML.
-        let text: String =
-            text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+        // XML allows neither control characters nor U+FFFE and U+FFFF.
+        let forbidden = |c: char| c.is_control() || c == '\u{fffe}' || c == '\u{ffff}';
+        let text = text.replace(forbidden, "\u{fffd}");
         let (x, y) = (rounded(at[0]), rounded(at[1]));
         let mut element = TextElement::new(text)
             .set("x", x)

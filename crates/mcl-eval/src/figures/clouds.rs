@@ -12,7 +12,8 @@ use super::raster::Raster;
 use super::style::CurveStyle;
 use super::{FigureError, WIDTH, save};
 
-const TALLEST_PANEL: f64 = 420.0;
+/// Largest height of a panel on its own, and of one among several.
+const TALLEST: [f64; 2] = [560.0, 420.0];
 const GAP: f64 = 16.0;
 
 /// Point clouds in panels of the same bounds and scale.
@@ -107,7 +108,7 @@ fn drawable(point: &Point<2>) -> bool {
 
 /// Draws point clouds and writes `<stem>.svg` and `<stem>.png`.
 ///
-/// One metre is as long on both axes and in every panel. Up to 6,000 points are drawn as dots, more
+/// One metre is as long on both axes and in every panel. Up to 50,000 points are drawn as dots, more
 /// as a density, darker where there are more.
 ///
 /// # Errors
@@ -137,22 +138,24 @@ pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], Fi
     let left = MARGIN + left_margin(&y_axis(), "y [m]");
     let free = WIDTH - left - MARGIN - GAP * (columns - 1) as f64;
     // Whole units, so that the pictures' pixels meet those of the PNG.
-    let width = (free / columns as f64).min(TALLEST_PANEL / view.aspect()).floor().max(20.0);
+    let tallest = TALLEST[usize::from(figure.panels.len() > 1)];
+    let width = (free / columns as f64).min(tallest / view.aspect()).floor().max(20.0);
     let height = (width * view.aspect()).round().max(20.0);
+    let left = (left + 0.5 * (free + GAP - (width + GAP) * columns as f64).max(0.0)).round();
     let ticks = if width < 300.0 { 4 } else { 6 };
     for row in figure.panels.chunks(columns) {
         let mut below_titles = top;
         for (column, panel) in row.iter().enumerate() {
             let left = left + column as f64 * (width + GAP);
             // A narrow panel on its own has room for its title to the right.
-            let room = if columns == 1 { free } else { width };
+            let room = if columns == 1 { WIDTH - MARGIN - left } else { width };
             let end = draw_title(&mut canvas, &panel.title, left, top, room);
             below_titles = below_titles.max(end);
         }
         for (column, panel) in row.iter().enumerate() {
             let left = left + column as f64 * (width + GAP);
             let frame = Frame {
-                window: Rect { left: left.round(), top: below_titles.ceil() + 2.0, width, height },
+                window: Rect { left, top: below_titles.ceil() + 2.0, width, height },
                 x: Axis::over([view.low[0], view.high[0]], Scale::Linear, ticks),
                 y: y_axis(),
             };
@@ -165,7 +168,7 @@ pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], Fi
     let mut caption = figure.caption.clone();
     caption.extend(left_out(&figure.panels));
     let bottom = draw_caption(&mut canvas, &caption, top);
-    save(stem, &canvas.into_svg(WIDTH, bottom + MARGIN))
+    save(stem, &canvas.into_page(WIDTH, bottom + MARGIN))
 }
 
 fn draw_panel(canvas: &mut Canvas, panel: &CloudPanel, frame: &Frame) -> Result<(), String> {

@@ -106,13 +106,13 @@ impl CurvePanel {
         let seen = || points().filter(|point| x.contains(point.x));
         seen().next()?;
         let y = match self.y.range {
-            Some(range) => Axis::over(range, self.y.scale, 5),
+            Some(range) => Axis::over(range, self.y.scale, 7),
             None => {
                 let ends = seen().flat_map(|point| {
                     let [low, high] = self.interval(point).unwrap_or([point.mean; 2]);
                     [low, point.mean, high]
                 });
-                Axis::around(ends, self.y.scale, 5)?
+                Axis::around(ends, self.y.scale, 7)?
             }
         };
         Some((x, y))
@@ -122,9 +122,17 @@ impl CurvePanel {
 /// Draws curves and writes `<stem>.svg` and `<stem>.png`.
 ///
 /// # Errors
-/// [`FigureError::NothingToDraw`] when no panel has a point that its axes can show; a single empty
+/// [`FigureError::Range`] for an axis with impossible ends; [`FigureError::NothingToDraw`] when no panel has a point that its axes can show; a single empty
 /// panel says so in the figure. [`FigureError::Write`] when a file cannot be written.
 pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], FigureError> {
+    for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
+        if let Some(range) = axis.range
+            && !(range[0] < range[1] && range.iter().all(|&end| axis.scale.holds(end)))
+        {
+            let label = axis.label.clone();
+            return Err(FigureError::Range { stem: stem.into(), label, range });
+        }
+    }
     let points = || figure.panels.iter().flat_map(|panel| &panel.curves).flat_map(|c| &c.points);
     if figure.panels.iter().all(|panel| panel.axes().is_none()) {
         return Err(FigureError::NothingToDraw {
@@ -159,7 +167,7 @@ pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], Fi
     let mut caption = figure.caption.clone();
     caption.extend(left_out(figure));
     let bottom = draw_caption(&mut canvas, &caption, top);
-    save(stem, &canvas.into_svg(WIDTH, bottom + MARGIN))
+    save(stem, &canvas.into_page(WIDTH, bottom + MARGIN))
 }
 
 /// Says how many points no panel can show.
@@ -185,7 +193,7 @@ fn draw_panel(
 ) {
     let Some((x, y)) = axes else {
         let [x, y] = [&panel.x, &panel.y]
-            .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale, 5));
+            .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale, 7));
         let frame = Frame { window, x, y };
         frame.draw_axes(canvas, &panel.x.label, Some(&panel.y.label));
         frame.draw_remark(canvas, "no data here");

@@ -45,6 +45,19 @@ pub enum FigureError {
         /// What is missing.
         expected: &'static str,
     },
+    /// An axis was given ends that its scale cannot show.
+    #[error(
+        "{}: axis \"{label}\" from {} to {}: expected two finite ends in ascending order, \
+         positive ones on a logarithmic axis", stem.display(), range[0], range[1]
+    )]
+    Range {
+        /// The figure.
+        stem: PathBuf,
+        /// The label of the axis.
+        label: String,
+        /// Its ends.
+        range: [f64; 2],
+    },
     /// The figure could not be rendered as a picture.
     #[error("{}: cannot render the figure: {reason}", stem.display())]
     Render {

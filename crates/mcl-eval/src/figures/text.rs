@@ -57,6 +57,8 @@ mod tests {
     fn widths_grow_with_size_and_weight() {
         let width = text_width("Intel Research Lab", 12.0, false);
         assert!((90.0..130.0).contains(&width), "{width}");
+        let digit = text_width("8", 12.0, false);
+        assert!((5.0..9.0).contains(&digit), "{digit}");
         assert!((text_width("Intel Research Lab", 24.0, false) - 2.0 * width).abs() < 1.0);
         assert!(text_width("Intel Research Lab", 12.0, true) > width);
         assert_eq!(text_width("", 12.0, false), 0.0);

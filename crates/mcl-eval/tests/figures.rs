@@ -1,0 +1,304 @@
+//! Figures as files: valid, with ink where it belongs, the same bytes again, and no panic on odd rows.
+
+use std::path::{Path, PathBuf};
+
+use mcl_eval::figures::*;
+use resvg::tiny_skia::Pixmap;
+use resvg::usvg;
+use tempfile::TempDir;
+
+const NAN: f64 = f64::NAN;
+
+/// What was written: the SVG's text and the picture.
+struct Drawn {
+    svg: String,
+    png: Pixmap,
+    bytes: [Vec<u8>; 2],
+}
+
+fn load(paths: [PathBuf; 2]) -> Drawn {
+    let bytes = paths.map(|path| std::fs::read(path).unwrap());
+    let svg = String::from_utf8(bytes[0].clone()).unwrap();
+    usvg::Tree::from_str(&svg, &usvg::Options::default()).expect("a valid SVG");
+    Drawn { svg, png: Pixmap::decode_png(&bytes[1]).expect("a valid PNG"), bytes }
+}
+
+fn clouds(figure: &CloudFigure) -> Result<Drawn, FigureError> {
+    let folder = tempfile::tempdir().unwrap();
+    draw_clouds(&folder.path().join("figure"), figure).map(load)
+}
+
+fn curves(figure: &CurveFigure) -> Result<Drawn, FigureError> {
+    let folder = tempfile::tempdir().unwrap();
+    draw_curves(&folder.path().join("figure"), figure).map(load)
+}
+
+impl Drawn {
+    fn texts(&self) -> Vec<String> {
+        let document = usvg::roxmltree::Document::parse(&self.svg).unwrap();
+        document
+            .descendants()
+            .filter(|node| node.has_tag_name("text"))
+            .map(|node| node.text().unwrap_or_default().trim().to_owned())
+            .collect()
+    }
+
+    /// Boxes of the embedded pictures in pixels of the PNG: left, top, width, height.
+    fn windows(&self) -> Vec<[f64; 4]> {
+        let document = usvg::roxmltree::Document::parse(&self.svg).unwrap();
+        let scale = f64::from(self.png.width()) / 760.0;
+        document
+            .descendants()
+            .filter(|node| node.has_tag_name("image"))
+            .map(|node| {
+                ["x", "y", "width", "height"]
+                    .map(|name| node.attribute(name).unwrap().parse::<f64>().unwrap() * scale)
+            })
+            .collect()
+    }
+
+    /// The darkest pixel (0 black, 255 white) around a place in pixels.
+    fn darkest(&self, x: f64, y: f64, reach: i32) -> u8 {
+        let mut darkest = 255;
+        for dy in -reach..=reach {
+            for dx in -reach..=reach {
+                let (x, y) = (x as i32 + dx, y as i32 + dy);
+                let pixel = self.png.pixel(x as u32, y as u32).expect("a place on the page");
+                darkest = darkest.min(pixel.red().max(pixel.green()).max(pixel.blue()));
+            }
+        }
+        darkest
+    }
+
+    /// Number of pixels of about a colour.
+    fn count(&self, [red, green, blue]: [u8; 3]) -> usize {
+        let near = |a: u8, b: u8| a.abs_diff(b) < 12;
+        let is = |p: &&resvg::tiny_skia::PremultipliedColorU8| {
+            near(p.red(), red) && near(p.green(), green) && near(p.blue(), blue)
+        };
+        self.png.pixels().iter().filter(is).count()
+    }
+}
+
+fn panel<'a>(title: &str, points: &'a [[f64; 2]]) -> CloudPanel<'a> {
+    CloudPanel { title: title.into(), points, paths: vec![] }
+}
+
+fn cloud_figure(panels: Vec<CloudPanel>) -> CloudFigure {
+    let caption = vec!["Simulated office, σ = 0.05 m.".into()];
+    CloudFigure { panels, arrangement: Arrangement::Stacked, caption }
+}
+
+fn point(x: f64, mean: f64) -> CurvePoint {
+    CurvePoint { x, mean, low: mean - 0.1, high: mean + 0.1, mark: None }
+}
+
+fn axis(label: &str) -> AxisSpec {
+    AxisSpec { label: label.into(), scale: Scale::Linear, range: None }
+}
+
+fn curve_figure(curves: Vec<Vec<CurvePoint>>) -> CurveFigure {
+    let curves = curves.into_iter().enumerate().map(|(index, points)| Curve {
+        label: format!("curve {index}"),
+        style: CurveStyle::nth(index),
+        points,
+    });
+    CurveFigure {
+        panels: vec![CurvePanel {
+            title: "all sizes".into(),
+            x: axis("map size [%]"),
+            y: axis("error [m]"),
+            curves: curves.collect(),
+        }],
+        interval: Interval::Bars,
+        caption: vec!["Simulated office, 20 runs.".into()],
+    }
+}
+
+#[test]
+fn points_have_ink_where_they_are() {
+    // The corners of a square and a lone point near its middle, drawn as dots; then the same as a
+    // density, beside a wall of many points.
+    let few = [[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0], [4.0, 5.0]];
+    let mut many = few.to_vec();
+    many.extend((0..60_000).map(|i| [10.0, f64::from(i) / 6000.0]));
+    let drawn = clouds(&cloud_figure(vec![panel("few", &few), panel("many", &many)])).unwrap();
+    let windows = drawn.windows();
+    assert_eq!(windows.len(), 2);
+    for [left, top, width, height] in windows {
+        assert!((width - height).abs() < 1e-9, "a square of data must stay a square");
+        // The window has room of 2 % on every side.
+        let place = |x: f64, y: f64| {
+            (left + width * (x + 0.2) / 10.4, top + height * (1.0 - (y + 0.2) / 10.4))
+        };
+        for [x, y] in few {
+            let at = place(x, y);
+            assert!(drawn.darkest(at.0, at.1, 2) < 200, "no ink at {x}, {y}");
+        }
+        let empty = place(7.0, 3.0);
+        assert_eq!(drawn.darkest(empty.0, empty.1, 20), 255);
+    }
+    let [left, top, width, height] = drawn.windows()[1];
+    let wall = drawn.darkest(left + width * 10.2 / 10.4, top + 0.7 * height, 1);
+    let lone = drawn.darkest(left + width * 4.2 / 10.4, top + height * 0.5, 3);
+    assert!(wall < lone, "a wall ({wall}) must be darker than a lone point ({lone})");
+}
+
+#[test]
+fn clouds_say_what_they_show_but_hold_no_coordinates() {
+    let points: Vec<_> = (0..40).map(|i| [f64::from(i) * 0.731, 17.123]).collect();
+    let mut second = panel("grid-based map, 40 points (0.8 %)", &points);
+    let style = CurveStyle { color: 1, dash: Dash::Dashed, marker: Marker::Circle };
+    second.paths = vec![CloudPath { label: "estimated path".into(), style, points: &points }];
+    let mut figure = cloud_figure(vec![panel("all data", &points), second]);
+    for arrangement in [Arrangement::Stacked, Arrangement::SideBySide] {
+        figure.arrangement = arrangement;
+        let drawn = clouds(&figure).unwrap();
+        let texts = drawn.texts().join(" ");
+        for text in ["all data", "grid-based map, 40 points (0.8 %)", "estimated path", "x [m]"] {
+            assert!(texts.contains(text), "{text} in {texts}");
+        }
+        assert!(texts.contains("Simulated office, σ = 0.05 m."));
+        assert!(!drawn.svg.contains("<circle") && !drawn.svg.contains("17.123"));
+        assert!(drawn.count([0xD5, 0x5E, 0x00]) > 500, "the path is drawn in its colour");
+    }
+}
+
+#[test]
+fn odd_clouds_are_drawn_or_refused() {
+    let odd: [&[[f64; 2]]; 6] = [
+        &[[3.0, 4.0]],
+        &[[1e12, -1e12]],
+        &[[5.0, 5.0], [5.0, 5.0]],
+        &[[0.0, 0.0], [1000.0, 0.0]],
+        &[[0.0, -500.0], [0.0, 500.0]],
+        &[[-1e12, -1e12], [1e12, 1e12]],
+    ];
+    for (index, points) in odd.into_iter().enumerate() {
+        let arrangement = [Arrangement::Stacked, Arrangement::SideBySide][index % 2];
+        let panels = vec![panel("a", points), panel("b", &[])];
+        let figure = CloudFigure { arrangement, ..cloud_figure(panels) };
+        let drawn = clouds(&figure).unwrap();
+        assert!(drawn.texts().contains(&"no points".to_owned()));
+    }
+    let with_nan = [[1.0, 2.0], [NAN, 0.0], [0.0, f64::INFINITY]];
+    let texts = clouds(&cloud_figure(vec![panel("a", &with_nan)])).unwrap().texts();
+    assert!(texts.iter().any(|text| text.starts_with("Left out: 2 points")), "{texts:?}");
+    for panels in [vec![], vec![panel("a", &[])], vec![panel("a", &with_nan[1..])]] {
+        let error = clouds(&cloud_figure(panels)).err().expect("nothing to draw");
+        assert!(matches!(error, FigureError::NothingToDraw { .. }), "{error}");
+    }
+    let beside = CloudFigure { arrangement: Arrangement::SideBySide, ..cloud_figure(vec![]) };
+    assert!(clouds(&beside).is_err());
+}
+
+#[test]
+fn curves_have_labels_ink_and_marks() {
+    let mut second = vec![point(1.0, 2.0), point(5.0, 1.0), point(10.0, 0.5)];
+    second[0].mark = Some("3/20".into());
+    let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(10.0, 3.0)], second]);
+    let mut zoomed = figure.panels[0].clone();
+    zoomed.title = "below 6 % & more".into();
+    zoomed.x.range = Some([0.0, 6.0]);
+    figure.panels.push(zoomed);
+    for interval in [Interval::Bars, Interval::Band] {
+        figure.interval = interval;
+        let drawn = curves(&figure).unwrap();
+        let texts = drawn.texts();
+        let count = |text: &str| texts.iter().filter(|found| *found == text).count();
+        for once in ["curve 0", "curve 1", "all sizes", "below 6 % & more"] {
+            assert_eq!(count(once), 1, "{once} in {texts:?}");
+        }
+        for twice in ["map size [%]", "error [m]", "3/20"] {
+            assert_eq!(count(twice), 2, "{twice} in {texts:?}");
+        }
+        assert_eq!(count("Simulated office, 20 runs."), 1);
+        assert!(drawn.count([0xD5, 0x5E, 0x00]) > 1000, "the second curve has its colour");
+        assert_eq!(drawn.png.width(), 2280);
+    }
+}
+
+#[test]
+fn odd_curves_are_drawn_or_refused() {
+    let bare = |x, mean| CurvePoint { x, mean, low: NAN, high: f64::INFINITY, mark: None };
+    let odd = [
+        vec![vec![bare(1.0, 1.0)], vec![]],
+        vec![vec![bare(0.0, 0.0), bare(0.0, 0.0)]],
+        vec![vec![bare(1.0, 1e-300), bare(2.0, 2e-300)]],
+        vec![vec![bare(1.0, -1e199), bare(2.0, 1e199)]],
+        vec![vec![bare(1e9, 7.0), bare(1e9 + 1e-6, 7.0)]],
+        vec![vec![bare(1.0, 5.0), bare(NAN, 1.0), bare(2.0, NAN), bare(f64::INFINITY, 0.0)]],
+    ];
+    let scales = [Scale::Linear, Scale::Log, Scale::Symlog { linear_below: 1.0 }];
+    let [linear, log, symlog] = scales;
+    for rows in odd {
+        for (x, y, interval) in [
+            (linear, linear, Interval::Bars),
+            (log, symlog, Interval::Band),
+            (symlog, log, Interval::Bars),
+        ] {
+            let mut figure = curve_figure(rows.clone());
+            figure.panels[0].x.scale = x;
+            figure.panels[0].y.scale = y;
+            figure.interval = interval;
+            match curves(&figure) {
+                Ok(drawn) => assert!(!drawn.svg.contains("NaN") && !drawn.svg.contains("inf")),
+                // Zeros and negative numbers have no logarithm.
+                Err(error) => assert!(x == log || y == log, "{error}"),
+            }
+        }
+    }
+    for rows in [vec![], vec![vec![]], vec![vec![bare(NAN, 1.0)]]] {
+        let error = curves(&curve_figure(rows)).err().expect("nothing to draw");
+        assert!(matches!(error, FigureError::NothingToDraw { .. }), "{error}");
+    }
+    for range in [[0.0, 0.0], [NAN, 1.0], [5.0, -5.0], [f64::NEG_INFINITY, f64::INFINITY]] {
+        for scale in scales {
+            let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 2.0)]]);
+            figure.panels[0].y.range = Some(range);
+            figure.panels[0].y.scale = scale;
+            let error = curves(&figure).err().expect("an impossible range");
+            assert!(matches!(error, FigureError::Range { .. }), "{error}");
+        }
+    }
+}
+
+#[test]
+fn what_is_left_out_is_said_and_an_empty_panel_says_so() {
+    let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, NAN)]]);
+    let mut beyond = figure.panels[0].clone();
+    beyond.x.range = Some([50.0, 100.0]);
+    figure.panels.push(beyond);
+    let texts = curves(&figure).unwrap().texts();
+    assert!(texts.contains(&"no data here".to_owned()), "{texts:?}");
+    assert!(texts.iter().any(|text| text.starts_with("Left out: 2 points")), "{texts:?}");
+}
+
+#[test]
+fn texts_of_any_kind_are_valid_xml() {
+    let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 2.0)]]);
+    figure.panels[0].title = "a <b> & \"c\" \u{0} \u{1b}[1m 地図".into();
+    figure.caption = vec!["'".repeat(300), String::new(), "\u{fffe} ]]> <!-- ".into()];
+    curves(&figure).unwrap();
+}
+
+#[test]
+fn the_same_rows_give_the_same_bytes() {
+    let figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 3.0)]; 6]);
+    assert!(curves(&figure).unwrap().bytes == curves(&figure).unwrap().bytes);
+    let points: Vec<_> = (0..500).map(|i| [f64::from(i).sin(), f64::from(i).cos()]).collect();
+    let figure = cloud_figure(vec![panel("a", &points)]);
+    assert!(clouds(&figure).unwrap().bytes == clouds(&figure).unwrap().bytes);
+}
+
+#[test]
+fn files_are_named_after_the_whole_stem() {
+    let folder: TempDir = tempfile::tempdir().unwrap();
+    let figure = curve_figure(vec![vec![point(1.0, 1.0)]]);
+    let [svg, png] = draw_curves(&folder.path().join("map-0.8"), &figure).unwrap();
+    assert_eq!(svg, folder.path().join("map-0.8.svg"));
+    assert_eq!(png, folder.path().join("map-0.8.png"));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    let error = draw_curves(Path::new("absent/figure"), &figure).unwrap_err();
+    assert!(matches!(error, FigureError::Write { .. }), "{error}");
+}
