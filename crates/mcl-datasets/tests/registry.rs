@@ -3,9 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use mcl_datasets::registry::{
-    Content, DEFINITION_FILE, Dataset, ReferenceSource, Registry, RegistryError, Source,
-};
+use mcl_datasets::log::ReferencePoses;
+use mcl_datasets::registry::{Content, DEFINITION_FILE, Dataset, Registry, RegistryError, Source};
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -44,7 +43,7 @@ fn the_definitions_agree_with_what_is_known_of_the_logs() {
         assert_eq!(facts.readings, facts.scans * beams, "{name}");
         assert!(facts.points < facts.readings);
         assert_eq!(dataset.max_range, 10.0);
-        assert_eq!(dataset.reference, ReferenceSource::Recorded);
+        assert_eq!(dataset.reference, ReferencePoses::Recorded);
         let log = dataset.log_file().unwrap();
         // A fetched file keeps the name it has at its address.
         assert!(log.urls[0].ends_with(&format!("/{file}.gz")), "{name}");

@@ -1,3 +1,4 @@
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -116,30 +117,35 @@ impl Drawing {
         self.clouds("figure3-points", vec![panel(title, &all)], Arrangement::Stacked, caption)
     }
 
-    /// Figure 4: likelihood against map size, all sizes above, up to 10 % beneath.
+    /// Figure 4: likelihood against map size, all sizes above and up to 10 % beneath as in the paper;
+    /// last the sizes whose likelihoods lie too close together to be told apart there.
     fn likelihood(&self) -> Result<[PathBuf; 2]> {
-        const LOWER_PANEL_UP_TO: f64 = 10.0;
-        let panel = |title: &str, up_to: f64, x: Scale, y: Scale| CurvePanel {
-            title: title.to_owned(),
-            x: AxisSpec {
-                label: "map size [% of the data's points]".into(),
-                scale: x,
-                range: None,
-            },
-            y: AxisSpec { label: "log-likelihood [nats per point]".into(), scale: y, range: None },
-            curves: self.curves(up_to),
+        let panel = |title: &str, sizes: RangeInclusive<f64>, x: Scale, y: Scale| {
+            let axis =
+                |label: &str, scale| AxisSpec { label: label.to_owned(), scale, range: None };
+            CurvePanel {
+                title: title.to_owned(),
+                x: axis("map size [% of the data's points]", x),
+                y: axis("log-likelihood [nats per point]", y),
+                curves: self.curves(sizes),
+            }
         };
         let symlog = Scale::Symlog { linear_below: 1.0 };
+        let mut panels = vec![
+            panel("all sizes", 0.0..=100.0, Scale::Log, symlog),
+            panel("up to 10 %", 0.0..=10.0, Scale::Linear, symlog),
+        ];
+        let close_up = 3.0..=100.0;
+        if self.summary.iter().any(|row| close_up.contains(&row.size_percent)) {
+            panels.push(panel("from 3 %, close-up", close_up, Scale::Log, Scale::Linear));
+        }
         let figure = CurveFigure {
-            panels: vec![
-                panel("all sizes", f64::INFINITY, Scale::Log, symlog),
-                panel("up to 10 %", LOWER_PANEL_UP_TO, Scale::Linear, symlog),
-            ],
+            panels,
             interval: Interval::Bars,
             caption: vec![format!(
                 "{}. Mean log-likelihood of the data under maps of different sizes, with Student's \
-                 95 % intervals over {} maps; σ = {} m. The size is that of the map itself, after \
-                 fuzzy k-means where it applies (+f-km).",
+                 95 % intervals over {} maps; σ = {} m. The size is that of the finished map: \
+                 fuzzy k-means (+f-km) moves points together, and duplicates are dropped.",
                 self.data(),
                 self.map_counts(),
                 self.manifest.definition.sigma
@@ -148,14 +154,16 @@ impl Drawing {
         Ok(draw_curves(&self.figures.join("figure4-likelihood"), &figure)?)
     }
 
-    /// The four curves, over sizes of at most `up_to` percent.
-    fn curves(&self, up_to: f64) -> Vec<Curve> {
+    /// The four curves over requested sizes in a range (percent).
+    fn curves(&self, sizes: RangeInclusive<f64>) -> Vec<Curve> {
         let strategies = Builder::ALL.into_iter().flat_map(|b| [(b, false), (b, true)]);
         strategies
             .enumerate()
             .map(|(index, (builder, improved))| {
                 let of_strategy = self.summary.iter().filter(|row| {
-                    row.builder == builder && row.improved == improved && row.size_percent <= up_to
+                    row.builder == builder
+                        && row.improved == improved
+                        && sizes.contains(&row.size_percent)
                 });
                 let points = of_strategy.map(|row| CurvePoint {
                     x: row.mean_real_percent,
@@ -200,7 +208,7 @@ impl Drawing {
         let percent = 100.0 * row.points as f64 / self.manifest.dataset.points as f64;
         let mut title = format!("{what}: {} points ({percent:.2} %)", thousands(row.points));
         if let Some(log_likelihood) = row.log_likelihood {
-            title += &format!(", {log_likelihood:.2} nats per point");
+            title += &format!(", {} nats per point", signed(log_likelihood));
         }
         Ok(title)
     }
@@ -229,4 +237,9 @@ fn beside_when_tall(bounds: &Bounds<2>) -> Arrangement {
     } else {
         Arrangement::SideBySide
     }
+}
+
+/// Two decimals, with a minus sign that is one.
+fn signed(value: f64) -> String {
+    format!("{value:.2}").replace('-', "−")
 }

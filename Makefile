@@ -1,0 +1,40 @@
+# The two commands are `make experiments` and `make test`; the rest is theirs or for developers.
+
+CARGO ?= cargo
+MCL_EVAL = target/release/mcl-eval
+RESULTS ?= results
+
+.PHONY: build experiments datasets figures test bench check fmt clippy doc
+
+build:
+	$(CARGO) build --release --locked -p mcl-eval
+
+# The paper's experiments on those of their data sets that are at hand. An interrupted run goes on.
+experiments: build
+	$(MCL_EVAL) run experiments/likelihood.toml -o $(RESULTS)
+
+# Download and check the public logs.
+datasets: build
+	$(MCL_EVAL) datasets fetch
+	$(MCL_EVAL) datasets verify
+
+# Draw the figures again from saved rows.
+figures: build
+	$(MCL_EVAL) plot $(RESULTS)
+
+test:
+	$(CARGO) test --workspace --locked
+
+bench:
+	$(CARGO) bench --workspace --locked
+
+check: fmt clippy doc test
+
+fmt:
+	$(CARGO) fmt --all --check
+
+clippy:
+	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
+
+doc:
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
