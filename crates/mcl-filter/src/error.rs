@@ -112,10 +112,10 @@ pub enum FilterError {
         /// The pose found.
         pose: Pose2,
     },
-    /// The weights of all particles vanished or were NaN.
-    #[error("the largest log-weight of all particles is {log_weight}, expected a finite number")]
+    /// The weights of all particles vanished or one was NaN.
+    #[error("the logarithm of the sum of all weights is {log_sum}, expected a finite number")]
     DegenerateWeights {
-        /// The largest log-weight found.
-        log_weight: f64,
+        /// The logarithm found.
+        log_sum: f64,
     },
 }

@@ -1,6 +1,6 @@
 use mcl_core::{LaserScan, Pose2, Seed};
 
-use crate::motion::{OdometryModel, SampledMotion};
+use crate::motion::OdometryModel;
 use crate::particles::effective_sample_size;
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints};
 use crate::{CheckedSettings, Estimate, FilterError, Particles};
@@ -151,9 +151,8 @@ impl<'a> ParticleFilter<'a> {
         }
         let mut rng = self.seed.derive("motion").derive_index(self.predictions).rng();
         self.predictions += 1;
-        let motion: SampledMotion = self.motion.motion(increment);
         let Particles { x, y, theta, .. } = &mut self.particles;
-        motion.sample(x, y, theta, &mut rng);
+        self.motion.motion(increment).sample(x, y, theta, &mut rng);
         self.particles.check_finite()
     }
 

@@ -107,16 +107,15 @@ impl Particles {
     /// # Errors
     /// [`FilterError::DegenerateWeights`] when no weight is above 0, or one is NaN or infinite.
     pub(crate) fn normalize(&mut self, weights: &mut Vec<f64>) -> Result<f64, FilterError> {
-        // Unlike `f64::max`, this keeps NaN.
-        let larger = |a: f64, &b: &f64| if a > b { a } else { b };
-        let largest = self.log_weight.iter().fold(f64::NEG_INFINITY, larger);
+        let largest = self.log_weight.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         weights.clear();
         weights.extend(self.log_weight.iter().map(|l| (l - largest).exp()));
         let sum: f64 = weights.iter().sum();
-        if !(largest.is_finite() && sum.is_finite()) {
-            return Err(FilterError::DegenerateWeights { log_weight: largest });
-        }
+        // NaN also when the largest is −∞, or any is NaN, which `f64::max` passes over.
         let log_sum = largest + sum.ln();
+        if !log_sum.is_finite() {
+            return Err(FilterError::DegenerateWeights { log_sum });
+        }
         self.log_weight.iter_mut().for_each(|l| *l -= log_sum);
         weights.iter_mut().for_each(|w| *w /= sum);
         Ok(log_sum)
@@ -165,7 +164,8 @@ mod tests {
         let mean = Pose2::new(5.0, -6.0, 3.1);
         let particles =
             Particles::draw(N, KNOWN, Some(mean), &BOUNDS, &mut Seed::new(1).rng()).unwrap();
-        let components: [(f64, fn(Pose2, Pose2) -> f64); 3] = [
+        type Off = fn(Pose2, Pose2) -> f64;
+        let components: [(f64, Off); 3] = [
             (0.1, |p, mean| p.x - mean.x),
             (0.2, |p, mean| p.y - mean.y),
             (0.05, |p, mean| wrap_angle(p.theta - mean.theta)),

@@ -4,4 +4,4 @@ mod noise;
 mod odometry_model;
 
 pub use noise::{OdometryNoise, noisy_increments};
-pub use odometry_model::{OdometryModel, SampledMotion, TURNING_IN_PLACE};
+pub use odometry_model::{NoisyMotion, OdometryModel, TURNING_IN_PLACE};

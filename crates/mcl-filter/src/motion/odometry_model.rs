@@ -34,7 +34,7 @@ impl OdometryModel {
 
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
     /// stands for, ready to be sampled for every particle.
-    pub fn motion(&self, increment: &Pose2) -> SampledMotion {
+    pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
         let distance = increment.x.hypot(increment.y);
         let direction = increment.y.atan2(increment.x);
         let (rotation1, translation) = if direction.abs() > FRAC_PI_2 {
@@ -52,7 +52,7 @@ impl OdometryModel {
         let [a1, a2, a3, a4] = self.alpha;
         let (square1, square2) = (turn1 * turn1, turn2 * turn2);
         let square = distance * distance;
-        SampledMotion {
+        NoisyMotion {
             rotation1,
             translation,
             rotation2,
@@ -65,7 +65,7 @@ impl OdometryModel {
 
 /// An odometry increment as rotation, translation and rotation, with the variances of their noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SampledMotion {
+pub struct NoisyMotion {
     /// δ_rot1 (rad), at most a quarter turn either way.
     pub rotation1: f64,
     /// δ_trans (m), negative when the robot drives backward.
@@ -80,7 +80,7 @@ pub struct SampledMotion {
     pub rotation2_variance: f64,
 }
 
-impl SampledMotion {
+impl NoisyMotion {
     /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with
     /// noise of its own.
     pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {

@@ -12,7 +12,7 @@ const MAX_CELLS: usize = 1 << 20;
 const MAX_LIST: usize = 64;
 /// Lists stop growing at this many entries in all (256 MiB); further cells are left to the tree.
 const MAX_ENTRIES: usize = 1 << 24;
-/// In place of a list's length.
+/// In place of a list's length: left to the tree.
 const CROWDED: u32 = u32::MAX;
 
 /// What a cell knows.
@@ -23,13 +23,14 @@ pub(super) enum Cell<'a> {
     Crowded,
 }
 
-/// Part of the entries: where a cell's list starts, and its length.
+/// Where a cell's list starts among the entries, and its length or [`CROWDED`].
 #[derive(Clone, Copy)]
 struct List {
     start: u32,
     length: u32,
 }
 
+/// A uniform grid over a map and everything within the cut of it.
 pub(super) struct Grid {
     /// Lower left corner; nothing outside the grid is nearer to a point than the cut.
     origin: Point<2>,
@@ -46,7 +47,7 @@ impl Grid {
     /// `max_distance` (m): a checked length.
     pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Self {
         let mut points = map.points().to_vec();
-        // Equal points would be listed as often as they occur. +0.0 so that −0.0 equals 0.0.
+        // Equal points would be listed as often as they occur.
         points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         points.dedup();
         let mut grid = Grid::empty(map.bounds(), points.len(), max_distance);
@@ -92,7 +93,7 @@ impl Grid {
     pub(super) fn cell_at(&self, [x, y]: Point<2>) -> Cell<'_> {
         let column = (x - self.origin[0]) * self.inverse_cell;
         let row = (y - self.origin[1]) * self.inverse_cell;
-        // A float below 0 or NaN would be cast to 0, one too large to the largest integer.
+        // The casts below saturate: too large stays too large, but below 0 would become 0.
         if !(column >= 0.0 && row >= 0.0) {
             return Cell::Listed(&[]);
         }

@@ -147,3 +147,40 @@ pub(crate) struct Poses<'a> {
     pub(crate) sin: &'a [f64],
     pub(crate) cos: &'a [f64],
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::FilterSettings;
+    use mcl_core::PointMap;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Products in groups are the sum of logarithms, at the ends of what settings allow too.
+        #[test]
+        fn grouping_changes_nothing(
+            squared in prop::collection::vec(0.0..4.0f64, 0..400),
+            z_rand in prop::sample::select(vec![0.0, 5e-324, 1e-300, 1e-12, 0.1, 0.999, 1.0]),
+            sigma_hit in prop::sample::select(vec![1e-6, 0.01, 0.2, 5.0, 1e6]),
+            max_range in prop::sample::select(vec![1e-6, 10.0, 1e6]),
+        ) {
+            let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
+            let distances = MapDistances::reference(&map, 2.0).unwrap();
+            let settings =
+                FilterSettings { z_rand, sigma_hit, max_range, ..FilterSettings::default() };
+            let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
+            let (a, b) = ((1.0 - z_rand) / (sigma_hit * TAU.sqrt()), z_rand / max_range);
+            let expected: f64 = squared
+                .iter()
+                .map(|d2| {
+                    let exponent = -d2 / (2.0 * sigma_hit * sigma_hit);
+                    if b == 0.0 { a.ln() + exponent } else { (a * exponent.exp() + b).ln() }
+                })
+                .sum();
+            let found = field.log_likelihood_of(&squared);
+            prop_assert!(found.is_finite());
+            let scale = expected.abs().max(squared.len() as f64);
+            prop_assert!((found - expected).abs() <= 1e-12 * scale, "{} for {}", found, expected);
+        }
+    }
+}
