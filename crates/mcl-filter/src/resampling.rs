@@ -30,22 +30,22 @@ impl Resampling {
                 let positions = (0..n).map(|i| (i as f64 + rng.random::<f64>()) / n as f64);
                 at_increasing(weights, positions, chosen);
             }
-            Resampling::Multinomial => multinomial(weights, n, rng, scratch, chosen),
+            Resampling::Multinomial => {
+                scratch.clear();
+                scratch.extend(weights);
+                multinomial(scratch, n, rng, chosen);
+            }
             Resampling::Residual => {
                 let per_weight = n as f64 / weights.iter().sum::<f64>();
-                let mut residuals = std::mem::take(scratch);
-                residuals.clear();
+                scratch.clear();
                 for (i, weight) in weights.iter().enumerate() {
                     let copies = (weight * per_weight).floor();
-                    residuals.push(weight * per_weight - copies);
+                    scratch.push(weight * per_weight - copies);
                     // Rounding of the sum could make one copy too many.
                     let room = n - chosen.len();
                     chosen.extend(std::iter::repeat_n(i, (copies as usize).min(room)));
                 }
-                let missing = n - chosen.len();
-                if missing > 0 {
-                    multinomial(&residuals, missing, rng, scratch, chosen);
-                }
+                multinomial(scratch, n - chosen.len(), rng, chosen);
             }
         }
     }
@@ -70,24 +70,17 @@ fn at_increasing(weights: &[f64], positions: impl Iterator<Item = f64>, chosen: 
     }
 }
 
-/// Appends `draws` independent draws.
-fn multinomial(
-    weights: &[f64],
-    draws: usize,
-    rng: &mut Rng,
-    totals: &mut Vec<f64>,
-    chosen: &mut Vec<usize>,
-) {
-    totals.clear();
-    totals.extend(weights.iter().scan(0.0, |total, weight| {
-        *total += weight;
-        Some(*total)
-    }));
+/// Appends `draws` independent draws; turns the weights into their running totals.
+fn multinomial(weights: &mut [f64], draws: usize, rng: &mut Rng, chosen: &mut Vec<usize>) {
     let last = last_positive(weights);
-    let sum = totals[last];
+    let mut sum = 0.0;
+    for weight in weights.iter_mut() {
+        sum += *weight;
+        *weight = sum;
+    }
     for _ in 0..draws {
         let position = rng.random::<f64>() * sum;
-        chosen.push(totals.partition_point(|&total| total <= position).min(last));
+        chosen.push(weights.partition_point(|&total| total <= position).min(last));
     }
 }
 

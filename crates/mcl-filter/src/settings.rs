@@ -49,6 +49,7 @@ pub struct FilterSettings {
     pub ess_fraction: f64,
 }
 
+/// The one place of the defaults.
 impl Default for FilterSettings {
     fn default() -> Self {
         FilterSettings {

@@ -3,12 +3,12 @@
 
 use mcl_core::{Bounds, Point, PointMap};
 
-/// Cells per map point, and limits of the number of cells. They trade memory and the time to build
-/// against the length of the lists and were chosen by measuring both; results do not depend on them.
+/// Cells per map point, and limits of the number of cells: more cells take more memory and time to
+/// build and have shorter lists. Results do not depend on them.
 const CELLS_PER_POINT: usize = 64;
 const MIN_CELLS: usize = 1 << 14;
 const MAX_CELLS: usize = 1 << 20;
-/// A cell with more points than this is left to the tree, which by then is as fast.
+/// A cell with more points than this is left to the tree, so that no query takes long.
 const MAX_LIST: usize = 64;
 /// Lists stop growing at this many entries in all (256 MiB); further cells are left to the tree.
 const MAX_ENTRIES: usize = 1 << 24;
