@@ -1,1 +1,30 @@
-//! Placeholder.
+//! Monte Carlo localization of a robot on a sample-based map: a particle filter with the sampled
+//! odometry motion model and the likelihood field of *Probabilistic Robotics* (Thrun, Burgard and
+//! Fox, 2005).
+//!
+//! [`localize`] runs the filter over a recording; [`ParticleFilter`] is the same, step by step. The
+//! parts it is made of stand in folders named after the theory: [`motion`], [`sensor`], and beside
+//! them [`Particles`], [`Resampling`] and [`Estimate`].
+//!
+//! Settings are plain values ([`FilterSettings`], with serde) that are checked once into
+//! [`CheckedSettings`]. Nothing here has a generator of its own: every draw comes from a
+//! [`Seed`](mcl_core::Seed), what it is for, and the step.
+
+mod error;
+mod estimate;
+mod filter;
+mod localize;
+pub mod motion;
+mod particles;
+mod resampling;
+pub mod sensor;
+mod settings;
+
+pub use error::FilterError;
+pub use estimate::Estimate;
+pub use filter::{ParticleFilter, StepReport};
+pub use localize::{Replay, Run, localize};
+pub use motion::{OdometryNoise, noisy_increments};
+pub use particles::{Particles, effective_sample_size};
+pub use sensor::MapDistances;
+pub use settings::{Beams, CheckedSettings, FilterSettings, InitialPose, Resampling};

@@ -1,0 +1,83 @@
+use mcl_core::{Pose2, wrap_angle};
+use nalgebra::{Matrix3, Vector3};
+
+/// The weighted mean of particles and their spread.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Weighted mean pose of the robot in the map's frame; the heading is the direction of the
+    /// weighted mean of the unit vectors (cos θ, sin θ), so that headings about ±π average to ±π.
+    pub map_from_robot: Pose2,
+    /// Weighted covariance of (x, y, θ) about the mean in m², m·rad and rad², heading differences
+    /// wrapped to (−π, π].
+    pub covariance: Matrix3<f64>,
+}
+
+impl Estimate {
+    /// From positions (m), headings (rad) with their sines and cosines, and weights that sum to one.
+    /// Headings that cancel out have no mean direction; then any is given.
+    pub(crate) fn of(
+        (x, y): (&[f64], &[f64]),
+        theta: &[f64],
+        (sin, cos): (&[f64], &[f64]),
+        weights: &[f64],
+    ) -> Self {
+        let mean = |values: &[f64]| values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
+        let map_from_robot = Pose2::new(mean(x), mean(y), mean(sin).atan2(mean(cos)));
+        let mut covariance = Matrix3::zeros();
+        for (i, &weight) in weights.iter().enumerate() {
+            let off = Vector3::new(
+                x[i] - map_from_robot.x,
+                y[i] - map_from_robot.y,
+                wrap_angle(theta[i] - map_from_robot.theta),
+            );
+            covariance += weight * off * off.transpose();
+        }
+        Estimate { map_from_robot, covariance }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    fn estimate(poses: &[(f64, f64, f64)], weights: &[f64]) -> Estimate {
+        let column = |f: fn(&(f64, f64, f64)) -> f64| poses.iter().map(f).collect::<Vec<f64>>();
+        Estimate::of(
+            (&column(|p| p.0), &column(|p| p.1)),
+            &column(|p| p.2),
+            (&column(|p| p.2.sin()), &column(|p| p.2.cos())),
+            weights,
+        )
+    }
+
+    #[test]
+    fn by_hand() {
+        // x: 0.75·0 + 0.25·4 = 1, variance 0.75·1 + 0.25·9 = 3; y = x/2; θ is constant.
+        let found = estimate(&[(0.0, 0.0, 0.5), (4.0, 2.0, 0.5)], &[0.75, 0.25]);
+        assert!(found.map_from_robot.distance(&Pose2::new(1.0, 0.5, 0.0)) < 1e-15);
+        assert!((found.map_from_robot.theta - 0.5).abs() < 1e-15);
+        let expected = Matrix3::new(3.0, 1.5, 0.0, 1.5, 0.75, 0.0, 0.0, 0.0, 0.0);
+        assert!((found.covariance - expected).amax() < 1e-14);
+    }
+
+    #[test]
+    fn headings_about_pi_average_to_pi() {
+        let found = estimate(&[(0.0, 0.0, PI - 0.1), (0.0, 0.0, -PI + 0.1)], &[0.5, 0.5]);
+        assert!(wrap_angle(found.map_from_robot.theta - PI).abs() < 1e-12);
+        assert!((found.covariance[(2, 2)] - 0.01).abs() < 1e-12);
+        let weighted = estimate(&[(0.0, 0.0, PI - 0.1), (0.0, 0.0, -PI + 0.1)], &[0.9, 0.1]);
+        // The direction of 0.9·u(π − 0.1) + 0.1·u(π + 0.1): π − atan(0.8·tan 0.1).
+        let expected = PI - (0.8 * 0.1f64.tan()).atan();
+        assert!(wrap_angle(weighted.map_from_robot.theta - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn headings_that_cancel_out_give_some_finite_heading() {
+        let poses =
+            [(0.0, 0.0, 0.0), (0.0, 0.0, FRAC_PI_2), (0.0, 0.0, PI), (0.0, 0.0, -FRAC_PI_2)];
+        let found = estimate(&poses, &[0.25; 4]);
+        assert!(found.map_from_robot.is_finite());
+        assert!(found.covariance.iter().all(|c| c.is_finite()));
+    }
+}

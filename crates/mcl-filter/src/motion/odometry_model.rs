@@ -1,0 +1,239 @@
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use mcl_core::{Pose2, Rng, wrap_angle};
+use rand_distr::{Distribution, StandardNormal};
+
+/// Translations shorter than this (m) count as turning in place: their direction is encoder noise,
+/// and taken as a rotation it would cause rotation noise that no wheel made. The value is that of
+/// the differential-drive model of AMCL (nav2_amcl, `differential_motion_model.cpp`).
+pub const TURNING_IN_PLACE: f64 = 0.01;
+
+/// The sampled odometry motion model of *Probabilistic Robotics* (table 5.6): an increment is a
+/// rotation, a translation and a second rotation, each with Gaussian noise whose variance grows with
+/// the squares of all three.
+///
+/// Two things are added to the table:
+/// - *Backward motion*: when the first rotation would be more than a quarter turn, the robot is
+///   taken to drive backward. Half a turn is taken off both rotations and the translation is
+///   negative, so the first rotation is as small as AMCL's `min(|δ_rot1|, π − |δ_rot1|)` and
+///   reversing causes as much noise as advancing. (AMCL folds the second rotation on its own as
+///   well, which leaves half a turn on the spot next to no noise; here it keeps its size.)
+/// - *Turning in place*: below [`TURNING_IN_PLACE`] the noise is that of one rotation, the second.
+///   The increment itself is applied as it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OdometryModel {
+    alpha: [f64; 4],
+}
+
+impl OdometryModel {
+    /// A model with α₁…α₄ (see [`FilterSettings::alpha`](crate::FilterSettings::alpha)), each finite
+    /// and at least 0.
+    pub fn new(alpha: [f64; 4]) -> Self {
+        OdometryModel { alpha }
+    }
+
+    /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
+    /// stands for, ready to be sampled for every particle.
+    pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
+        let distance = increment.x.hypot(increment.y);
+        let direction = increment.y.atan2(increment.x);
+        let (rotation1, translation) = if direction.abs() > FRAC_PI_2 {
+            (wrap_angle(direction - PI), -distance)
+        } else {
+            (direction, distance)
+        };
+        let rotation2 = wrap_angle(increment.theta - rotation1);
+        // The rotations that cause noise.
+        let (turn1, turn2) = if distance < TURNING_IN_PLACE {
+            (0.0, wrap_angle(increment.theta))
+        } else {
+            (rotation1, rotation2)
+        };
+        let [a1, a2, a3, a4] = self.alpha;
+        let (square1, square2) = (turn1 * turn1, turn2 * turn2);
+        let square = distance * distance;
+        NoisyMotion {
+            rotation1,
+            translation,
+            rotation2,
+            rotation1_variance: a1 * square1 + a2 * square,
+            translation_variance: a3 * square + a4 * (square1 + square2),
+            rotation2_variance: a1 * square2 + a2 * square,
+        }
+    }
+}
+
+/// An odometry increment as rotation, translation and rotation, with the variances of their noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoisyMotion {
+    /// δ_rot1 (rad), at most a quarter turn either way.
+    pub rotation1: f64,
+    /// δ_trans (m), negative when the robot drives backward.
+    pub translation: f64,
+    /// δ_rot2 (rad).
+    pub rotation2: f64,
+    /// Variance of the noise on δ_rot1 (rad²).
+    pub rotation1_variance: f64,
+    /// Variance of the noise on δ_trans (m²).
+    pub translation_variance: f64,
+    /// Variance of the noise on δ_rot2 (rad²).
+    pub rotation2_variance: f64,
+}
+
+impl NoisyMotion {
+    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with
+    /// noise of its own.
+    pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
+        let std1 = self.rotation1_variance.sqrt();
+        let std_translation = self.translation_variance.sqrt();
+        let std2 = self.rotation2_variance.sqrt();
+        for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
+            let [noise1, noise, noise2]: [f64; 3] =
+                std::array::from_fn(|_| StandardNormal.sample(rng));
+            let rotation1 = self.rotation1 + std1 * noise1;
+            let translation = self.translation + std_translation * noise;
+            let rotation2 = self.rotation2 + std2 * noise2;
+            let (sin, cos) = (*theta + rotation1).sin_cos();
+            *x += translation * cos;
+            *y += translation * sin;
+            *theta = wrap_angle(*theta + rotation1 + rotation2);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use proptest::prelude::*;
+
+    const ALPHA: [f64; 4] = [0.02, 0.03, 0.05, 0.04];
+
+    fn sample(model: OdometryModel, increment: &Pose2, start: Pose2, n: usize) -> Vec<Pose2> {
+        let (mut x, mut y, mut theta) = (vec![start.x; n], vec![start.y; n], vec![start.theta; n]);
+        let mut rng = Seed::new(11).rng();
+        model.motion(increment).sample(&mut x, &mut y, &mut theta, &mut rng);
+        (0..n).map(|i| Pose2::new(x[i], y[i], theta[i])).collect()
+    }
+
+    fn mean(values: impl Iterator<Item = f64>) -> (f64, f64) {
+        let values: Vec<f64> = values.collect();
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        (mean, (variance / n).sqrt())
+    }
+
+    /// With rotation noise of variance v₁ on the way out and translation noise of variance v_t, the
+    /// sampled position has, in the frame before:
+    ///   E[x] = t·e^(−v₁/2)·cos δ_rot1 (the mean of a cosine with a Gaussian angle),
+    ///   E[x² + y²] = t² + v_t,
+    ///   E[(x cos δ + y sin δ)²] = (t² + v_t)·(1 + e^(−2v₁))/2,
+    /// and the heading has mean Δθ and variance v₁ + v₂.
+    #[test]
+    fn moments_agree_with_the_formulas() {
+        let increments = [
+            Pose2::new(0.5, 0.2, 0.4),
+            Pose2::new(-0.5, 0.2, -0.3),
+            Pose2::new(0.003, -0.002, 2.0),
+            Pose2::new(0.3, 0.0, -3.0),
+        ];
+        for increment in increments {
+            let motion = OdometryModel::new(ALPHA).motion(&increment);
+            let (v1, vt, v2) =
+                (motion.rotation1_variance, motion.translation_variance, motion.rotation2_variance);
+            let samples = sample(OdometryModel::new(ALPHA), &increment, Pose2::IDENTITY, 100_000);
+            let turned = |p: &Pose2| wrap_angle(p.theta - increment.theta);
+            let squared = increment.x.powi(2) + increment.y.powi(2) + vt;
+            let (sin, cos) = increment.y.atan2(increment.x).sin_cos();
+            let damped = (-v1 / 2.0).exp();
+            let checks: [(&str, (f64, f64), f64); 6] = [
+                ("x", mean(samples.iter().map(|p| p.x)), increment.x * damped),
+                ("y", mean(samples.iter().map(|p| p.y)), increment.y * damped),
+                (
+                    "squared distance",
+                    mean(samples.iter().map(|p| p.x.powi(2) + p.y.powi(2))),
+                    squared,
+                ),
+                (
+                    "squared advance",
+                    mean(samples.iter().map(|p| (p.x * cos + p.y * sin).powi(2))),
+                    squared * (1.0 + (-2.0 * v1).exp()) / 2.0,
+                ),
+                ("turn", mean(samples.iter().map(turned)), 0.0),
+                ("squared turn", mean(samples.iter().map(|p| turned(p).powi(2))), v1 + v2),
+            ];
+            for (what, (found, standard_error), expected) in checks {
+                let off = (found - expected).abs();
+                assert!(off < 4.5 * standard_error, "{increment:?} {what}: {found} for {expected}");
+            }
+        }
+    }
+
+    /// Worked out by hand from table 5.6 for (δ_rot1, δ_trans, δ_rot2) = (atan 4/3, 0.5, −0.2).
+    #[test]
+    fn variances_are_those_of_the_table() {
+        let rotation1 = (4.0f64 / 3.0).atan();
+        let motion = OdometryModel::new(ALPHA).motion(&Pose2::new(0.3, 0.4, rotation1 - 0.2));
+        assert!((motion.rotation1 - rotation1).abs() < 1e-15);
+        assert!((motion.translation - 0.5).abs() < 1e-15);
+        assert!((motion.rotation2 + 0.2).abs() < 1e-15);
+        let square = rotation1 * rotation1;
+        assert!((motion.rotation1_variance - (0.02 * square + 0.03 * 0.25)).abs() < 1e-15);
+        assert!(
+            (motion.translation_variance - (0.05 * 0.25 + 0.04 * (square + 0.04))).abs() < 1e-15
+        );
+        assert!((motion.rotation2_variance - (0.02 * 0.04 + 0.03 * 0.25)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn reversing_is_as_noisy_as_advancing() {
+        let model = OdometryModel::new(ALPHA);
+        let ahead = model.motion(&Pose2::new(0.4, 0.1, 0.2));
+        let back = model.motion(&Pose2::new(-0.4, -0.1, 0.2));
+        assert_eq!(back.translation, -ahead.translation);
+        assert!((back.rotation1 - ahead.rotation1).abs() < 1e-15);
+        assert!((back.rotation1_variance - ahead.rotation1_variance).abs() < 1e-15);
+        assert!((back.translation_variance - ahead.translation_variance).abs() < 1e-15);
+        assert!((back.rotation2_variance - ahead.rotation2_variance).abs() < 1e-15);
+        let straight_back = model.motion(&Pose2::new(-1.0, 0.0, 0.0));
+        assert_eq!(straight_back.rotation1_variance, ALPHA[1]);
+        assert_eq!(straight_back.translation_variance, ALPHA[2]);
+    }
+
+    #[test]
+    fn turning_in_place_is_one_rotation() {
+        let model = OdometryModel::new([0.02, 0.0, 0.0, 0.04]);
+        // A millimetre to the left: as a direction of travel it would be a quarter turn.
+        let motion = model.motion(&Pose2::new(0.0, 0.001, 1.0));
+        assert_eq!(motion.rotation1_variance, 0.0);
+        assert_eq!(motion.rotation2_variance, 0.02);
+        assert_eq!(motion.translation_variance, 0.04);
+        let half_turn = model.motion(&Pose2::new(0.0, 0.0, PI));
+        assert!((half_turn.rotation2_variance - 0.02 * PI * PI).abs() < 1e-15);
+    }
+
+    #[test]
+    fn standing_still_moves_nothing() {
+        let start = Pose2::new(1.0, -2.0, 3.0);
+        let moved = sample(OdometryModel::new([1.0; 4]), &Pose2::IDENTITY, start, 10);
+        assert!(moved.iter().all(|pose| *pose == start));
+    }
+
+    proptest! {
+        /// Without noise the model is the composition of poses, whatever the direction of travel.
+        #[test]
+        fn without_noise_it_composes(
+            (x, y, theta) in (-2.0..2.0f64, -2.0..2.0f64, -PI..PI),
+            (sx, sy, st) in (-9.0..9.0f64, -9.0..9.0f64, -PI..PI),
+            scale in prop::sample::select(vec![1.0, 1e-3, 1e-6]),
+        ) {
+            let increment = Pose2::new(scale * x, scale * y, theta);
+            let start = Pose2::new(sx, sy, st);
+            let moved = sample(OdometryModel::new([0.0; 4]), &increment, start, 1)[0];
+            let expected = start.compose(&increment);
+            prop_assert!(moved.distance(&expected) < 1e-12);
+            prop_assert!(wrap_angle(moved.theta - expected.theta).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! How likely a scan is from a pose (*Probabilistic Robotics*, chapter 6): distances to the nearest
+//! point of a map, and the likelihood field over them.
+
+mod distance_field;
+mod grid;
+mod likelihood_field;
+mod scan_endpoints;
+
+pub use distance_field::{DistanceField, ExactDistances, MapDistances};
+pub use likelihood_field::LikelihoodField;
+pub(crate) use likelihood_field::Poses;
+pub use scan_endpoints::ScanEndpoints;

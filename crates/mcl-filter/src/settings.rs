@@ -1,0 +1,359 @@
+//! Settings of the filter: plain values, checked once into values that are known good.
+
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::FilterError;
+
+/// Lengths outside of this (m) are typing errors, and squares of them would lose all meaning.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+/// More particles than this would not fit the memory of the machines this is for.
+const MAX_PARTICLES: usize = 10_000_000;
+
+/// Settings of Monte Carlo localization as written in a file; [`check`](Self::check) them once.
+///
+/// Lengths are metres, angles radians. The symbols are those of *Probabilistic Robotics* (Thrun,
+/// Burgard, Fox 2005).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FilterSettings {
+    /// M: number of particles.
+    pub particles: usize,
+    /// Where the particles start.
+    pub initial_pose: InitialPose,
+    /// α₁…α₄ of the odometry motion model (table 5.6), such that α·δ² are variances: rotation noise
+    /// from rotation (dimensionless) and from translation (rad²/m²), translation noise from
+    /// translation (dimensionless) and from rotation (m²/rad²).
+    pub alpha: [f64; 4],
+    /// σ_hit: standard deviation of a measured endpoint about the nearest map point (m).
+    pub sigma_hit: f64,
+    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand.
+    pub z_rand: f64,
+    /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
+    pub max_distance: f64,
+    /// z_max: longest reading that is used (m), inclusive; also the range over which random
+    /// measurements are uniform.
+    pub max_range: f64,
+    /// Which beams of a scan are used.
+    pub beams: Beams,
+    /// Exponent on the likelihood of a scan. 1 takes the beams as independent, as the book does; a
+    /// smaller one tempers the likelihood, for neighbouring beams see the same surface and the same
+    /// errors of the map.
+    pub likelihood_exponent: f64,
+    /// How particles are drawn anew.
+    pub resampling: Resampling,
+    /// Particles are drawn anew when the effective sample size is below this fraction of their
+    /// number: 0 never, 1 whenever the weights differ.
+    pub ess_fraction: f64,
+}
+
+/// The one place of the defaults.
+impl Default for FilterSettings {
+    fn default() -> Self {
+        FilterSettings {
+            particles: 500,
+            initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
+            alpha: [0.05; 4],
+            sigma_hit: 0.2,
+            z_rand: 0.1,
+            max_distance: 2.0,
+            max_range: 10.0,
+            beams: Beams::All,
+            likelihood_exponent: 1.0,
+            resampling: Resampling::Systematic,
+            ess_fraction: 0.5,
+        }
+    }
+}
+
+/// Where the particles start.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum InitialPose {
+    /// Position tracking: a Gaussian about a known pose, independent in x, y (the map's axes) and θ.
+    Known {
+        /// Standard deviation in x (m).
+        std_x: f64,
+        /// Standard deviation in y (m).
+        std_y: f64,
+        /// Standard deviation of the heading (rad).
+        std_theta: f64,
+    },
+    /// Global localization: uniform over the smallest axis-aligned box around the map's points, and
+    /// over all headings.
+    Uniform {},
+}
+
+/// Which beams of a scan are used, before those without a usable reading are dropped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "BeamsText", into = "BeamsText")]
+pub enum Beams {
+    /// Every beam (`"all"`).
+    All,
+    /// This many beams, evenly spread over the scan (a number); all if the scan has no more.
+    Spread(usize),
+}
+
+/// How [`Beams`] is written.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum BeamsText {
+    Number(usize),
+    Word(String),
+}
+
+impl TryFrom<BeamsText> for Beams {
+    type Error = FilterError;
+
+    fn try_from(text: BeamsText) -> Result<Self, FilterError> {
+        match text {
+            BeamsText::Number(number) => Ok(Beams::Spread(number)),
+            BeamsText::Word(word) => word.parse(),
+        }
+    }
+}
+
+impl From<Beams> for BeamsText {
+    fn from(beams: Beams) -> Self {
+        match beams {
+            Beams::All => BeamsText::Word("all".into()),
+            Beams::Spread(number) => BeamsText::Number(number),
+        }
+    }
+}
+
+impl FromStr for Beams {
+    type Err = FilterError;
+
+    /// `all` or a number of beams.
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        if text == "all" {
+            return Ok(Beams::All);
+        }
+        match text.parse() {
+            Ok(number) if number > 0 => Ok(Beams::Spread(number)),
+            _ => Err(FilterError::Parse {
+                field: "beams",
+                found: text.into(),
+                expected: "\"all\" or a number of beams, at least 1",
+            }),
+        }
+    }
+}
+
+impl Display for Beams {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Beams::All => f.write_str("all"),
+            Beams::Spread(number) => write!(f, "{number}"),
+        }
+    }
+}
+
+/// How particles are drawn anew; all four are unbiased and differ in their variance (Douc, Cappé and
+/// Moulines, *Comparison of resampling schemes for particle filtering*, 2005).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Resampling {
+    /// One random number, N equally spaced places (*Probabilistic Robotics*, table 4.4).
+    Systematic,
+    /// One random number in each of N equal strata.
+    Stratified,
+    /// ⌊N·w⌋ copies of each, the rest multinomial on what is left of the weights.
+    Residual,
+    /// N independent draws.
+    Multinomial,
+}
+
+impl Resampling {
+    /// All kinds.
+    pub const ALL: [Resampling; 4] = [
+        Resampling::Systematic,
+        Resampling::Stratified,
+        Resampling::Residual,
+        Resampling::Multinomial,
+    ];
+
+    /// The kind's name, as in a settings file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Resampling::Systematic => "systematic",
+            Resampling::Stratified => "stratified",
+            Resampling::Residual => "residual",
+            Resampling::Multinomial => "multinomial",
+        }
+    }
+}
+
+impl FromStr for Resampling {
+    type Err = FilterError;
+
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        Resampling::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+            FilterError::Parse {
+                field: "resampling",
+                found: text.into(),
+                expected: "systematic, stratified, residual or multinomial",
+            }
+        })
+    }
+}
+
+impl Display for Resampling {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Settings known to be good: what everything behind [`FilterSettings::check`] takes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckedSettings(FilterSettings);
+
+impl CheckedSettings {
+    /// The checked values.
+    pub fn values(&self) -> &FilterSettings {
+        &self.0
+    }
+}
+
+impl FilterSettings {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`FilterError::Setting`] names the first field that cannot be used, its value, and what is
+    /// expected.
+    pub fn check(self) -> Result<CheckedSettings, FilterError> {
+        check("particles", self.particles, "1 to 10,000,000", |n| (1..=MAX_PARTICLES).contains(n))?;
+        if let InitialPose::Known { std_x, std_y, std_theta } = self.initial_pose {
+            check_std("initial_pose.std_x", std_x)?;
+            check_std("initial_pose.std_y", std_y)?;
+            check_std("initial_pose.std_theta", std_theta)?;
+        }
+        for (field, alpha) in
+            ["alpha[0]", "alpha[1]", "alpha[2]", "alpha[3]"].iter().zip(self.alpha)
+        {
+            check(field, alpha, "a finite number, at least 0", |a| a.is_finite() && *a >= 0.0)?;
+        }
+        check_length("sigma_hit", self.sigma_hit)?;
+        check("z_rand", self.z_rand, "a probability from 0 to 1", |z| (0.0..=1.0).contains(z))?;
+        check_length("max_distance", self.max_distance)?;
+        check_length("max_range", self.max_range)?;
+        if let Beams::Spread(number) = self.beams {
+            check("beams", number, "\"all\" or a number of beams, at least 1", |&n| n > 0)?;
+        }
+        check("likelihood_exponent", self.likelihood_exponent, "a finite number above 0", |e| {
+            e.is_finite() && *e > 0.0
+        })?;
+        check("ess_fraction", self.ess_fraction, "a fraction from 0 to 1", |f| {
+            (0.0..=1.0).contains(f)
+        })?;
+        Ok(CheckedSettings(self))
+    }
+}
+
+/// Refuses a value that fails `is_good`, in words.
+fn check<T: Display>(
+    field: &'static str,
+    value: T,
+    expected: &'static str,
+    is_good: impl Fn(&T) -> bool,
+) -> Result<(), FilterError> {
+    if is_good(&value) {
+        Ok(())
+    } else {
+        Err(FilterError::Setting { field, found: value.to_string(), expected })
+    }
+}
+
+/// Refuses what is no length of a room, a robot or a range finder.
+pub(crate) fn check_length(field: &'static str, metres: f64) -> Result<(), FilterError> {
+    check(field, metres, "metres from 0.000001 to 1,000,000", |m| LENGTHS.contains(m))
+}
+
+/// Refuses what is no standard deviation.
+pub(crate) fn check_std(field: &'static str, std: f64) -> Result<(), FilterError> {
+    check(field, std, "a finite standard deviation, at least 0", |s| s.is_finite() && *s >= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Change = fn(&mut FilterSettings);
+
+    #[test]
+    fn every_bad_value_is_refused_by_its_name() {
+        let cases: [(&str, Change); 16] = [
+            ("particles", |s| s.particles = 0),
+            ("particles", |s| s.particles = usize::MAX),
+            ("initial_pose.std_y", |s| {
+                s.initial_pose = InitialPose::Known { std_x: 0.0, std_y: -1.0, std_theta: 0.0 };
+            }),
+            ("alpha[2]", |s| s.alpha[2] = -0.1),
+            ("alpha[3]", |s| s.alpha[3] = f64::INFINITY),
+            ("sigma_hit", |s| s.sigma_hit = 0.0),
+            ("sigma_hit", |s| s.sigma_hit = f64::NAN),
+            ("z_rand", |s| s.z_rand = 1.1),
+            ("z_rand", |s| s.z_rand = f64::NAN),
+            ("max_distance", |s| s.max_distance = f64::INFINITY),
+            ("max_range", |s| s.max_range = -10.0),
+            ("beams", |s| s.beams = Beams::Spread(0)),
+            ("likelihood_exponent", |s| s.likelihood_exponent = 0.0),
+            ("likelihood_exponent", |s| s.likelihood_exponent = f64::INFINITY),
+            ("ess_fraction", |s| s.ess_fraction = -0.5),
+            ("ess_fraction", |s| s.ess_fraction = f64::NAN),
+        ];
+        assert!(FilterSettings::default().check().is_ok());
+        for (expected, change) in cases {
+            let mut settings = FilterSettings::default();
+            change(&mut settings);
+            match settings.clone().check() {
+                Err(FilterError::Setting { field, .. }) => assert_eq!(field, expected),
+                other => panic!("{settings:?}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn settings_survive_toml() {
+        let settings = FilterSettings {
+            beams: Beams::Spread(45),
+            resampling: Resampling::Residual,
+            initial_pose: InitialPose::Uniform {},
+            ..FilterSettings::default()
+        };
+        for settings in [settings, FilterSettings::default()] {
+            let text = toml::to_string(&settings).unwrap();
+            assert_eq!(toml::from_str::<FilterSettings>(&text).unwrap(), settings, "{text}");
+        }
+        assert_eq!(toml::from_str::<FilterSettings>("").unwrap(), FilterSettings::default());
+    }
+
+    #[test]
+    fn unknown_keys_and_words_are_errors() {
+        for text in [
+            "particels = 3",
+            "beams = \"some\"",
+            "beams = -1",
+            "resampling = \"wheel\"",
+            "initial_pose = { kind = \"uniform\", std_x = 1.0 }",
+            "initial_pose = { kind = \"known\", std_x = 1.0, std_y = 1.0, std_theta = 1.0, z = 1 }",
+            "alpha = [0.1, 0.1, 0.1]",
+        ] {
+            assert!(toml::from_str::<FilterSettings>(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn words_read_back() {
+        for kind in Resampling::ALL {
+            assert_eq!(kind.to_string().parse(), Ok(kind));
+        }
+        for beams in [Beams::All, Beams::Spread(7)] {
+            assert_eq!(beams.to_string().parse(), Ok(beams));
+        }
+        assert!("0".parse::<Beams>().is_err() && "wheel".parse::<Resampling>().is_err());
+    }
+}

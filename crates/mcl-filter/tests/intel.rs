@@ -1,0 +1,87 @@
+//! Tracking a real robot: the Intel Research Lab log. Runs only where `MCL_DATA_DIR` is set.
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
+use mcl_filter::{Beams, FilterSettings, MapDistances, Replay, localize};
+
+/// The corrected log, when there is one; says so when there is none.
+fn intel() -> Option<Recording> {
+    let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
+        eprintln!("skipped: MCL_DATA_DIR is not set");
+        return None;
+    };
+    let path = Path::new(&folder).join("intel-lab/intel.gfs.log");
+    let text = std::fs::read_to_string(&path)
+        .unwrap_or_else(|error| panic!("cannot read {}: {error}", path.display()));
+    let mut scans: Vec<LaserScan> = Vec::new();
+    let mut last_odometry = None;
+    for line in text.lines() {
+        let mut words = line.split_ascii_whitespace();
+        let kind = words.next();
+        let numbers: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+        let pose =
+            |first: usize| Pose2::new(numbers[first], numbers[first + 1], numbers[first + 2]);
+        match kind {
+            Some("ODOM") => last_odometry = Some(pose(0)),
+            Some("FLASER") => {
+                let beams = numbers[0] as usize;
+                // The odometry restarts at each corrected pose.
+                let before = scans.last().and_then(|scan| scan.map_from_laser);
+                scans.push(LaserScan {
+                    stamp: None,
+                    geometry: ScanGeometry {
+                        start_angle: -std::f64::consts::FRAC_PI_2,
+                        angle_step: 1f64.to_radians(),
+                        beams,
+                    },
+                    ranges: numbers[1..=beams].to_vec(),
+                    map_from_laser: Some(pose(1 + beams)),
+                    odometry: before.zip(last_odometry).map(|(from, to)| from.between(&to)),
+                });
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(scans.len(), 910);
+    Some(Recording { scans, robot_from_laser: Pose2::IDENTITY })
+}
+
+/// The paper's error (eq. 7) with ξ = 0.8.
+fn weighted_error(a: &Pose2, b: &Pose2) -> f64 {
+    (0.8 * wrap_angle(a.theta - b.theta).powi(2) + 0.2 * a.distance(b).powi(2)).sqrt()
+}
+
+#[test]
+fn tracks_the_intel_robot_on_one_percent_of_the_points() {
+    let Some(recording) = intel() else { return };
+    let points = recording.points(10.0).unwrap();
+    assert_eq!(points.len(), 155_648);
+    // The first point in each cell of a grid, about 1 % of all. (Every hundredth point would be a
+    // worse map than a random one: with about as many points in each scan, it has a rhythm.)
+    let mut cells = HashSet::new();
+    let cell = |point: &[f64; 2]| point.map(|coordinate| (coordinate / 0.48).floor() as i64);
+    let map: Vec<_> = points.into_iter().filter(|point| cells.insert(cell(point))).collect();
+    eprintln!("{} map points", map.len());
+    let map = PointMap::new(map).unwrap();
+    let settings = FilterSettings { beams: Beams::Spread(45), ..FilterSettings::default() };
+    let settings = settings.check().unwrap();
+    let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
+    let increments: Vec<Option<Pose2>> = recording.scans.iter().map(|scan| scan.odometry).collect();
+    let scans: Vec<usize> = (0..recording.scans.len()).collect();
+    let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
+    let start = recording.scans[0].map_from_laser;
+    let reference: Vec<Pose2> =
+        recording.scans.iter().filter_map(|scan| scan.map_from_laser).collect();
+    let mut means = Vec::new();
+    for seed in 0..3 {
+        let run = localize(&replay, &distances, &settings, start, Seed::new(seed)).unwrap();
+        assert_eq!(run.map_from_laser.len(), 910);
+        let errors = run.map_from_laser.iter().zip(&reference).map(|(e, r)| weighted_error(e, r));
+        means.push(errors.sum::<f64>() / 910.0);
+    }
+    eprintln!("mean weighted error on a 1 % map, 45 beams: {means:.4?}");
+    // Dead reckoning is off by 9.7 on average; a lost robot by more than 0.3.
+    assert!(means.iter().all(|&mean| mean < 0.06), "{means:?}");
+}

@@ -1,0 +1,172 @@
+//! The likelihood field in a room small enough to work out by hand.
+//!
+//! ```text
+//! y
+//! 4  # # # # #      16 map points, one per #, a metre apart.
+//! 3  # . . . #
+//! 2  # . R . #      R: the robot at (2, 2), facing +x. Four beams, a quarter turn apart,
+//! 1  # . . . #      each measuring 2 m: they end on the middles of the walls.
+//! 0  # # # # #
+//!    0 1 2 3 4  x
+//! ```
+//!
+//! σ_hit = 0.5 m, z_rand = 0.2, z_max = 5 m, distances cut at 1 m. So
+//!
+//! p(d) = 0.8/(0.5·√2π)·exp(−d²/0.5) + 0.2/5 = 0.638308·exp(−2d²) + 0.04
+//!
+//! | pose | where the four beams end | d² | p | ln p, four beams |
+//! |---|---|---|---|---|
+//! | (2, 2), 0° | on map points | 0 | 0.678308 | −1.552617 |
+//! | (2.5, 2), 0° | (0.5, 2) and three like it: half a metre from a point | 0.25 | 0.427154 | −3.402451 |
+//! | (2, 2), 45° | (2 ± √2, 2 ± √2); nearest of (3.414, 3.414) is (4, 3) | (2 − √2)² + (√2 − 1)² = 0.514719 | 0.268008 | −5.266955 |
+//! | (20, 20), 0° | far off the map | 1 (cut) | 0.126386 | −8.273673 |
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use mcl_core::{LaserScan, PointMap, Pose2, ScanGeometry, Seed};
+use mcl_filter::sensor::{LikelihoodField, ScanEndpoints};
+use mcl_filter::{Beams, FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter};
+
+const ROOM: [&str; 5] = ["#####", "#...#", "#...#", "#...#", "#####"];
+const POSES: [(Pose2, f64); 4] = [
+    (Pose2::new(2.0, 2.0, 0.0), -1.552_617),
+    (Pose2::new(2.5, 2.0, 0.0), -3.402_451),
+    (Pose2::new(2.0, 2.0, FRAC_PI_4), -5.266_955),
+    (Pose2::new(20.0, 20.0, 0.0), -8.273_673),
+];
+
+fn room() -> PointMap<2> {
+    let rows = ROOM.iter().rev().enumerate();
+    let points = rows.flat_map(|(y, row)| {
+        let walls = row.chars().enumerate().filter(|&(_, cell)| cell == '#');
+        walls.map(move |(x, _)| [x as f64, y as f64])
+    });
+    PointMap::new(points.collect()).unwrap()
+}
+
+fn scan(ranges: [f64; 4]) -> LaserScan {
+    LaserScan {
+        stamp: None,
+        geometry: ScanGeometry { start_angle: -FRAC_PI_2, angle_step: FRAC_PI_2, beams: 4 },
+        ranges: ranges.to_vec(),
+        map_from_laser: None,
+        odometry: None,
+    }
+}
+
+fn settings() -> FilterSettings {
+    FilterSettings {
+        sigma_hit: 0.5,
+        z_rand: 0.2,
+        max_range: 5.0,
+        max_distance: 1.0,
+        ..FilterSettings::default()
+    }
+}
+
+fn distances() -> [MapDistances; 2] {
+    [MapDistances::grid(&room(), 1.0).unwrap(), MapDistances::reference(&room(), 1.0).unwrap()]
+}
+
+fn log_likelihood(
+    distances: &MapDistances,
+    settings: FilterSettings,
+    ranges: [f64; 4],
+    pose: Pose2,
+) -> f64 {
+    let settings = settings.check().unwrap();
+    let field = LikelihoodField::new(distances, &settings).unwrap();
+    let values = settings.values();
+    let mut endpoints = ScanEndpoints::default();
+    endpoints.load(&scan(ranges), &Pose2::IDENTITY, values.beams, values.max_range).unwrap();
+    field.log_likelihood(&endpoints, pose)
+}
+
+#[test]
+fn likelihoods_are_those_worked_out_by_hand() {
+    for distances in &distances() {
+        for (pose, expected) in POSES {
+            let found = log_likelihood(distances, settings(), [2.0; 4], pose);
+            assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn readings_beyond_the_limit_do_not_count() {
+    for distances in &distances() {
+        // The reading of exactly z_max counts: it ends 3 m behind the wall, so its distance is cut.
+        let ranges = [5.0, 2.0, 5.1, f64::NAN];
+        let found = log_likelihood(distances, settings(), ranges, POSES[0].0);
+        assert!((found - (-8.273_673 - 1.552_617) / 4.0).abs() < 1e-5, "{found}");
+        assert_eq!(log_likelihood(distances, settings(), [0.0; 4], POSES[0].0), 0.0);
+    }
+}
+
+#[test]
+fn beams_and_exponent_do_what_they_say() {
+    for distances in &distances() {
+        let halved = FilterSettings { likelihood_exponent: 0.5, ..settings() };
+        let found = log_likelihood(distances, halved, [2.0; 4], POSES[1].0);
+        assert!((found - 0.5 * POSES[1].1).abs() < 1e-5);
+        // Two of four beams: those to the front and to the back.
+        let two = FilterSettings { beams: Beams::Spread(2), ..settings() };
+        let found = log_likelihood(distances, two, [0.5, 2.0, 0.5, 2.0], POSES[1].0);
+        assert!((found - 0.5 * POSES[1].1).abs() < 1e-5);
+    }
+}
+
+/// Without random measurements the log-likelihood is −Σd²/2σ² up to a constant: ln(1/(0.5·√2π)) =
+/// −0.225791 per beam. With a σ_hit of 1 cm a factor of e^−5000 would be 0 in floating point.
+#[test]
+fn without_random_measurements_nothing_underflows() {
+    for distances in &distances() {
+        let pure = FilterSettings { z_rand: 0.0, ..settings() };
+        let found = log_likelihood(distances, pure.clone(), [2.0; 4], POSES[1].0);
+        assert!((found - 4.0 * (-0.225_791 - 0.5)).abs() < 1e-5, "{found}");
+        let sharp = FilterSettings { sigma_hit: 0.01, ..pure };
+        let found = log_likelihood(distances, sharp, [2.0; 4], POSES[3].0);
+        // ln(1/(0.01·√2π)) = 3.686232; d²/2σ² = 1/0.0002.
+        assert!((found - 4.0 * (3.686_232 - 5_000.0)).abs() < 1e-4, "{found}");
+    }
+}
+
+#[test]
+fn distances_of_another_cut_are_refused() {
+    let settings = FilterSettings { max_distance: 2.0, ..settings() }.check().unwrap();
+    for distances in &distances() {
+        let error = LikelihoodField::new(distances, &settings).err();
+        assert_eq!(error, Some(FilterError::MaxDistanceMismatch { found: 1.0, expected: 2.0 }));
+    }
+}
+
+/// The filter's weights are the products worked out above, normalized: the scan is explained with
+/// ln Σ p(scan)/N, and the weights of two particles differ by their log-likelihoods.
+#[test]
+fn the_filter_weighs_by_the_product_of_likelihoods() {
+    let [grid, _] = &distances();
+    let known = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.1 };
+    let settings =
+        FilterSettings { particles: 50, initial_pose: known, ess_fraction: 0.0, ..settings() };
+    let checked = settings.clone().check().unwrap();
+    let start = Some(POSES[0].0);
+    let mut filter =
+        ParticleFilter::new(&checked, grid, Pose2::IDENTITY, start, Seed::new(1)).unwrap();
+    let before: Vec<Pose2> = filter.particles().iter().map(|(pose, _)| pose).collect();
+    let report = filter.update(&scan([2.0; 4])).unwrap();
+    let logs: Vec<f64> =
+        before.iter().map(|&pose| log_likelihood(grid, settings.clone(), [2.0; 4], pose)).collect();
+    let evidence = (logs.iter().map(|l| l.exp()).sum::<f64>() / 50.0).ln();
+    assert!((report.log_evidence - evidence).abs() < 1e-12);
+    for ((pose, log_weight), (before, log)) in
+        filter.particles().iter().zip(before.iter().zip(&logs))
+    {
+        assert_eq!(pose, *before);
+        assert!((log_weight - (log - evidence - 50f64.ln())).abs() < 1e-12);
+    }
+    let sum: f64 = filter.particles().iter().map(|(_, l)| l.exp()).sum();
+    let squares: f64 = filter.particles().iter().map(|(_, l)| (2.0 * l).exp()).sum();
+    assert!((sum - 1.0).abs() < 1e-12);
+    assert!((report.effective_sample_size - 1.0 / squares).abs() < 1e-9);
+    assert!(!report.resampled && report.used_beams == 4);
+}
