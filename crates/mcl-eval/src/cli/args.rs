@@ -51,7 +51,7 @@ pub struct LogArgs {
     /// CARMEN log or name of a data set.
     pub log: String,
     /// Readings beyond this many metres are not used [default: the data set's, else 10].
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
     /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
     #[arg(long, value_name = "WHICH")]
@@ -100,7 +100,7 @@ pub struct MapArgs {
     #[arg(long, value_name = "K|P%", conflicts_with = "cell")]
     pub size: Option<MapSize>,
     /// Edge length of a grid cell in metres.
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,
     /// A corner of a grid cell in metres [default: 0,0].
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
@@ -112,10 +112,10 @@ pub struct MapArgs {
     #[arg(long)]
     pub refine: Option<Refine>,
     /// Standard deviation of a map point's Gaussian in metres.
-    #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive)]
+    #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: f64,
     /// Fuzzy k-means stops when an update gains less (nats per point).
-    #[arg(long, default_value_t = 1e-4, value_name = "T", value_parser = non_negative)]
+    #[arg(long, default_value_t = 1e-4, value_name = "T", value_parser = non_negative, allow_negative_numbers = true)]
     pub tolerance: f64,
     /// Fuzzy k-means stops after this many updates.
     #[arg(long, default_value_t = 1000, value_name = "N")]
@@ -142,7 +142,7 @@ pub struct LikelihoodArgs {
     #[arg(long, value_name = "MAP")]
     pub map: PathBuf,
     /// Standard deviation of a map point's Gaussian in metres.
-    #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive)]
+    #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: f64,
     /// One JSON object on stdout.
     #[arg(long)]
@@ -159,7 +159,7 @@ pub struct RunArgs {
     #[arg(long = "dataset", value_name = "NAME|PATH")]
     pub datasets: Vec<String>,
     /// Readings beyond this many metres are not used [default: each data set's, else 10].
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
     /// Folder that holds <experiment>/<data set>/.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]

@@ -31,7 +31,7 @@ struct Built {
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let initial = initial_settings(args);
-    mcl_maps::files::check_format(&args.output)?;
+    mcl_maps::files::check_writable(&args.output)?;
     let source = LogSource::open(&args.log.log, args.log.options())?;
     let data = PointSet::new(source.points()?)?;
 

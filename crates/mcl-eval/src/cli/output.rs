@@ -37,6 +37,21 @@ pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .any(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
+/// An error with its causes, but for causes that the message before already tells.
+pub fn told_once(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    let mut before = String::new();
+    for cause in error.chain() {
+        let message = cause.to_string();
+        if !before.contains(&message) {
+            text += if text.is_empty() { "" } else { ": " };
+            text += &message;
+            before = message;
+        }
+    }
+    text
+}
+
 /// 1234567 as `1,234,567`.
 pub fn thousands(number: usize) -> String {
     let digits = number.to_string();
@@ -52,6 +67,14 @@ pub fn thousands(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn causes_are_told_once() {
+        let error = anyhow::anyhow!("no such file")
+            .context("cannot read a.csv: no such file")
+            .context("in the map");
+        assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
+    }
 
     #[test]
     fn digits_in_groups_of_three() {

@@ -74,13 +74,21 @@ impl Format {
     }
 }
 
-/// Checks that the ending of a path names a format that [`write_map`] can write, before much is computed
-/// that could then not be saved.
+/// Checks that a path is one that [`write_map`] can write to (a known ending, a folder that exists),
+/// before much is computed that could then not be saved.
 ///
 /// # Errors
-/// [`MapFileError`] for an unknown ending.
-pub fn check_format(path: impl AsRef<Path>) -> Result<(), MapFileError> {
-    Format::of(path.as_ref()).map(|_| ())
+/// [`MapFileError`] for an unknown ending or a folder that is not there.
+pub fn check_writable(path: impl AsRef<Path>) -> Result<(), MapFileError> {
+    let path = path.as_ref();
+    Format::of(path)?;
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+            let source = std::io::Error::other(format!("there is no folder {}", folder.display()));
+            Err(MapFileError::Unwritable { path: path.into(), source })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Point maps have two or three dimensions; anything else does not compile.

@@ -1,0 +1,71 @@
+//! Map building and likelihood on walls of a building, as many points as the Intel log has.
+//!
+//! `cargo bench -p mcl-maps`; rayon's threads are those of the machine, `RAYON_NUM_THREADS=1` for one.
+
+use divan::{Bencher, black_box};
+use mcl_core::{Point, Seed};
+use mcl_maps::sampling::{GridOffset, sample_grid, sample_grid_of_size};
+use mcl_maps::{
+    FkmSettings, InitialMap, MapSize, PointSet, fuzzy_k_means, initial_map, mixture_log_likelihood,
+};
+use rand::RngExt;
+
+const POINTS: usize = 155_648;
+const PERCENT: [f64; 4] = [0.1, 1.0, 10.0, 50.0];
+
+fn main() {
+    divan::main();
+}
+
+/// Points on walls every 3 m in a building of 30 m × 30 m, with 2 cm of noise.
+fn walls(count: usize) -> Vec<Point<2>> {
+    let mut rng = Seed::new(1).rng();
+    (0..count)
+        .map(|_| {
+            let along = rng.random_range(0.0..30.0);
+            let wall = f64::from(rng.random_range(0..11)) * 3.0 + rng.random_range(-0.02..0.02);
+            if rng.random() { [along, wall] } else { [wall, along] }
+        })
+        .collect()
+}
+
+fn grid_map(data: &PointSet<2>, percent: f64) -> mcl_core::PointMap<2> {
+    let initial =
+        InitialMap::GridSize { size: MapSize::Percent(percent), offset: GridOffset::ORIGIN };
+    initial_map(data, &initial).unwrap().map
+}
+
+#[divan::bench(sample_count = 10)]
+fn arrange_points(bencher: Bencher) {
+    let points = walls(POINTS);
+    bencher.with_inputs(|| points.clone()).bench_values(|points| PointSet::new(points).unwrap());
+}
+
+#[divan::bench(args = [POINTS, 10 * POINTS], sample_count = 10)]
+fn sample_by_cell(bencher: Bencher, count: usize) {
+    let points = walls(count);
+    bencher.bench(|| sample_grid(black_box(&points), 0.5, GridOffset::ORIGIN).unwrap());
+}
+
+#[divan::bench(args = PERCENT, sample_count = 5)]
+fn sample_by_size(bencher: Bencher, percent: f64) {
+    let points = walls(POINTS);
+    let size = MapSize::Percent(percent).resolve(POINTS).unwrap();
+    bencher.bench(|| sample_grid_of_size(black_box(&points), size, GridOffset::ORIGIN).unwrap());
+}
+
+/// One update of fuzzy k-means: two evaluations of all points, of which the first is shared by a run.
+#[divan::bench(args = PERCENT, sample_count = 5)]
+fn one_update(bencher: Bencher, percent: f64) {
+    let data = PointSet::new(walls(POINTS)).unwrap();
+    let map = grid_map(&data, percent);
+    let settings = FkmSettings { max_iterations: 1, ..FkmSettings::default() };
+    bencher.bench(|| fuzzy_k_means(&data, black_box(&map), &settings, |_, _| {}).unwrap());
+}
+
+#[divan::bench(args = PERCENT, sample_count = 5)]
+fn likelihood(bencher: Bencher, percent: f64) {
+    let data = PointSet::new(walls(POINTS)).unwrap();
+    let map = grid_map(&data, percent);
+    bencher.bench(|| mixture_log_likelihood(&data, black_box(&map), 0.05).unwrap());
+}
