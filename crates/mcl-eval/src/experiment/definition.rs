@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub enum Experiment {
     /// How likely the data is under maps of different sizes (paper, section V-A).
     Likelihood(LikelihoodExperiment),
+    /// How well a robot localizes on maps of different sizes (paper, section V-B).
+    Localization(LocalizationExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -17,6 +20,8 @@ pub enum Experiment {
 pub enum Kind {
     /// [`LikelihoodExperiment`].
     Likelihood,
+    /// [`LocalizationExperiment`].
+    Localization,
 }
 
 /// Settings of a likelihood experiment.
@@ -40,6 +45,135 @@ pub struct LikelihoodExperiment {
     /// The data sets to run on, as far as they are at hand.
     #[serde(rename = "dataset")]
     pub datasets: Vec<ExperimentDataset>,
+}
+
+/// Settings of a localization experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LocalizationExperiment {
+    /// [`Kind::Localization`].
+    pub kind: Kind,
+    /// Root of every seed of the experiment.
+    pub seed: u64,
+    /// Runs of the filter per strategy and size.
+    pub runs: u32,
+    /// Maps per strategy and size: run r is on map r mod `maps`.
+    pub maps: u32,
+    /// Which scans build the map, and which are localized.
+    pub splits: Vec<Split>,
+    /// Map sizes in percent of the points that build the map.
+    pub sizes: Vec<f64>,
+    /// Gaussian noise added to the odometry of each run, the same for every map.
+    pub odometry_noise: OdometryNoise,
+    /// σ of the mixture in metres, for fuzzy k-means.
+    pub sigma: f64,
+    /// Fuzzy k-means stops when an update gains less than this (nats per point).
+    pub tolerance: f64,
+    /// Fuzzy k-means stops after this many updates.
+    pub max_iterations: usize,
+    /// The particle filter; what is not given is the default of `mcl-eval localize`. Its `max_range` is
+    /// the data set's.
+    #[serde(default)]
+    pub filter: FilterSettings,
+    /// What the trajectory figure shows.
+    pub figures: TrajectoryFigure,
+    /// The data sets to run on, as far as they are at hand.
+    #[serde(rename = "dataset")]
+    pub datasets: Vec<LocalizationDataset>,
+}
+
+/// Which scans build the map, and which are localized.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Split {
+    /// All scans do both, as in the paper.
+    Same,
+    /// Even scans build the map, odd ones are localized: nothing is tested on what it was built from.
+    HeldOut,
+}
+
+impl Split {
+    /// The name in files and figures.
+    pub fn name(self) -> &'static str {
+        match self {
+            Split::Same => "same",
+            Split::HeldOut => "held-out",
+        }
+    }
+}
+
+/// The run that the trajectory figure shows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrajectoryFigure {
+    /// Size of its map (gbs+f-km) in percent.
+    pub trajectory: f64,
+}
+
+/// A data set of a localization experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LocalizationDataset {
+    /// Name in the registry.
+    pub name: String,
+    /// Sizes for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<f64>,
+    /// Runs for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub runs: Option<u32>,
+}
+
+impl LocalizationExperiment {
+    /// Settings of fuzzy k-means.
+    pub fn fkm(&self) -> FkmSettings {
+        FkmSettings {
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+        }
+    }
+
+    fn of_dataset(&self, name: &str) -> Option<&LocalizationDataset> {
+        self.datasets.iter().find(|dataset| dataset.name == name)
+    }
+
+    /// Sizes for a data set: its own, or the experiment's.
+    pub fn sizes_for(&self, name: &str) -> &[f64] {
+        self.of_dataset(name)
+            .map(|dataset| &dataset.sizes)
+            .filter(|sizes| !sizes.is_empty())
+            .unwrap_or(&self.sizes)
+    }
+
+    /// Runs per strategy and size for a data set: its own, or the experiment's.
+    pub fn runs_for(&self, name: &str) -> u32 {
+        self.of_dataset(name).and_then(|dataset| dataset.runs).unwrap_or(self.runs)
+    }
+
+    fn check(&self) -> Result<()> {
+        self.fkm().check()?;
+        self.filter.clone().check().context("filter")?;
+        if self.maps == 0 {
+            bail!("maps is 0, expected at least 1");
+        }
+        let runs = self.datasets.iter().filter_map(|dataset| dataset.runs).chain([self.runs]);
+        for runs in runs {
+            if runs < self.maps {
+                bail!("runs is {runs}, expected at least one per map ({})", self.maps);
+            }
+        }
+        if self.splits.is_empty() {
+            bail!("splits is empty, expected \"same\", \"held-out\" or both");
+        }
+        if self.sizes.is_empty() {
+            bail!("sizes is empty, expected at least one");
+        }
+        for &size in self.datasets.iter().flat_map(|dataset| &dataset.sizes).chain(&self.sizes) {
+            check_percent(size, "sizes")?;
+        }
+        check_percent(self.figures.trajectory, "figures.trajectory")
+    }
 }
 
 /// Map sizes that are repeated equally often.
@@ -94,17 +228,25 @@ impl Experiment {
         }
         let experiment = match toml::from_str::<Head>(text)?.kind {
             Kind::Likelihood => Experiment::Likelihood(toml::from_str(text)?),
+            Kind::Localization => Experiment::Localization(toml::from_str(text)?),
         };
         match &experiment {
             Experiment::Likelihood(experiment) => experiment.check()?,
+            Experiment::Localization(experiment) => experiment.check()?,
         }
         Ok(experiment)
     }
 
     /// Names of the data sets that the definition lists.
-    pub fn dataset_names(&self) -> impl Iterator<Item = &str> {
-        let Experiment::Likelihood(experiment) = self;
-        experiment.datasets.iter().map(|dataset| dataset.name.as_str())
+    pub fn dataset_names(&self) -> Vec<&str> {
+        match self {
+            Experiment::Likelihood(experiment) => {
+                experiment.datasets.iter().map(|dataset| dataset.name.as_str()).collect()
+            }
+            Experiment::Localization(experiment) => {
+                experiment.datasets.iter().map(|dataset| dataset.name.as_str()).collect()
+            }
+        }
     }
 }
 
@@ -185,8 +327,8 @@ mod tests {
     #[test]
     fn a_data_set_may_have_sizes_of_its_own() {
         let experiment = Experiment::parse(SMALL).unwrap();
-        assert_eq!(experiment.dataset_names().collect::<Vec<_>>(), ["a", "b"]);
-        let Experiment::Likelihood(experiment) = experiment;
+        assert_eq!(experiment.dataset_names(), ["a", "b"]);
+        let Experiment::Likelihood(experiment) = experiment else { panic!("of another kind") };
         assert_eq!(experiment.sizes_for("a")[0].percent, [5.0]);
         assert_eq!(experiment.sizes_for("b")[0].percent, [1.0, 2.0]);
         assert_eq!(experiment.sizes_for("elsewhere")[0].repeats, 3);

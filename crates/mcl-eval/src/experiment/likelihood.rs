@@ -71,6 +71,13 @@ impl Trial for LikelihoodTrial {
     }
 }
 
+/// "gbs 0.25 % #3".
+impl std::fmt::Display for LikelihoodTrial {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {} % #{}", self.builder.label(false), self.size_percent, self.repeat)
+    }
+}
+
 /// All trials of the experiment on a data set of `points` points.
 pub fn trials(
     experiment: &LikelihoodExperiment,

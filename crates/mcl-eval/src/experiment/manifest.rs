@@ -1,23 +1,32 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
+use super::Kind;
 use super::store::write_atomically;
-use super::{LikelihoodExperiment, SizeGroup};
+use crate::cli::thousands;
 use crate::source::{LogSource, digest};
+
+/// Keys of a definition that may differ between a run and the one it goes on from: they add trials or
+/// concern figures, but change no row.
+const GROWING: [&str; 5] = ["sizes", "runs", "splits", "figures", "dataset"];
 
 /// What a result directory was computed from and by: kept as `manifest.json` beside the rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Name of the experiment: its file's name without the ending.
     pub experiment: String,
+    /// What it measures.
+    pub kind: Kind,
     /// Version of the program.
     pub version: String,
     /// The data.
     pub dataset: DatasetFacts,
-    /// The definition, with the sizes that apply to this data set.
-    pub definition: LikelihoodExperiment,
+    /// The definition, as in its file.
+    pub definition: Value,
 }
 
 /// What an experiment's data was.
@@ -54,24 +63,46 @@ impl DatasetFacts {
     }
 }
 
+impl DatasetFacts {
+    /// "Intel Research Lab: 910 scans, 155,648 points with 0 < r ≤ 10 m", for captions.
+    pub fn describe(&self) -> String {
+        format!(
+            "{}: {} scans, {} points with 0 < r ≤ {} m",
+            self.title,
+            thousands(self.scans),
+            thousands(self.points),
+            self.max_range
+        )
+    }
+}
+
 impl Manifest {
     /// The manifest of an experiment on a data set.
-    pub fn new(
+    ///
+    /// # Errors
+    /// When the definition cannot be written as JSON.
+    pub fn new<D: Serialize>(
         experiment: &str,
-        definition: &LikelihoodExperiment,
+        kind: Kind,
+        definition: &D,
         dataset: DatasetFacts,
-        sizes: &[SizeGroup],
-    ) -> Self {
-        Manifest {
+    ) -> Result<Self> {
+        Ok(Manifest {
             experiment: experiment.to_owned(),
+            kind,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            definition: LikelihoodExperiment {
-                sizes: sizes.to_vec(),
-                datasets: Vec::new(),
-                ..definition.clone()
-            },
             dataset,
-        }
+            definition: serde_json::to_value(definition)?,
+        })
+    }
+
+    /// The definition as the settings of its kind of experiment.
+    ///
+    /// # Errors
+    /// When it is none of them.
+    pub fn definition<D: DeserializeOwned>(&self) -> Result<D> {
+        D::deserialize(&self.definition)
+            .with_context(|| format!("the manifest of {} has another definition", self.experiment))
     }
 
     /// Reads a manifest.
@@ -95,31 +126,64 @@ impl Manifest {
     }
 
     /// Whether rows of an earlier run may stand beside rows of this one: same data, same settings.
-    /// More sizes and repeats may be added; figure sizes do not matter to rows.
+    /// Sizes and repeats may be added.
     ///
     /// # Errors
     /// When they may not; the message names the first difference.
     pub fn check_continues(&self, earlier: &Manifest) -> Result<()> {
         let settings = |manifest: &Manifest| {
-            let definition = &manifest.definition;
-            [
-                ("version", manifest.version.clone()),
-                ("data (sha256)", manifest.dataset.sha256.clone()),
-                ("max_range", manifest.dataset.max_range.to_string()),
-                ("seed", definition.seed.to_string()),
-                ("sigma", definition.sigma.to_string()),
-                ("tolerance", definition.tolerance.to_string()),
-                ("max_iterations", definition.max_iterations.to_string()),
-            ]
+            let mut settings = vec![
+                ("version".to_owned(), Value::from(manifest.version.clone())),
+                ("data (sha256)".to_owned(), Value::from(manifest.dataset.sha256.clone())),
+                ("max_range".to_owned(), Value::from(manifest.dataset.max_range)),
+            ];
+            let definition = manifest.definition.as_object().into_iter().flatten();
+            let fixed = definition.filter(|(key, _)| !GROWING.contains(&key.as_str()));
+            settings.extend(fixed.map(|(key, value)| (key.clone(), value.clone())));
+            settings
         };
-        for ((name, now), (_, before)) in settings(self).into_iter().zip(settings(earlier)) {
-            if now != before {
+        let (now, before) = (settings(self), settings(earlier));
+        for (name, value) in &now {
+            let earlier = before.iter().find(|(key, _)| key == name).map(|(_, value)| value);
+            if earlier != Some(value) {
                 bail!(
-                    "the rows there were computed with {name} {before}, this run has {now}; \
-                     --fresh starts anew, -o writes elsewhere"
+                    "the rows there were computed with {name} {}, this run has {value}; \
+                     --fresh starts anew, -o writes elsewhere",
+                    earlier.unwrap_or(&Value::Null)
                 );
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn manifest(definition: Value) -> Manifest {
+        let dataset = DatasetFacts {
+            name: "office".into(),
+            title: "Office".into(),
+            sha256: "00".into(),
+            scans: 1,
+            max_range: 10.0,
+            points: 180,
+            skipped_records: 0,
+        };
+        Manifest::new("likelihood", Kind::Likelihood, &definition, dataset).unwrap()
+    }
+
+    #[test]
+    fn sizes_may_be_added_but_settings_may_not_change() {
+        let earlier = manifest(json!({"sigma": 0.05, "sizes": [1]}));
+        manifest(json!({"sigma": 0.05, "sizes": [1, 2]})).check_continues(&earlier).unwrap();
+        let other = manifest(json!({"sigma": 0.1, "sizes": [1]}));
+        let message = other.check_continues(&earlier).unwrap_err().to_string();
+        assert!(message.contains("sigma 0.05") && message.contains("0.1"), "{message}");
+        let mut other = earlier.clone();
+        other.dataset.sha256 = "01".into();
+        assert!(other.check_continues(&earlier).is_err());
     }
 }

@@ -5,16 +5,26 @@
 
 mod definition;
 mod likelihood;
+mod localization;
+mod localization_summary;
 mod manifest;
 mod scheduler;
 mod store;
 
 pub use definition::{
-    Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment, SizeGroup,
+    Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment, LocalizationDataset,
+    LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
 };
 pub use likelihood::{
     Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,
     test_improvement, trials,
+};
+pub use localization::{
+    LocalizationData, LocalizationRow, LocalizationTrial, MapStrategy, TrackedRun,
+    localization_trials,
+};
+pub use localization_summary::{
+    LocalizationSummaryRow, LocalizationTestRow, summarize_localization, test_localization,
 };
 pub use manifest::{DatasetFacts, Manifest};
 pub use scheduler::{Trial, TrialOutcome, run_trials};

@@ -33,12 +33,7 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         if whole.len() < text.len() {
             write_atomically(path, whole.as_bytes())?;
         }
-        let file = OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(path)
-            .with_context(|| format!("cannot write {}", path.display()))?;
-        Ok(TrialStore { path: path.to_owned(), file, rows })
+        Ok(TrialStore { path: path.to_owned(), file: open_to_append(path)?, rows })
     }
 
     /// The rows so far.
@@ -46,19 +41,35 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         &self.rows
     }
 
-    /// Saves a row.
+    /// Saves the rows of a trial.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn push(&mut self, row: R) -> Result<()> {
+    pub fn push(&mut self, rows: impl IntoIterator<Item = R>) -> Result<()> {
         let header = self.rows.is_empty();
-        // One write per row: what another process, or a crash, sees is whole lines.
-        let line = to_csv(std::slice::from_ref(&row), header)?;
+        let first = self.rows.len();
+        self.rows.extend(rows);
+        // One write per trial: what another process, or a crash, sees is mostly whole lines.
+        let lines = to_csv(&self.rows[first..], header)?;
         self.file
-            .write_all(&line)
+            .write_all(&lines)
             .and_then(|()| self.file.flush())
-            .with_context(|| format!("cannot write {}", self.path.display()))?;
-        self.rows.push(row);
+            .with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Drops the rows that are not to be kept: those of a trial that was cut off between two rows.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn retain(&mut self, keep: impl Fn(&R) -> bool) -> Result<()> {
+        let before = self.rows.len();
+        self.rows.retain(keep);
+        if self.rows.len() == before {
+            return Ok(());
+        }
+        write_rows(&self.path, &self.rows)?;
+        // Renaming left the open file behind.
+        self.file = open_to_append(&self.path)?;
         Ok(())
     }
 
@@ -72,6 +83,14 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         write_rows(&self.path, &self.rows)?;
         Ok(self.rows)
     }
+}
+
+fn open_to_append(path: &Path) -> Result<File> {
+    OpenOptions::new()
+        .append(true)
+        .create(true)
+        .open(path)
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Reads the rows of a CSV file.
@@ -133,8 +152,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trials.csv");
         let mut store = TrialStore::open(&path).unwrap();
-        store.push(row("b", 0.1 + 0.2)).unwrap();
-        store.push(row("c", 2.0)).unwrap();
+        store.push([row("b", 0.1 + 0.2), row("c", 2.0)]).unwrap();
         drop(store);
         // Killed in the middle of a row.
         let mut text = std::fs::read_to_string(&path).unwrap();
@@ -143,7 +161,8 @@ mod tests {
 
         let mut store: TrialStore<Row> = TrialStore::open(&path).unwrap();
         assert_eq!(store.rows(), [row("b", 0.1 + 0.2), row("c", 2.0)]);
-        store.push(row("a", 4.0)).unwrap();
+        store.push([row("a", 4.0), row("e", 5.0)]).unwrap();
+        store.retain(|row| row.name != "e").unwrap();
         let rows = store.finish(|row| row.name.clone()).unwrap();
         assert_eq!(rows, [row("a", 4.0), row("b", 0.1 + 0.2), row("c", 2.0)]);
         assert_eq!(read_rows::<Row>(&path).unwrap(), rows);

@@ -8,28 +8,23 @@ use mcl_maps::files::read_map;
 use super::maps::{
     ALL, COMPARISON_GRID, COMPARISON_RANDOM, INDEX, MapRow, OVERVIEW, OVERVIEW_IMPROVED, file_name,
 };
-use super::{FIGURES, MANIFEST, MAPS, SUMMARY};
+use super::{FIGURES, MAPS, SUMMARY};
 use crate::cli::thousands;
-use crate::experiment::{Builder, Manifest, SummaryRow, read_rows};
+use crate::experiment::{Builder, LikelihoodExperiment, Manifest, SummaryRow, read_rows};
 use crate::figures::{
     Arrangement, AxisSpec, CloudFigure, CloudPanel, Curve, CurveFigure, CurvePanel, CurvePoint,
     CurveStyle, Interval, Scale, draw_clouds, draw_curves,
 };
 
-/// Draws the figures of a result folder from its saved files, and returns what was written.
-///
-/// # Errors
-/// When a file is missing or cannot be read or written.
-pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
-    let manifest = Manifest::read(&folder.join(MANIFEST))?;
+/// Draws figures 1 to 4.
+pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let drawing = Drawing {
         maps: Maps::read(&folder.join(MAPS))?,
         summary: read_rows(&folder.join(SUMMARY))?,
         figures: folder.join(FIGURES),
+        definition: manifest.definition()?,
         manifest,
     };
-    std::fs::create_dir_all(&drawing.figures)
-        .with_context(|| format!("cannot make {}", drawing.figures.display()))?;
     let drawn =
         [drawing.overview()?, drawing.comparison()?, drawing.points()?, drawing.likelihood()?];
     Ok(drawn.concat())
@@ -59,6 +54,7 @@ impl Maps {
 
 struct Drawing {
     manifest: Manifest,
+    definition: LikelihoodExperiment,
     maps: Maps,
     summary: Vec<SummaryRow>,
     figures: PathBuf,
@@ -77,9 +73,9 @@ impl Drawing {
         ];
         let caption = format!(
             "{}. Grid-based sampling with cells of {:.3} m; fuzzy k-means with σ = {} m.",
-            self.data(),
+            self.manifest.dataset.describe(),
             self.maps.row(OVERVIEW)?.cell_m.unwrap_or(f64::NAN),
-            self.manifest.definition.sigma
+            self.definition.sigma
         );
         self.clouds("figure1-maps", panels, Arrangement::Stacked, caption)
     }
@@ -94,7 +90,7 @@ impl Drawing {
         ];
         let caption = format!(
             "{}. Random sampling with seed {}; grid-based sampling with cells of {:.3} m.",
-            self.data(),
+            self.manifest.dataset.describe(),
             self.maps.row(COMPARISON_RANDOM)?.seed.unwrap_or_default(),
             self.maps.row(COMPARISON_GRID)?.cell_m.unwrap_or(f64::NAN)
         );
@@ -113,7 +109,8 @@ impl Drawing {
             bounds.extent(0),
             bounds.extent(1)
         );
-        let caption = format!("{}. Darker where points are denser.", self.data());
+        let caption =
+            format!("{}. Darker where points are denser.", self.manifest.dataset.describe());
         self.clouds("figure3-points", vec![panel(title, &all)], Arrangement::Stacked, caption)
     }
 
@@ -146,9 +143,9 @@ impl Drawing {
                 "{}. Mean log-likelihood of the data under maps of different sizes, with Student's \
                  95 % intervals over {} maps; σ = {} m. The size is that of the finished map: \
                  fuzzy k-means (+f-km) moves points together, and duplicates are dropped.",
-                self.data(),
+                self.manifest.dataset.describe(),
                 self.map_counts(),
-                self.manifest.definition.sigma
+                self.definition.sigma
             )],
         };
         Ok(draw_curves(&self.figures.join("figure4-likelihood"), &figure)?)
@@ -188,18 +185,6 @@ impl Drawing {
             (Some(least), Some(most)) if least < most => format!("{least} to {most}"),
             (least, _) => least.unwrap_or_default().to_string(),
         }
-    }
-
-    /// "Intel Research Lab: 910 scans, 155,648 points with 0 < r ≤ 10 m".
-    fn data(&self) -> String {
-        let dataset = &self.manifest.dataset;
-        format!(
-            "{}: {} scans, {} points with 0 < r ≤ {} m",
-            dataset.title,
-            thousands(dataset.scans),
-            thousands(dataset.points),
-            dataset.max_range
-        )
     }
 
     /// A map's name with its size and likelihood.

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mcl_core::{PointMap, Seed};
 use mcl_maps::files::{Encoding, write_map};
 use mcl_maps::{
@@ -55,6 +55,7 @@ pub(super) fn build(
     data: &PointSet<2>,
     folder: &Path,
 ) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut rows = Vec::new();
     let mut save = |name: &str, map: &PointMap<2>, cell_m, seed, scored: bool| -> Result<()> {
         write_map(folder.join(file_name(name)), map, Encoding::Binary)?;

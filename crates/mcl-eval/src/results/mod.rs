@@ -4,36 +4,34 @@
 //! manifest.json  what it was computed from and by
 //! trials.csv     a row per trial, saved as trials end
 //! summary.csv    mean, spread and interval per strategy and size
-//! tests.csv      improved against initial maps
-//! maps/          the maps that figures show, and maps.csv about them
+//! tests.csv      strategies against each other, with p values
+//! maps/          likelihood: the maps that figures show, and maps.csv about them
+//! trajectory/    localization: map and trajectories of the run that figures show
 //! figures/       SVG and PNG, drawn from the files above only
 //! ```
 
 mod figures;
+mod likelihood;
+mod localization;
+mod localization_figures;
 mod maps;
 
-use std::collections::HashSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_maps::PointSet;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
-pub use figures::draw_figures;
-
-use crate::experiment::{
-    DatasetFacts, Experiment, LikelihoodExperiment, LikelihoodRow, LikelihoodTrial, Manifest,
-    Trial, TrialOutcome, TrialStore, run_likelihood_trial, run_trials, summarize, test_improvement,
-    trials, write_rows,
-};
+use crate::experiment::{Experiment, Kind, Manifest, Trial, TrialOutcome, TrialStore, run_trials};
 use crate::progress;
 use crate::source::LogSource;
 
-const MANIFEST: &str = "manifest.json";
+pub(crate) const MANIFEST: &str = "manifest.json";
 const TRIALS: &str = "trials.csv";
-const SUMMARY: &str = "summary.csv";
-const TESTS: &str = "tests.csv";
+pub(crate) const SUMMARY: &str = "summary.csv";
+pub(crate) const TESTS: &str = "tests.csv";
 const MAPS: &str = "maps";
 const FIGURES: &str = "figures";
 
@@ -62,61 +60,41 @@ pub fn run_experiment(
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
     match experiment {
-        Experiment::Likelihood(experiment) => {
-            run_likelihood(experiment, name, source, folder, options)
+        Experiment::Likelihood(definition) => {
+            likelihood::run(definition, name, source, folder, options)
+        }
+        Experiment::Localization(definition) => {
+            localization::run(definition, name, source, folder, options)
         }
     }
 }
 
-fn run_likelihood(
-    experiment: &LikelihoodExperiment,
-    name: &str,
-    source: &LogSource,
-    folder: &Path,
-    options: &RunOptions,
-) -> Result<TrialOutcome> {
-    let points = source.points()?;
-    let sizes = experiment.sizes_for(&source.name);
-    let facts = DatasetFacts::of(source, points.len());
-    let manifest = Manifest::new(name, experiment, facts, sizes);
-    let earlier = prepare(folder, &manifest, options.fresh)?;
-    let data = PointSet::new(points)?;
-
-    let mut store = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> =
-        store.rows().iter().map(|row: &LikelihoodRow| identity(row.key())).collect();
-    let all = trials(experiment, &source.name, sizes, data.len());
-    let (done, pending): (Vec<_>, Vec<_>) =
-        all.into_iter().partition(|trial| saved.contains(&identity(trial.key())));
-    if !done.is_empty() && !options.quiet {
-        eprintln!(
-            "{}: {} of {} trials are there already",
-            source.name,
-            done.len(),
-            done.len() + pending.len()
-        );
+/// Draws the figures of a result folder from its saved files, and returns what was written.
+///
+/// # Errors
+/// When a file is missing or cannot be read or written.
+pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
+    let manifest = Manifest::read(&folder.join(MANIFEST))?;
+    let figures = folder.join(FIGURES);
+    fs::create_dir_all(&figures).with_context(|| format!("cannot make {}", figures.display()))?;
+    match manifest.kind {
+        Kind::Likelihood => figures::draw(folder, manifest),
+        Kind::Localization => localization_figures::draw(folder, manifest),
     }
-    let outcome = run_pending(experiment, &source.name, &data, &pending, &mut store, options)?;
-    let rows = store.finish(LikelihoodRow::key)?;
-    write_rows(&folder.join(SUMMARY), &summarize(&rows)?)?;
-    write_rows(&folder.join(TESTS), &test_improvement(&rows)?)?;
-
-    let unchanged = earlier.is_some_and(|earlier| earlier.definition.figures == experiment.figures);
-    if !unchanged || !maps::complete(&folder.join(MAPS)) {
-        maps::build(experiment, &source.name, &data, &folder.join(MAPS))?;
-    }
-    draw_figures(folder)?;
-    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
 }
 
-fn run_pending(
-    experiment: &LikelihoodExperiment,
+/// Runs the trials that have no rows yet, with a progress bar, saving the rows of each as it ends.
+fn run_pending<T, R>(
     dataset: &str,
-    data: &PointSet<2>,
-    pending: &[LikelihoodTrial],
-    store: &mut TrialStore<LikelihoodRow>,
+    pending: &[T],
+    store: &mut TrialStore<R>,
     options: &RunOptions,
-) -> Result<TrialOutcome> {
+    run: impl Fn(&T) -> Result<Vec<R>> + Sync,
+) -> Result<TrialOutcome>
+where
+    T: Trial + std::fmt::Display,
+    R: Serialize + DeserializeOwned + Send,
+{
     let threads = match options.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         threads => threads,
@@ -126,37 +104,28 @@ fn run_pending(
     const PARTS: f64 = 1e6;
     let bar = progress::bar(PARTS as u64, dataset, options.quiet);
     let (mut finished, mut cost) = (0, 0.0);
-    let outcome = run_trials(
-        pending,
-        threads,
-        |trial| run_likelihood_trial(experiment, dataset, data, trial),
-        |trial, result| {
-            finished += 1;
-            cost += trial.cost();
-            bar.set_position((PARTS * cost / total) as u64);
-            bar.set_message(format!("{finished}/{} trials", pending.len()));
-            match result {
-                Ok(row) => store.push(row),
-                Err(error) => {
-                    let (size, builder, repeat) = trial.key();
-                    let strategy = builder.label(false);
-                    bar.suspend(|| {
-                        eprintln!(
-                            "{dataset}: trial {strategy} {size} % #{repeat} failed: {error:#}"
-                        );
-                    });
-                    Ok(())
-                }
+    let outcome = run_trials(pending, threads, run, |trial, result| {
+        finished += 1;
+        cost += trial.cost();
+        bar.set_position((PARTS * cost / total) as u64);
+        bar.set_message(format!("{finished}/{} trials", pending.len()));
+        match result {
+            Ok(rows) => store.push(rows),
+            Err(error) => {
+                bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {error:#}"));
+                Ok(())
             }
-        },
-    );
+        }
+    });
     bar.finish_and_clear();
     outcome
 }
 
-/// A trial's key in a form that can be hashed.
-fn identity<B>((size, builder, repeat): (f64, B, u32)) -> (u64, B, u32) {
-    (size.to_bits(), builder, repeat)
+/// Says how many trials an earlier run has left done.
+fn tell_resumed(dataset: &str, done: usize, pending: usize, options: &RunOptions) {
+    if done > 0 && !options.quiet {
+        eprintln!("{dataset}: {done} of {} trials are there already", done + pending);
+    }
 }
 
 /// Makes the folder, checks that rows of an earlier run may stay, and writes the manifest. Returns the
@@ -176,9 +145,7 @@ fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Option<Man
     if let Some(earlier) = &earlier {
         manifest.check_continues(earlier).with_context(|| folder.display().to_string())?;
     }
-    for folder in [folder.join(MAPS), folder.join(FIGURES)] {
-        fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    }
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     manifest.write(&path)?;
     Ok(earlier)
 }
@@ -194,7 +161,7 @@ fn forget(folder: &Path) -> Result<()> {
     for file in [TRIALS, SUMMARY, TESTS, MANIFEST] {
         remove(folder.join(file), |path| fs::remove_file(path))?;
     }
-    for subfolder in [MAPS, FIGURES] {
+    for subfolder in [MAPS, FIGURES, localization::TRAJECTORY] {
         remove(folder.join(subfolder), |path| fs::remove_dir_all(path))?;
     }
     Ok(())

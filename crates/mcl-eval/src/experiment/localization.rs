@@ -1,0 +1,383 @@
+use std::fmt;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
+use mcl_filter::{CheckedSettings, MapDistances, Replay, Run, localize, noisy_increments};
+use mcl_maps::{MapSize, PointSet, fuzzy_k_means, initial_map};
+use mcl_metrics::{
+    DivergenceSettings, LossSettings, PoseError, WeightedPoseError, diverged, lost_episodes,
+    pose_errors,
+};
+use serde::{Deserialize, Serialize};
+
+use super::scheduler::Trial;
+use super::{Builder, LocalizationExperiment, Split};
+
+/// Which map a robot is localized on, by the paper's names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum MapStrategy {
+    /// Grid-based sampling with a random offset of the grid.
+    #[serde(rename = "gbs")]
+    Grid,
+    /// The same, improved by fuzzy k-means.
+    #[serde(rename = "gbs+f-km")]
+    GridImproved,
+    /// Random sampling.
+    #[serde(rename = "rnd")]
+    Random,
+    /// The same, improved by fuzzy k-means.
+    #[serde(rename = "rnd+f-km")]
+    RandomImproved,
+    /// Every point, for reference.
+    #[serde(rename = "all")]
+    All,
+}
+
+impl MapStrategy {
+    /// The four strategies of the paper.
+    pub const SAMPLED: [MapStrategy; 4] = [
+        MapStrategy::Grid,
+        MapStrategy::GridImproved,
+        MapStrategy::Random,
+        MapStrategy::RandomImproved,
+    ];
+
+    /// The maps of a builder, before or after fuzzy k-means.
+    pub fn of(builder: Builder, improved: bool) -> Self {
+        match (builder, improved) {
+            (Builder::Grid, false) => MapStrategy::Grid,
+            (Builder::Grid, true) => MapStrategy::GridImproved,
+            (Builder::Random, false) => MapStrategy::Random,
+            (Builder::Random, true) => MapStrategy::RandomImproved,
+        }
+    }
+
+    /// The paper's name.
+    pub fn label(self) -> &'static str {
+        match self {
+            MapStrategy::Grid => "gbs",
+            MapStrategy::GridImproved => "gbs+f-km",
+            MapStrategy::Random => "rnd",
+            MapStrategy::RandomImproved => "rnd+f-km",
+            MapStrategy::All => "all",
+        }
+    }
+}
+
+/// A recording divided into what builds the map and what is localized.
+pub struct LocalizationData<'a> {
+    /// The division.
+    pub split: Split,
+    /// Name of the data set.
+    pub dataset: &'a str,
+    /// All scans.
+    pub recording: &'a Recording,
+    /// Points of the scans that build the map.
+    pub points: PointSet<2>,
+    /// Indices of the scans that are localized.
+    pub scans: Vec<usize>,
+    /// Their reference poses.
+    pub reference: Vec<Pose2>,
+}
+
+impl<'a> LocalizationData<'a> {
+    /// Divides a recording; `max_range` in metres.
+    ///
+    /// # Errors
+    /// When a scan has no reference pose or no odometry, or no scan builds the map.
+    pub fn new(
+        split: Split,
+        dataset: &'a str,
+        recording: &'a Recording,
+        max_range: f64,
+    ) -> Result<Self> {
+        let builds_map = |index: usize| split == Split::Same || index.is_multiple_of(2);
+        let is_localized = |index: usize| split == Split::Same || !index.is_multiple_of(2);
+        let scans = recording.scans.iter().enumerate();
+        let map_scans = scans.filter(|&(index, _)| builds_map(index)).map(|(_, scan)| scan.clone());
+        let map_recording = Recording { scans: map_scans.collect(), ..recording.clone() };
+        let points: Vec<Point<2>> = map_recording.points(max_range)?;
+        let scans: Vec<usize> = (0..recording.scans.len()).filter(|&i| is_localized(i)).collect();
+        let reference = scans
+            .iter()
+            .map(|&scan| {
+                recording.scans[scan]
+                    .map_from_laser
+                    .with_context(|| format!("scan {scan} has no reference pose"))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        if reference.len() < 2 {
+            bail!("{} scans to localize, expected at least 2", reference.len());
+        }
+        let points = PointSet::new(points)?;
+        Ok(LocalizationData { split, dataset, recording, points, scans, reference })
+    }
+}
+
+/// A trial of the localization experiment: an initial map and what fuzzy k-means makes of it (or all
+/// points), and the runs of the filter on them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalizationTrial {
+    /// How scans are divided.
+    pub split: Split,
+    /// How the initial map is chosen; `None` for all points.
+    pub builder: Option<Builder>,
+    /// Requested size in percent.
+    pub size_percent: f64,
+    /// Number of the map, from 0.
+    pub map: u32,
+    /// Seed of the initial map.
+    pub map_seed: u64,
+    /// Numbers of the runs.
+    pub runs: Vec<u32>,
+    cost: f64,
+}
+
+impl Trial for LocalizationTrial {
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+}
+
+/// "held-out gbs 0.25 % #3".
+impl fmt::Display for LocalizationTrial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let builder = self.builder.map_or("all", |builder| builder.label(false));
+        write!(f, "{} {builder} {} % #{}", self.split.name(), self.size_percent, self.map)
+    }
+}
+
+impl LocalizationTrial {
+    /// Strategies of the rows of this trial.
+    pub fn strategies(&self) -> Vec<MapStrategy> {
+        match self.builder {
+            Some(builder) => {
+                [false, true].map(|improved| MapStrategy::of(builder, improved)).to_vec()
+            }
+            None => vec![MapStrategy::All],
+        }
+    }
+
+    /// Keys of the rows of this trial.
+    pub fn keys(&self) -> Vec<(Split, MapStrategy, u64, u32)> {
+        let strategies = self.strategies();
+        let of_run = |&run: &u32| {
+            strategies
+                .iter()
+                .map(move |&strategy| (self.split, strategy, self.size_percent.to_bits(), run))
+        };
+        self.runs.iter().flat_map(of_run).collect()
+    }
+}
+
+/// All trials of the experiment on a data set.
+pub fn localization_trials(
+    experiment: &LocalizationExperiment,
+    dataset: &str,
+) -> Vec<LocalizationTrial> {
+    let root = Seed::new(experiment.seed).derive("map").derive(dataset);
+    let runs = experiment.runs_for(dataset);
+    let mut trials = Vec::new();
+    for &split in &experiment.splits {
+        for map in 0..experiment.maps {
+            let runs: Vec<u32> = (0..runs).filter(|run| run % experiment.maps == map).collect();
+            let mut push = |builder: Option<Builder>, size_percent: f64| {
+                let map_seed = root
+                    .derive(split.name())
+                    .derive(builder.map_or("all", |builder| builder.label(false)))
+                    .derive(&size_percent.to_string())
+                    .derive_index(u64::from(map))
+                    .number();
+                let cost = runs.len() as f64 * if builder.is_some() { 2.0 } else { 1.5 };
+                let runs = runs.clone();
+                trials.push(LocalizationTrial {
+                    split,
+                    builder,
+                    size_percent,
+                    map,
+                    map_seed,
+                    runs,
+                    cost,
+                });
+            };
+            push(None, 100.0);
+            for &size_percent in experiment.sizes_for(dataset) {
+                for builder in Builder::ALL {
+                    push(Some(builder), size_percent);
+                }
+            }
+        }
+    }
+    trials
+}
+
+/// A run of the filter on a map. Errors are means over the run's scans: `weighted` by equation 7,
+/// translation in metres, heading in radians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of trials.csv, described in docs/results.md.
+pub struct LocalizationRow {
+    pub dataset: String,
+    pub split: Split,
+    pub strategy: MapStrategy,
+    pub size_percent: f64,
+    pub map: u32,
+    pub map_seed: u64,
+    pub run: u32,
+    pub data_points: usize,
+    pub map_points: usize,
+    pub scans: usize,
+    pub used_beams: usize,
+    pub weighted: f64,
+    pub translation: f64,
+    pub heading: f64,
+    pub translation_max: f64,
+    pub diverged: bool,
+    pub lost_episodes: usize,
+    pub recovered_episodes: usize,
+    pub mean_effective_sample_size: f64,
+    pub resamplings: usize,
+    pub seconds: f64,
+}
+
+impl LocalizationRow {
+    /// What tells this row from the others on its data set.
+    pub fn key(&self) -> (Split, MapStrategy, u64, u32) {
+        (self.split, self.strategy, self.size_percent.to_bits(), self.run)
+    }
+}
+
+/// A run with its errors.
+pub struct TrackedRun {
+    /// What the filter estimated and reported.
+    pub run: Run,
+    /// Errors of the estimates, per scan.
+    pub errors: Vec<PoseError>,
+    /// Seconds of the filter.
+    pub seconds: f64,
+}
+
+impl LocalizationExperiment {
+    /// Settings of the filter for a data set with this limit of readings (m).
+    ///
+    /// # Errors
+    /// When a setting is out of range.
+    pub fn filter_for(&self, max_range: f64) -> Result<CheckedSettings> {
+        let mut filter = self.filter.clone();
+        filter.max_range = max_range;
+        Ok(filter.check()?)
+    }
+
+    /// The maps of a trial, by strategy.
+    ///
+    /// # Errors
+    /// When a map cannot be built.
+    pub fn maps_of(
+        &self,
+        data: &LocalizationData<'_>,
+        trial: &LocalizationTrial,
+    ) -> Result<Vec<(MapStrategy, PointMap<2>)>> {
+        let Some(builder) = trial.builder else {
+            return Ok(vec![(MapStrategy::All, PointMap::new(data.points.points().to_vec())?)]);
+        };
+        let size = MapSize::Percent(trial.size_percent);
+        let initial = initial_map(&data.points, &builder.initial(size, trial.map_seed))?;
+        let (means, _) = fuzzy_k_means(&data.points, &initial.map, &self.fkm(), |_, _| {})?;
+        let improved = initial.snapped(&data.points, &means)?;
+        Ok(vec![
+            (MapStrategy::of(builder, false), initial.map),
+            (MapStrategy::of(builder, true), improved.map),
+        ])
+    }
+
+    /// Localizes the robot on a map. Noise and filter depend on the run's number, never on the map.
+    ///
+    /// # Errors
+    /// When the filter cannot run on this recording.
+    pub fn track(
+        &self,
+        data: &LocalizationData<'_>,
+        distances: &MapDistances,
+        settings: &CheckedSettings,
+        run: u32,
+    ) -> Result<TrackedRun> {
+        let seed = |purpose: &str| {
+            Seed::new(self.seed)
+                .derive(purpose)
+                .derive(data.dataset)
+                .derive(data.split.name())
+                .derive_index(u64::from(run))
+        };
+        let odometry: Vec<Option<Pose2>> =
+            data.recording.scans.iter().map(|scan| scan.odometry).collect();
+        let increments =
+            noisy_increments(&odometry, self.odometry_noise, seed("experiment-noise"))?;
+        let replay =
+            Replay { recording: data.recording, increments: &increments, scans: &data.scans };
+        let start = Instant::now();
+        let run = localize(&replay, distances, settings, Some(data.reference[0]), seed("filter"))?;
+        let seconds = start.elapsed().as_secs_f64();
+        let errors = pose_errors(&data.reference, &run.map_from_laser)?;
+        Ok(TrackedRun { run, errors, seconds })
+    }
+
+    /// Runs one trial: a row per map and run.
+    ///
+    /// # Errors
+    /// When a map cannot be built or the filter cannot run.
+    pub fn run_trial(
+        &self,
+        data: &LocalizationData<'_>,
+        settings: &CheckedSettings,
+        trial: &LocalizationTrial,
+    ) -> Result<Vec<LocalizationRow>> {
+        let mut rows = Vec::new();
+        for (strategy, map) in self.maps_of(data, trial)? {
+            let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+            for &run in &trial.runs {
+                let tracked = self.track(data, &distances, settings, run)?;
+                rows.push(row(data, trial, strategy, map.len(), run, &tracked)?);
+            }
+        }
+        Ok(rows)
+    }
+}
+
+fn row(
+    data: &LocalizationData<'_>,
+    trial: &LocalizationTrial,
+    strategy: MapStrategy,
+    map_points: usize,
+    run: u32,
+    tracked: &TrackedRun,
+) -> Result<LocalizationRow> {
+    let weighted = WeightedPoseError::default();
+    let translations: Vec<f64> = tracked.errors.iter().map(PoseError::translation).collect();
+    let episodes = lost_episodes(&translations, &LossSettings::default())?;
+    let reports = &tracked.run.reports;
+    let scans = tracked.errors.len();
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / scans as f64;
+    Ok(LocalizationRow {
+        dataset: data.dataset.to_owned(),
+        split: data.split,
+        strategy,
+        size_percent: trial.size_percent,
+        map: trial.map,
+        map_seed: trial.map_seed,
+        run,
+        data_points: data.points.len(),
+        map_points,
+        scans,
+        used_beams: reports.iter().map(|report| report.used_beams).sum(),
+        weighted: mean(&mut tracked.errors.iter().map(|error| weighted.of(error))),
+        translation: mean(&mut translations.iter().copied()),
+        heading: mean(&mut tracked.errors.iter().map(PoseError::heading)),
+        translation_max: translations.iter().copied().fold(0.0, f64::max),
+        diverged: diverged(&translations, &DivergenceSettings::default())?,
+        lost_episodes: episodes.len(),
+        recovered_episodes: episodes.iter().filter(|episode| episode.recovered.is_some()).count(),
+        mean_effective_sample_size: mean(&mut reports.iter().map(|r| r.effective_sample_size)),
+        resamplings: reports.iter().filter(|report| report.resampled).count(),
+        seconds: tracked.seconds,
+    })
+}

@@ -1,0 +1,61 @@
+use std::collections::HashSet;
+use std::path::Path;
+
+use anyhow::Result;
+use mcl_maps::PointSet;
+
+use super::{
+    MAPS, RunOptions, SUMMARY, TESTS, TRIALS, draw_figures, maps, prepare, run_pending,
+    tell_resumed,
+};
+use crate::experiment::{
+    DatasetFacts, Kind, LikelihoodExperiment, LikelihoodRow, Manifest, TrialOutcome, TrialStore,
+    run_likelihood_trial, summarize, test_improvement, trials, write_rows,
+};
+use crate::source::LogSource;
+
+/// Runs a likelihood experiment on one log; see [`super::run_experiment`].
+pub(super) fn run(
+    experiment: &LikelihoodExperiment,
+    name: &str,
+    source: &LogSource,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<TrialOutcome> {
+    let points = source.points()?;
+    let facts = DatasetFacts::of(source, points.len());
+    let manifest = Manifest::new(name, Kind::Likelihood, experiment, facts)?;
+    let earlier = prepare(folder, &manifest, options.fresh)?;
+    let data = PointSet::new(points)?;
+
+    let mut store = TrialStore::open(&folder.join(TRIALS))?;
+    let saved: HashSet<_> =
+        store.rows().iter().map(|row: &LikelihoodRow| identity(row.key())).collect();
+    let (done, pending): (Vec<_>, Vec<_>) =
+        trials(experiment, &source.name, experiment.sizes_for(&source.name), data.len())
+            .into_iter()
+            .partition(|trial| saved.contains(&identity(trial.key())));
+    tell_resumed(&source.name, done.len(), pending.len(), options);
+    let outcome = run_pending(&source.name, &pending, &mut store, options, |trial| {
+        Ok(vec![run_likelihood_trial(experiment, &source.name, &data, trial)?])
+    })?;
+    let rows = store.finish(LikelihoodRow::key)?;
+    write_rows(&folder.join(SUMMARY), &summarize(&rows)?)?;
+    write_rows(&folder.join(TESTS), &test_improvement(&rows)?)?;
+
+    let folder_of_maps = folder.join(MAPS);
+    let unchanged = earlier
+        .map(|earlier| earlier.definition::<LikelihoodExperiment>())
+        .transpose()?
+        .is_some_and(|earlier| earlier.figures == experiment.figures);
+    if !unchanged || !maps::complete(&folder_of_maps) {
+        maps::build(experiment, &source.name, &data, &folder_of_maps)?;
+    }
+    draw_figures(folder)?;
+    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
+}
+
+/// A trial's key in a form that can be hashed.
+fn identity<B>((size, builder, repeat): (f64, B, u32)) -> (u64, B, u32) {
+    (size.to_bits(), builder, repeat)
+}
