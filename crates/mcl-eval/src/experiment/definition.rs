@@ -43,7 +43,7 @@ pub struct LikelihoodExperiment {
     /// Map sizes of the figures that show maps.
     pub figures: FigureSizes,
     /// The data sets to run on, as far as they are at hand.
-    #[serde(rename = "dataset")]
+    #[serde(rename = "dataset", default)]
     pub datasets: Vec<ExperimentDataset>,
 }
 
@@ -78,7 +78,7 @@ pub struct LocalizationExperiment {
     /// What the trajectory figure shows.
     pub figures: TrajectoryFigure,
     /// The data sets to run on, as far as they are at hand.
-    #[serde(rename = "dataset")]
+    #[serde(rename = "dataset", default)]
     pub datasets: Vec<LocalizationDataset>,
 }
 
