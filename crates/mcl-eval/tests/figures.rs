@@ -219,6 +219,26 @@ fn curves_have_labels_ink_and_marks() {
 }
 
 #[test]
+fn lines_that_leave_the_axes_are_cut_not_bent() {
+    // From 0 to 100 on an axis that ends at 10: gone at x = 1.
+    let bare = |x, mean| CurvePoint { x, mean, low: NAN, high: NAN, mark: None };
+    let mut figure = curve_figure(vec![vec![bare(0.0, 0.0), bare(10.0, 100.0)]]);
+    figure.panels[0].x.range = Some([0.0, 10.0]);
+    figure.panels[0].y.range = Some([0.0, 10.0]);
+    let drawn = curves(&figure).unwrap();
+    let document = usvg::roxmltree::Document::parse(&drawn.svg).unwrap();
+    let clip = document.descendants().find(|node| node.has_tag_name("clipPath")).unwrap();
+    let window = clip.first_element_child().unwrap();
+    let [left, top, width, height] = ["x", "y", "width", "height"]
+        .map(|name| 3.0 * window.attribute(name).unwrap().parse::<f64>().unwrap());
+    let darkest =
+        |x: f64, y: f64| drawn.darkest(left + width * 0.1 * x, top + height * (1.0 - 0.1 * y), 4);
+    assert_eq!(darkest(0.53, 5.3), 0);
+    assert!(darkest(5.3, 5.3) > 200, "drawn to the corner of the chart");
+    assert!(drawn.darkest(left + width * 0.11, top - 10.0, 2) > 200, "drawn beyond the chart");
+}
+
+#[test]
 fn odd_curves_are_drawn_or_refused() {
     let bare = |x, mean| CurvePoint { x, mean, low: NAN, high: f64::INFINITY, mark: None };
     let odd = [

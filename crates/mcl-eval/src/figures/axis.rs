@@ -1,4 +1,13 @@
 //! From values to positions along an axis, and where its ticks stand.
+//!
+//! One type is the coordinate of every axis, because the scale of an axis is a setting. plotters has no
+//! symlog scale, and its ticks on a logarithmic one are powers of ten, however short the axis.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{
+    KeyPointHint, KeyPointWeight, NoDefaultFormatting, Ranged, ValueFormatter,
+};
 
 /// How values are laid out along an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,8 +26,7 @@ pub enum Scale {
 impl Scale {
     /// Whether a value has a place on this scale.
     pub(super) fn holds(self, value: f64) -> bool {
-        // Far beyond any measurement, sums and ratios overflow.
-        value.abs() < 1e200 && (self != Scale::Log || value > 0.0)
+        value.abs() < LARGEST && (self != Scale::Log || value > 0.0)
     }
 
     fn apply(self, value: f64) -> f64 {
@@ -26,48 +34,54 @@ impl Scale {
             Scale::Linear => value,
             Scale::Log => value.log10(),
             Scale::Symlog { linear_below } => {
-                (value / (2.0 * linear_below.max(LEAST))).asinh() / std::f64::consts::LN_10
+                (value / (2.0 * linear_part(linear_below))).asinh() / std::f64::consts::LN_10
             }
         }
     }
 }
 
-/// Smallest linear part of a symlog scale.
-const LEAST: f64 = 1e-9;
+/// The linear part of a symlog scale, in the range of numbers that can be drawn.
+fn linear_part(linear_below: f64) -> f64 {
+    linear_below.clamp(1e-9, LARGEST)
+}
+
+/// Far beyond any measurement, sums and ratios overflow.
+const LARGEST: f64 = 1e200;
+
+/// Most ticks on a linear axis.
+const MOST_TICKS: usize = 8;
+/// Powers of ten from one tick to the next, where not each has one.
+const STRIDES: [i32; 6] = [2, 5, 10, 20, 50, 100];
 
 /// A labelled tick.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Tick {
-    pub(super) value: f64,
-    pub(super) label: String,
+struct Tick {
+    value: f64,
+    label: String,
 }
 
 /// An axis with room for given values.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Axis {
     scale: Scale,
     /// The ends, on the scale.
     low: f64,
     high: f64,
-    pub(super) ticks: Vec<Tick>,
-    /// Ticks without label or grid line.
-    pub(super) minor: Vec<f64>,
+    ticks: Vec<Tick>,
+    /// Values with a faint grid line and no label.
+    minor: Vec<f64>,
 }
 
 impl Axis {
-    /// An axis from `range[0]` to `range[1]`, about `ticks` ticks on it.
-    pub(super) fn over(range: [f64; 2], scale: Scale, ticks: usize) -> Self {
+    /// An axis from `range[0]` to `range[1]`, without ticks.
+    pub(super) fn over(range: [f64; 2], scale: Scale) -> Self {
         let [low, high] = range.map(|end| scale.apply(end));
-        Axis::between(low.min(high), low.max(high), scale, ticks)
+        Axis::between(low.min(high), low.max(high), scale)
     }
 
     /// An axis with some room around the smallest and largest of `values`, all of which the scale
-    /// holds; `None` without values.
-    pub(super) fn around(
-        values: impl Iterator<Item = f64>,
-        scale: Scale,
-        ticks: usize,
-    ) -> Option<Self> {
+    /// holds, without ticks; `None` without values.
+    pub(super) fn around(values: impl Iterator<Item = f64>, scale: Scale) -> Option<Self> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values {
             low = low.min(value);
@@ -84,10 +98,10 @@ impl Axis {
         if never_negative {
             low = low.max(0.0);
         }
-        Some(Axis::between(low, high, scale, ticks))
+        Some(Axis::between(low, high, scale))
     }
 
-    fn between(mut low: f64, mut high: f64, scale: Scale, ticks: usize) -> Self {
+    fn between(mut low: f64, mut high: f64, scale: Scale) -> Self {
         // Equal values, or so close that labels could not tell them apart.
         let largest = low.abs().max(high.abs());
         if high - low <= 1e-9 * largest || high - low < 1e-200 {
@@ -95,19 +109,97 @@ impl Axis {
             low -= room;
             high += room;
         }
-        let mut axis = Axis { scale, low, high, ticks: Vec::new(), minor: Vec::new() };
-        match scale {
-            Scale::Linear => {}
-            Scale::Log => axis.add_log_ticks(ticks),
-            Scale::Symlog { .. } => axis.add_symlog_ticks(),
+        Axis { scale, low, high, ticks: Vec::new(), minor: Vec::new() }
+    }
+
+    /// Puts as many ticks on the axis as a `length` has room for; `extent` is the length that a
+    /// label takes up, with its distance to the next.
+    pub(super) fn with_ticks(mut self, length: f64, extent: impl Fn(&str) -> f64) -> Self {
+        let fits = |ticks: &Vec<Tick>| {
+            let apart = |pair: &[Tick]| {
+                let [from, to] = [&pair[0], &pair[1]].map(|tick| self.fraction(tick.value));
+                (to - from) * length >= 0.5 * (extent(&pair[0].label) + extent(&pair[1].label))
+            };
+            ticks.len() > 1 && ticks.windows(2).all(apart)
+        };
+        let fullest = |candidates: Vec<Vec<Tick>>| {
+            candidates.into_iter().filter(fits).max_by_key(|ticks| ticks.len())
+        };
+        // Of an axis too short for two labels, the first.
+        let one = || self.linear().pop().map(|ticks| ticks.into_iter().take(1).collect());
+        let ticks = fullest(self.logarithmic()).or_else(|| fullest(self.linear())).or_else(one);
+        self.ticks = ticks.unwrap_or_default();
+        if self.scale == Scale::Log && self.high - self.low <= 5.0 {
+            let minor = self.decimals(&[2, 3, 4, 5, 6, 7, 8, 9], 1, self.low.floor() as i32);
+            self.minor = minor.into_iter().filter(|&value| self.contains(value)).collect();
         }
-        if axis.ticks.len() < 2 {
-            axis.minor.clear();
-            axis.ticks = linear_ticks(axis.invert(low), axis.invert(high), ticks);
-            axis.ticks.retain(|tick| scale.holds(tick.value));
-            axis.drop_crowded();
+        self
+    }
+
+    /// Keeps the ticks, but not their labels.
+    pub(super) fn without_labels(mut self) -> Self {
+        self.ticks.iter_mut().for_each(|tick| tick.label.clear());
+        self
+    }
+
+    pub(super) fn labels(&self) -> impl Iterator<Item = &str> {
+        self.ticks.iter().map(|tick| tick.label.as_str())
+    }
+
+    /// Ticks at round numbers of every or some powers of ten.
+    fn logarithmic(&self) -> Vec<Vec<Tick>> {
+        let sets: [(&[i32], i32); 3] = [(&[1, 2, 3, 4, 5, 6, 8], 1), (&[1, 2, 5], 1), (&[1], 1)];
+        let sets = sets.into_iter().chain(STRIDES.map(|stride| (&[1][..], stride)));
+        let lowest = self.low.floor() as i32;
+        match self.scale {
+            Scale::Linear => Vec::new(),
+            Scale::Log => sets
+                .map(|(steps, stride)| self.ticks(self.decimals(steps, stride, lowest)))
+                .collect(),
+            Scale::Symlog { linear_below } => {
+                // The numbers next to 0 crowd it on a short axis, and are left out first.
+                let first = linear_part(linear_below).log10().ceil() as i32;
+                let least = [1, 2, 5, 10].map(|step| decimal(step, first));
+                sets.flat_map(|set| least.map(|least| (set, least)))
+                    .map(|((steps, stride), least)| {
+                        let mut values = self.decimals(steps, stride, first);
+                        values.retain(|value| value.abs() >= least);
+                        values.push(0.0);
+                        values.sort_by(f64::total_cmp);
+                        self.ticks(values)
+                    })
+                    .collect()
+            }
         }
-        axis
+    }
+
+    /// Ticks at even distances, without sets that have none.
+    fn linear(&self) -> Vec<Vec<Tick>> {
+        let [low, high] = [self.low, self.high].map(|end| self.invert(end));
+        let on_axis = |mut ticks: Vec<Tick>| {
+            ticks.retain(|tick| self.contains(tick.value));
+            ticks
+        };
+        let sets = (1..=MOST_TICKS).map(|count| on_axis(linear_ticks(low, high, count)));
+        sets.filter(|ticks| !ticks.is_empty()).collect()
+    }
+
+    /// Positive and negative `steps` of 10^k up to the axis' ends, for every `stride`-th k from `first`.
+    fn decimals(&self, steps: &[i32], stride: i32, first: i32) -> Vec<f64> {
+        let largest = self.invert(self.low).abs().max(self.invert(self.high).abs());
+        (first..=largest.log10().floor() as i32)
+            .filter(|decade| decade.rem_euclid(stride) == 0)
+            .flat_map(|decade| steps.iter().map(move |&step| decimal(step, decade)))
+            .flat_map(|value| [value, -value])
+            .collect()
+    }
+
+    fn ticks(&self, values: Vec<f64>) -> Vec<Tick> {
+        values
+            .into_iter()
+            .filter(|&value| self.contains(value))
+            .map(|value| Tick { value, label: plain(value) })
+            .collect()
     }
 
     fn invert(&self, position: f64) -> f64 {
@@ -115,7 +207,7 @@ impl Axis {
             Scale::Linear => position,
             Scale::Log => 10_f64.powf(position),
             Scale::Symlog { linear_below } => {
-                2.0 * linear_below.max(LEAST) * (position * std::f64::consts::LN_10).sinh()
+                2.0 * linear_part(linear_below) * (position * std::f64::consts::LN_10).sinh()
             }
         }
     }
@@ -131,67 +223,32 @@ impl Axis {
     pub(super) fn contains(&self, value: f64) -> bool {
         self.scale.holds(value) && (-1e-9..=1.0 + 1e-9).contains(&self.fraction(value))
     }
+}
 
-    fn push(&mut self, value: f64, label: impl FnOnce() -> String) {
-        if self.contains(value) {
-            self.ticks.push(Tick { value, label: label() });
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        from + (f64::from(to - from) * self.fraction(*value)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        match hint.weight() {
+            KeyPointWeight::Bold => self.ticks.iter().map(|tick| tick.value).collect(),
+            KeyPointWeight::Any => self.minor.clone(),
         }
     }
 
-    fn add_log_ticks(&mut self, ticks: usize) {
-        let (first, last) = (self.low.floor() as i32, self.high.ceil() as i32);
-        let decades = self.high - self.low;
-        // The shorter the axis, the more of each decade is labelled; beyond that, whole decades only.
-        let steps: &[i32] = match 1.5 * ticks as f64 / decades {
-            room if room >= 8.0 => &[1, 2, 3, 4, 5, 6, 8],
-            room if room >= 3.0 => &[1, 2, 5],
-            _ => &[1],
-        };
-        let stride = (decades / ticks as f64).ceil().max(1.0) as i32;
-        for decade in first..=last {
-            if decade.rem_euclid(stride) == 0 {
-                for &step in steps {
-                    let value = decimal(step, decade);
-                    self.push(value, || plain(value));
-                }
-            }
-            if decades <= 5.0 {
-                for step in 2..10 {
-                    let value = decimal(step, decade);
-                    if self.contains(value) {
-                        self.minor.push(value);
-                    }
-                }
-            }
-        }
+    fn range(&self) -> Range<f64> {
+        self.invert(self.low)..self.invert(self.high)
     }
+}
 
-    fn add_symlog_ticks(&mut self) {
-        let Scale::Symlog { linear_below } = self.scale else { return };
-        let largest = self.invert(self.low).abs().max(self.invert(self.high).abs());
-        let first = linear_below.max(LEAST).log10().ceil() as i32;
-        let last = largest.log10().floor() as i32;
-        self.push(0.0, || "0".to_owned());
-        for decade in first..=last {
-            for value in [decimal(1, decade), -decimal(1, decade)] {
-                self.push(value, || plain(value));
-            }
-        }
-        self.drop_crowded();
-    }
-
-    /// Keeps, in the order of the ticks, those whose labels do not run into an earlier one.
-    fn drop_crowded(&mut self) {
-        let mut kept: Vec<Tick> = Vec::new();
-        for tick in std::mem::take(&mut self.ticks) {
-            let far = |other: &Tick| {
-                (self.fraction(other.value) - self.fraction(tick.value)).abs() > 0.06
-            };
-            if kept.iter().all(far) {
-                kept.push(tick);
-            }
-        }
-        self.ticks = kept;
+impl ValueFormatter<f64> for Axis {
+    fn format_ext(&self, value: &f64) -> String {
+        let tick = self.ticks.iter().find(|tick| tick.value == *value);
+        tick.map_or_else(|| plain(*value), |tick| tick.label.clone())
     }
 }
 
@@ -234,8 +291,8 @@ fn linear_ticks(low: f64, high: f64, ticks: usize) -> Vec<Tick> {
 
 /// A round number: plain where that is short, else with an exponent.
 fn plain(value: f64) -> String {
-    let text =
-        if (1e-4..1e6).contains(&value.abs()) { format!("{value}") } else { format!("{value:e}") };
+    let short = value == 0.0 || (1e-4..1e6).contains(&value.abs());
+    let text = if short { value.to_string() } else { format!("{value:e}") };
     text.replace('-', "−")
 }
 
@@ -243,48 +300,63 @@ fn plain(value: f64) -> String {
 mod tests {
     use super::*;
 
+    /// An axis of this length, each label 10 long.
+    fn ticked(range: [f64; 2], scale: Scale, length: f64) -> Axis {
+        Axis::over(range, scale).with_ticks(length, |_| 10.0)
+    }
+
     fn labels(axis: &Axis) -> Vec<&str> {
-        axis.ticks.iter().map(|tick| tick.label.as_str()).collect()
+        axis.labels().collect()
     }
 
     #[test]
     fn linear_ticks_are_round_and_inside() {
-        let axis = Axis::over([0.0, 100.0], Scale::Linear, 6);
+        let axis = ticked([0.0, 100.0], Scale::Linear, 60.0);
         assert_eq!(labels(&axis), ["0", "20", "40", "60", "80", "100"]);
         assert_eq!(axis.fraction(25.0), 0.25);
-        let axis = Axis::over([-1.3, 0.31], Scale::Linear, 5);
+        assert_eq!(axis.map(&25.0, (1000, 200)), 800);
+        let axis = ticked([-1.3, 0.31], Scale::Linear, 50.0);
         assert_eq!(labels(&axis), ["−1.0", "−0.5", "0"]);
+        assert_eq!(axis.format_ext(&-0.5), "−0.5");
     }
 
     #[test]
     fn log_ticks() {
-        let axis = Axis::over([0.1, 50.0], Scale::Log, 6);
+        let axis = ticked([0.1, 50.0], Scale::Log, 100.0);
         assert_eq!(labels(&axis), ["0.1", "0.2", "0.5", "1", "2", "5", "10", "20", "50"]);
         assert!((axis.fraction(1.0) - 1.0 / 500_f64.log10()).abs() < 1e-12);
-        let axis = Axis::over([1e-3, 1e9], Scale::Log, 6);
+        let axis = ticked([0.1, 50.0], Scale::Log, 70.0);
+        assert_eq!(labels(&axis), ["0.1", "1", "10"]);
+        let axis = ticked([1e-3, 1e9], Scale::Log, 70.0);
         assert_eq!(labels(&axis), ["0.01", "1", "100", "10000", "1e6", "1e8"]);
-        let axis = Axis::over([0.13, 0.65], Scale::Log, 7);
+        let axis = ticked([0.13, 0.65], Scale::Log, 100.0);
         assert_eq!(labels(&axis), ["0.2", "0.3", "0.4", "0.5", "0.6"]);
-        assert!(Axis::over([2.1, 2.4], Scale::Log, 6).ticks.len() > 1);
+        assert!(labels(&ticked([2.1, 2.4], Scale::Log, 60.0)).len() > 1);
     }
 
     #[test]
     fn symlog_ticks_reach_both_ways_from_zero() {
-        let axis = Axis::over([-500.0, 2.0], Scale::Symlog { linear_below: 1.0 }, 5);
-        assert_eq!(labels(&axis), ["0", "1", "−1", "−10", "−100"]);
-        // Farther out, 1 and −1 would be crowded by 0.
-        let axis = Axis::over([-50000.0, 2.0], Scale::Symlog { linear_below: 1.0 }, 5);
-        assert_eq!(labels(&axis), ["0", "−10", "−100", "−1000", "−10000"]);
+        let symlog = Scale::Symlog { linear_below: 1.0 };
+        let axis = ticked([-500.0, 2.0], symlog, 200.0);
+        let expected =
+            ["−500", "−200", "−100", "−50", "−20", "−10", "−5", "−2", "−1", "0", "1", "2"];
+        assert_eq!(labels(&axis), expected);
+        // On a shorter axis, 1 and −1 would be crowded by 0 and 2; then there are whole powers only.
+        let axis = ticked([-500.0, 2.0], symlog, 160.0);
+        let expected = ["−500", "−200", "−100", "−50", "−20", "−10", "−5", "−2", "0", "2"];
+        assert_eq!(labels(&axis), expected);
+        let axis = ticked([-50000.0, 2.0], symlog, 100.0);
+        assert_eq!(labels(&axis), ["−10000", "−1000", "−100", "−10", "0"]);
         assert!(axis.fraction(0.0) > axis.fraction(-1.0));
     }
 
     #[test]
     fn there_is_room_around_the_values() {
-        let axis = Axis::around([2.0, 4.0].into_iter(), Scale::Linear, 5).unwrap();
+        let axis = Axis::around([2.0, 4.0].into_iter(), Scale::Linear).unwrap();
         assert!(axis.fraction(2.0) > 0.0 && axis.fraction(4.0) < 1.0);
-        let axis = Axis::around([0.0, 4.0].into_iter(), Scale::Linear, 5).unwrap();
+        let axis = Axis::around([0.0, 4.0].into_iter(), Scale::Linear).unwrap();
         assert_eq!(axis.fraction(0.0), 0.0);
-        assert!(Axis::around(std::iter::empty(), Scale::Linear, 5).is_none());
+        assert!(Axis::around(std::iter::empty(), Scale::Linear).is_none());
     }
 
     #[test]
@@ -305,18 +377,21 @@ mod tests {
             Scale::Log,
             Scale::Symlog { linear_below: 1.0 },
             Scale::Symlog { linear_below: 0.0 },
+            Scale::Symlog { linear_below: f64::INFINITY },
         ];
         for range in odd {
             for scale in scales {
                 if range.iter().any(|&end| !scale.holds(end)) {
                     continue;
                 }
-                for axis in [
-                    Axis::over(range, scale, 5),
-                    Axis::around(range.into_iter(), scale, 5).unwrap(),
-                ] {
-                    assert!(!axis.ticks.is_empty(), "{range:?} {axis:?}");
-                    assert!(axis.ticks.len() < 40, "{range:?} {axis:?}");
+                for axis in
+                    [Axis::over(range, scale), Axis::around(range.into_iter(), scale).unwrap()]
+                {
+                    for length in [1.0, 20.0, 235.0, 700.0] {
+                        let ticks = axis.clone().with_ticks(length, |_| 20.0).ticks.len();
+                        let most = 1 + length as usize / 20;
+                        assert!((1..=most).contains(&ticks), "{range:?} {axis:?}");
+                    }
                     assert!(axis.fraction(range[0]).is_finite(), "{range:?} {axis:?}");
                 }
             }

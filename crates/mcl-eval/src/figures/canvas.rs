@@ -1,221 +1,269 @@
-//! The few SVG shapes that figures are made of.
+//! The page that plotters draws on; it becomes an SVG document.
+//!
+//! plotters' own SVG backend rounds to whole pixels, guesses the width of text and knows no dashes.
+//! This one counts in hundredths of an SVG unit and measures text with the font it is drawn in.
+
+use std::ops::Range;
 
 use base64::Engine;
+use plotters::style::text_anchor::{HPos, VPos};
+use plotters_backend::{
+    BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingBackend, DrawingErrorKind,
+    FontTransform,
+};
+use resvg::tiny_skia::Pixmap;
 use svg::node::element::{
-    ClipPath, Definitions, Group, Image, Line, Path as Shape, Polyline, Rectangle,
-    Text as TextElement,
+    Circle, ClipPath, Definitions, Group, Image, Polygon, Polyline, Rectangle,
 };
 use svg::{Document, Node};
 
-use super::text::FONT_FAMILY;
+use super::text::{FONT_FAMILY, text_node, text_size};
+use super::{PIXELS_PER_UNIT, WIDTH};
 
-/// A position in SVG units, y downwards.
-pub(super) type Position = [f64; 2];
+/// plotters' whole numbers per SVG unit.
+const SCALE: f64 = 100.0;
+/// Height of the page while it is drawn; in the end it is cut where the drawing ends.
+const ENDLESS: f64 = 1e6;
 
-/// A box in SVG units.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rect {
-    pub(super) left: f64,
-    pub(super) top: f64,
-    pub(super) width: f64,
-    pub(super) height: f64,
+/// A length or place in SVG units as plotters counts it.
+pub(super) fn units(length: f64) -> i32 {
+    (length * SCALE).round() as i32
 }
 
-impl Rect {
-    pub(super) fn right(&self) -> f64 {
-        self.left + self.width
-    }
-
-    pub(super) fn bottom(&self) -> f64 {
-        self.top + self.height
-    }
+/// A length or place counted by plotters in SVG units.
+pub(super) fn svg_units(length: impl Into<f64>) -> f64 {
+    length.into() / SCALE
 }
 
-/// How a line is drawn.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Stroke<'a> {
-    pub(super) color: &'a str,
-    pub(super) width: f64,
-    /// Lengths of dashes and gaps; empty for a solid line.
-    pub(super) dashes: &'a [f32],
-}
+/// Why something could not be put on the page.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct CanvasError(String);
 
-/// Which part of a text stands at its position.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Anchor {
-    Start,
-    Middle,
-    End,
-}
+type Drawn = Result<(), DrawingErrorKind<CanvasError>>;
 
-/// How a text is drawn; its position is on the baseline.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Text<'a> {
-    pub(super) size: f64,
-    pub(super) bold: bool,
-    pub(super) anchor: Anchor,
-    pub(super) color: &'a str,
-    /// Turned to read upwards.
-    pub(super) upwards: bool,
-    /// With a white rim, to stay legible over lines.
-    pub(super) rim: bool,
-}
-
-impl Default for Text<'_> {
-    fn default() -> Self {
-        Text {
-            size: 12.0,
-            bold: false,
-            anchor: Anchor::Start,
-            color: "#222222",
-            upwards: false,
-            rim: false,
-        }
-    }
-}
-
-/// Hundredths are plenty, and keep files small.
-fn rounded(value: f64) -> f64 {
-    (value * 100.0).round() / 100.0
-}
-
+#[derive(Default)]
 pub(super) struct Canvas {
     content: Group,
+    /// What is being drawn inside of a clipping box.
+    clipped: Option<Group>,
     clips: usize,
+    /// Lengths of dashes and gaps (SVG units) of the lines that follow; plotters' styles have none.
+    pub(super) dashes: &'static [f32],
 }
 
 impl Canvas {
-    pub(super) fn new() -> Self {
-        Canvas { content: Group::new(), clips: 0 }
-    }
-
     /// The finished document, on white paper.
-    pub(super) fn into_page(mut self, width: f64, height: f64) -> String {
-        let (width, height) = (width.ceil(), height.ceil());
-        let paper = Rectangle::new().set("width", width).set("height", height).set("fill", "white");
-        let drawn = std::mem::take(&mut self.content);
-        self.content.append(paper);
-        self.content.append(drawn);
-        self.into_svg(width, height)
-    }
-
-    /// The document without paper.
-    pub(super) fn into_svg(self, width: f64, height: f64) -> String {
+    pub(super) fn into_svg(self, height: f64) -> String {
+        let height = height.ceil();
+        let paper = Rectangle::new().set("width", WIDTH).set("height", height).set("fill", "white");
         let document = Document::new()
-            .set("width", width)
+            .set("width", WIDTH)
             .set("height", height)
-            .set("viewBox", format!("0 0 {width} {height}"))
+            .set("viewBox", format!("0 0 {WIDTH} {height}"))
             .set("font-family", FONT_FAMILY)
+            .add(paper)
             .add(self.content);
         format!("{document}\n")
     }
 
-    pub(super) fn line(&mut self, from: Position, to: Position, stroke: Stroke) {
-        let line = Line::new()
-            .set("x1", rounded(from[0]))
-            .set("y1", rounded(from[1]))
-            .set("x2", rounded(to[0]))
-            .set("y2", rounded(to[1]));
-        self.content.append(stroked(line, stroke));
-    }
-
-    pub(super) fn polyline(&mut self, points: &[Position], stroke: Stroke) {
-        let line = Polyline::new()
-            .set("points", joined(points))
-            .set("fill", "none")
-            .set("stroke-linejoin", "round");
-        self.content.append(stroked(line, stroke));
-    }
-
-    /// A filled area without outline.
-    pub(super) fn area(&mut self, corners: &[Position], color: &str, opacity: f64) {
-        let area = svg::node::element::Polygon::new()
-            .set("points", joined(corners))
-            .set("fill", color)
-            .set("fill-opacity", opacity);
-        self.content.append(area);
-    }
-
-    /// A closed shape given as SVG path data around the origin.
-    pub(super) fn symbol(&mut self, data: &str, at: Position, fill: &str, stroke: Stroke) {
-        let shape = Shape::new()
-            .set("d", data)
-            .set("transform", format!("translate({} {})", rounded(at[0]), rounded(at[1])))
-            .set("fill", fill);
-        self.content.append(stroked(shape, stroke));
-    }
-
-    pub(super) fn text(&mut self, text: &str, at: Position, style: Text) {
-        // XML allows neither control characters nor U+FFFE and U+FFFF.
-        let forbidden = |c: char| c.is_control() || c == '\u{fffe}' || c == '\u{ffff}';
-        let text = text.replace(forbidden, "\u{fffd}");
-        let (x, y) = (rounded(at[0]), rounded(at[1]));
-        let mut element = TextElement::new(text)
-            .set("x", x)
-            .set("y", y)
-            .set("font-size", style.size)
-            .set("fill", style.color);
-        match style.anchor {
-            Anchor::Start => {}
-            Anchor::Middle => element.assign("text-anchor", "middle"),
-            Anchor::End => element.assign("text-anchor", "end"),
-        }
-        if style.bold {
-            element.assign("font-weight", "bold");
-        }
-        if style.upwards {
-            element.assign("transform", format!("rotate(-90 {x} {y})"));
-        }
-        if style.rim {
-            element.assign("stroke", "white");
-            element.assign("stroke-width", 3);
-            element.assign("stroke-linejoin", "round");
-            element.assign("paint-order", "stroke");
-        }
-        self.content.append(element);
-    }
-
-    /// A PNG, embedded.
-    pub(super) fn picture(&mut self, png: &[u8], at: Rect) {
-        let data = base64::engine::general_purpose::STANDARD.encode(png);
-        let image = Image::new()
-            .set("x", rounded(at.left))
-            .set("y", rounded(at.top))
-            .set("width", rounded(at.width))
-            .set("height", rounded(at.height))
-            .set("href", format!("data:image/png;base64,{data}"));
-        self.content.append(image);
-    }
-
-    /// Draws something of which only the part inside `window` is seen.
-    pub(super) fn clipped(&mut self, window: Rect, draw: impl FnOnce(&mut Canvas)) {
+    /// From here to [`Canvas::unclip`], only what lies in this box is seen.
+    pub(super) fn clip(&mut self, (x, y): (Range<i32>, Range<i32>)) {
+        self.unclip();
         self.clips += 1;
         let id = format!("window{}", self.clips);
-        let rectangle = Rectangle::new()
-            .set("x", rounded(window.left))
-            .set("y", rounded(window.top))
-            .set("width", rounded(window.width))
-            .set("height", rounded(window.height));
-        let clip = ClipPath::new().set("id", id.as_str()).add(rectangle);
+        let clip = ClipPath::new()
+            .set("id", id.as_str())
+            .add(rectangle((x.start, y.start), (x.end, y.end)));
         self.content.append(Definitions::new().add(clip));
-        let mut inside = Canvas::new();
-        draw(&mut inside);
-        self.content.append(inside.content.set("clip-path", format!("url(#{id})")));
+        self.clipped = Some(Group::new().set("clip-path", format!("url(#{id})")));
+    }
+
+    pub(super) fn unclip(&mut self) {
+        if let Some(clipped) = self.clipped.take() {
+            self.content.append(clipped);
+        }
+    }
+
+    fn append(&mut self, node: impl Node) {
+        self.clipped.as_mut().unwrap_or(&mut self.content).append(node);
+    }
+
+    /// Draws a shape's outline, or fills it.
+    fn shape<S: BackendStyle>(&mut self, mut shape: impl Node, style: &S, fill: bool) {
+        let color = style.color();
+        if color.alpha <= 0.0 {
+            return;
+        }
+        let paint = if fill { "fill" } else { "stroke" };
+        if !fill {
+            shape.assign("fill", "none");
+            shape.assign("stroke-width", svg_units(style.stroke_width()));
+            shape.assign("stroke-linejoin", "round");
+            if !self.dashes.is_empty() {
+                let dashes: Vec<_> = self.dashes.iter().map(f32::to_string).collect();
+                shape.assign("stroke-dasharray", dashes.join(" "));
+            }
+        }
+        shape.assign(paint, hex(color));
+        if color.alpha < 1.0 {
+            shape.assign(format!("{paint}-opacity"), color.alpha);
+        }
+        self.append(shape);
     }
 }
 
-fn joined(points: &[Position]) -> String {
+impl DrawingBackend for Canvas {
+    type ErrorType = CanvasError;
+
+    fn get_size(&self) -> (u32, u32) {
+        (units(WIDTH).unsigned_abs(), units(ENDLESS).unsigned_abs())
+    }
+
+    fn ensure_prepared(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn present(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn draw_pixel(&mut self, at: BackendCoord, color: BackendColor) -> Drawn {
+        self.draw_rect(at, (at.0 + 1, at.1 + 1), &color, true)
+    }
+
+    fn draw_line<S: BackendStyle>(
+        &mut self,
+        from: BackendCoord,
+        to: BackendCoord,
+        style: &S,
+    ) -> Drawn {
+        self.draw_path([from, to], style)
+    }
+
+    fn draw_rect<S: BackendStyle>(
+        &mut self,
+        upper_left: BackendCoord,
+        bottom_right: BackendCoord,
+        style: &S,
+        fill: bool,
+    ) -> Drawn {
+        self.shape(rectangle(upper_left, bottom_right), style, fill);
+        Ok(())
+    }
+
+    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        path: I,
+        style: &S,
+    ) -> Drawn {
+        self.shape(Polyline::new().set("points", joined(path)), style, false);
+        Ok(())
+    }
+
+    fn draw_circle<S: BackendStyle>(
+        &mut self,
+        center: BackendCoord,
+        radius: u32,
+        style: &S,
+        fill: bool,
+    ) -> Drawn {
+        let circle = Circle::new()
+            .set("cx", svg_units(center.0))
+            .set("cy", svg_units(center.1))
+            .set("r", svg_units(radius));
+        self.shape(circle, style, fill);
+        Ok(())
+    }
+
+    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        corners: I,
+        style: &S,
+    ) -> Drawn {
+        self.shape(Polygon::new().set("points", joined(corners)), style, true);
+        Ok(())
+    }
+
+    fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Drawn {
+        if text.is_empty() {
+            return Ok(());
+        }
+        // From the anchor to the baseline, by the heights of the font's letters.
+        let size = svg_units(style.size());
+        let down = match style.anchor().v_pos {
+            VPos::Top => 0.76,
+            VPos::Center => 0.36,
+            VPos::Bottom => -0.24,
+        };
+        let (x, y) = (svg_units(at.0), svg_units(at.1));
+        let mut node = text_node(text, style)
+            .set("x", x)
+            .set("y", svg_units(units(y + down * size)))
+            .set("fill", hex(style.color()));
+        match style.anchor().h_pos {
+            HPos::Left => {}
+            HPos::Center => node.assign("text-anchor", "middle"),
+            HPos::Right => node.assign("text-anchor", "end"),
+        }
+        let turn = match style.transform() {
+            FontTransform::None => 0,
+            FontTransform::Rotate90 => 90,
+            FontTransform::Rotate180 => 180,
+            FontTransform::Rotate270 => 270,
+        };
+        if turn != 0 {
+            node.assign("transform", format!("rotate({turn} {x} {y})"));
+        }
+        self.append(node);
+        Ok(())
+    }
+
+    fn estimate_text_size<S: BackendTextStyle>(
+        &self,
+        text: &str,
+        style: &S,
+    ) -> Result<(u32, u32), DrawingErrorKind<CanvasError>> {
+        Ok(text_size(text, style).map(|length| units(length).unsigned_abs()).into())
+    }
+
+    /// Embeds a picture of RGB pixels as a PNG; they are those of the rendered figure.
+    fn blit_bitmap(&mut self, at: BackendCoord, (width, height): (u32, u32), rgb: &[u8]) -> Drawn {
+        let failed = |reason: &str| DrawingErrorKind::DrawingError(CanvasError(reason.to_owned()));
+        let mut picture = Pixmap::new(width, height).ok_or_else(|| failed("a picture's size"))?;
+        for (to, from) in picture.data_mut().chunks_exact_mut(4).zip(rgb.chunks_exact(3)) {
+            to[..3].copy_from_slice(from);
+            to[3] = u8::MAX;
+        }
+        let png = picture.encode_png().map_err(|error| failed(&error.to_string()))?;
+        let data = base64::engine::general_purpose::STANDARD.encode(png);
+        let length = |pixels: u32| svg_units(units(f64::from(pixels) / f64::from(PIXELS_PER_UNIT)));
+        let image = Image::new()
+            .set("x", svg_units(at.0))
+            .set("y", svg_units(at.1))
+            .set("width", length(width))
+            .set("height", length(height))
+            .set("href", format!("data:image/png;base64,{data}"));
+        self.append(image);
+        Ok(())
+    }
+}
+
+fn rectangle(upper_left: BackendCoord, bottom_right: BackendCoord) -> Rectangle {
+    Rectangle::new()
+        .set("x", svg_units(upper_left.0))
+        .set("y", svg_units(upper_left.1))
+        .set("width", svg_units(bottom_right.0 - upper_left.0))
+        .set("height", svg_units(bottom_right.1 - upper_left.1))
+}
+
+fn joined(points: impl IntoIterator<Item = BackendCoord>) -> String {
     let points: Vec<_> =
-        points.iter().map(|&[x, y]| format!("{},{}", rounded(x), rounded(y))).collect();
+        points.into_iter().map(|(x, y)| format!("{},{}", svg_units(x), svg_units(y))).collect();
     points.join(" ")
 }
 
-fn stroked<N: Node>(mut node: N, stroke: Stroke) -> N {
-    node.assign("stroke", stroke.color);
-    node.assign("stroke-width", stroke.width);
-    if !stroke.dashes.is_empty() {
-        let dashes: Vec<_> = stroke.dashes.iter().map(f32::to_string).collect();
-        node.assign("stroke-dasharray", dashes.join(" "));
-    }
-    node
+fn hex(color: BackendColor) -> String {
+    let (red, green, blue) = color.rgb;
+    format!("#{red:02X}{green:02X}{blue:02X}")
 }

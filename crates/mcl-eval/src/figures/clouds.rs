@@ -3,18 +3,26 @@
 use std::path::{Path, PathBuf};
 
 use mcl_core::Point;
+use plotters::element::BitMapElement;
 
 use super::axis::{Axis, Scale};
-use super::canvas::{Canvas, Position, Rect};
-use super::frame::{Frame, MARGIN, bottom_margin, draw_caption, draw_title, left_margin};
-use super::legend::draw_legend;
-use super::raster::Raster;
+use super::canvas::{svg_units, units};
+use super::page::{
+    Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
+    draw_lines, draw_remark, height, left_room,
+};
+use super::raster::{Position, Raster};
 use super::style::CurveStyle;
-use super::{FigureError, WIDTH, save};
+use super::text::{self, wrap};
+use super::{FigureError, render_error};
 
 /// Largest height of a panel on its own, and of one among several.
 const TALLEST: [f64; 2] = [560.0, 420.0];
 const GAP: f64 = 16.0;
+const X_LABEL: &str = "x [m]";
+const Y_LABEL: &str = "y [m]";
+/// Panels narrower than this go to the next row.
+const NARROWEST: f64 = 150.0;
 
 /// Point clouds in panels of the same bounds and scale.
 #[derive(Debug, Clone)]
@@ -32,7 +40,7 @@ pub struct CloudFigure<'a> {
 pub enum Arrangement {
     /// Above each other: best for clouds wider than tall.
     Stacked,
-    /// Beside each other.
+    /// Beside each other, as many as there is room for.
     SideBySide,
 }
 
@@ -124,73 +132,89 @@ pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], Fi
         ),
         expected: "point",
     })?;
-    let mut canvas = Canvas::new();
-    let paths = figure.panels.iter().flat_map(|panel| &panel.paths);
-    let entries = paths.map(|path| (path.label.as_str(), path.style));
-    let mut top = draw_legend(&mut canvas, entries, false, MARGIN);
-
-    let columns = match figure.arrangement {
-        Arrangement::Stacked => 1,
-        Arrangement::SideBySide => figure.panels.len(),
-    };
-    // Ticks need a window, and the window needs the width of the tick labels.
-    let y_axis = || Axis::over([view.low[1], view.high[1]], Scale::Linear, 5);
-    let left = MARGIN + left_margin(&y_axis(), "y [m]");
-    let free = WIDTH - left - MARGIN - GAP * (columns - 1) as f64;
-    // Whole units, so that the pictures' pixels meet those of the PNG.
-    let tallest = TALLEST[usize::from(figure.panels.len() > 1)];
-    let width = (free / columns as f64).min(tallest / view.aspect()).floor().max(20.0);
-    let height = (width * view.aspect()).round().max(20.0);
-    let left = (left + 0.5 * (free + GAP - (width + GAP) * columns as f64).max(0.0)).round();
-    let ticks = if width < 300.0 { 4 } else { 6 };
-    for row in figure.panels.chunks(columns) {
-        let mut below_titles = top;
-        for (column, panel) in row.iter().enumerate() {
-            let left = left + column as f64 * (width + GAP);
-            // A narrow panel on its own has room for its title to the right.
-            let room = if columns == 1 { WIDTH - MARGIN - left } else { width };
-            let end = draw_title(&mut canvas, &panel.title, left, top, room);
-            below_titles = below_titles.max(end);
-        }
-        for (column, panel) in row.iter().enumerate() {
-            let left = left + column as f64 * (width + GAP);
-            let frame = Frame {
-                window: Rect { left, top: below_titles.ceil() + 2.0, width, height },
-                x: Axis::over([view.low[0], view.high[0]], Scale::Linear, ticks),
-                y: y_axis(),
-            };
-            draw_panel(&mut canvas, panel, &frame)
-                .map_err(|reason| FigureError::Render { stem: stem.into(), reason })?;
-            frame.draw_axes(&mut canvas, "x [m]", (column == 0).then_some("y [m]"));
-        }
-        top = below_titles.ceil() + 2.0 + height + bottom_margin("x [m]") + 8.0;
-    }
-    let mut caption = figure.caption.clone();
-    caption.extend(left_out(&figure.panels));
-    let bottom = draw_caption(&mut canvas, &caption, top);
-    save(stem, &canvas.into_page(WIDTH, bottom + MARGIN))
+    draw_page(&view, figure).map_err(render_error(stem))?.save(stem)
 }
 
-fn draw_panel(canvas: &mut Canvas, panel: &CloudPanel, frame: &Frame) -> Result<(), String> {
-    let window = frame.window;
+fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
+    let mut page = Page::new();
+    let paths = figure.panels.iter().flat_map(|panel| &panel.paths);
+    page.legend(paths.map(|path| (path.label.as_str(), path.style)), false)?;
+
+    let [x, y] = [0, 1].map(|axis| Axis::over([view.low[axis], view.high[axis]], Scale::Linear));
+    let tallest = TALLEST[usize::from(figure.panels.len() > 1)];
+    // The most labels that the y axis could have; how high it is depends on the room they take.
+    let left = left_room(&y.clone().with_ticks(tallest, along_y), Y_LABEL).ceil();
+    let free = INNER - left;
+    let columns = match figure.arrangement {
+        Arrangement::Stacked => 1,
+        Arrangement::SideBySide => {
+            let most = (free + GAP) / (NARROWEST + GAP);
+            figure.panels.len().min(most as usize).max(1)
+        }
+    };
+    let widest = (free - GAP * (columns - 1) as f64) / columns as f64;
+    // Whole units, so that the pictures' pixels meet those of the PNG.
+    let width = widest.min(tallest / view.aspect()).floor();
+    let window = [width, (width * view.aspect()).round()];
+    let x = x.with_ticks(window[0], along_x);
+    let y = y.with_ticks(window[1], along_y);
+    let indent = (0.5 * (widest - width) * columns as f64).round();
+    for row in figure.panels.chunks(columns) {
+        // A narrow panel on its own has room for its title to the right.
+        let room = if columns == 1 { free - indent } else { width };
+        let titles: Vec<_> =
+            row.iter().map(|panel| wrap(&panel.title, &text::title(), room)).collect();
+        let heights = titles.iter().map(|lines| height(lines, &text::title()));
+        let above = page.take((heights.fold(0.0, f64::max) + TITLE_GAP).ceil());
+        let below = page.take(window[1] + bottom_room(X_LABEL));
+        for (column, (panel, title)) in row.iter().zip(&titles).enumerate() {
+            let at = left + indent + (width + GAP) * column as f64;
+            draw_lines(&above.margin(0, 0, units(at), 0), title, &text::title())?;
+            // The first panel of a row has labels at its y axis, the others only ticks.
+            let (y, y_label, left) = match column {
+                0 => (y.clone(), Y_LABEL, left),
+                _ => (y.clone().without_labels(), "", GAP),
+            };
+            let beyond = units(INNER - at - width);
+            let area = below.margin(0, 0, units(at - left), beyond);
+            let chart = draw_axes(&area, left, [x.clone(), y], [X_LABEL, y_label], false)?;
+            draw_panel(&chart, panel, window)?;
+        }
+        page.take(8.0);
+    }
+    page.caption(&figure.caption)?;
+    page.caption(left_out(&figure.panels).as_slice())?;
+    Ok(page)
+}
+
+fn draw_panel(
+    chart: &Chart,
+    panel: &CloudPanel,
+    [width, height]: [f64; 2],
+) -> Result<(), DrawError> {
+    let area = chart.plotting_area();
+    let window = area.strip_coord_spec();
+    let corner = window.get_base_pixel();
     let place = |points: &[Point<2>]| -> Vec<Position> {
         let places = points.iter().filter(|point| drawable(point)).map(|point| {
-            let [x, y] = frame.place(point[0], point[1]);
-            [x - window.left, y - window.top]
+            let (x, y) = area.map_coordinate(&(point[0], point[1]));
+            [svg_units(x - corner.0), svg_units(y - corner.1)]
         });
         places.collect()
     };
     let points = place(panel.points);
-    if points.is_empty() {
-        frame.draw_remark(canvas, "no points");
-    }
-    let mut raster = Raster::new(window.width, window.height).ok_or("its panels are too large")?;
+    let mut raster = Raster::new(width, height).ok_or(DrawError::LayoutError)?;
     raster.draw_points(&points);
     for path in &panel.paths {
         raster.draw_path(&place(path.points), path.style);
     }
-    canvas.picture(&raster.into_png()?, window);
-    Ok(())
+    let (size, pixels) = raster.into_rgb();
+    let picture = BitMapElement::with_owned_buffer((0, 0), size, pixels);
+    window.draw(&picture.ok_or(DrawError::LayoutError)?)?;
+    if points.is_empty() {
+        draw_remark(chart, "no points")?;
+    }
+    draw_frame(chart)
 }
 
 fn left_out(panels: &[CloudPanel]) -> Option<String> {

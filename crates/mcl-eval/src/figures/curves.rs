@@ -2,14 +2,25 @@
 
 use std::path::{Path, PathBuf};
 
+use plotters::element::{EmptyElement, PathElement, Polygon, Rectangle, Text};
+use plotters::series::LineSeries;
+use plotters::style::{Color, FontStyle, WHITE};
+
 use super::axis::{Axis, Scale};
-use super::canvas::{Anchor, Canvas, Position, Rect, Stroke, Text};
-use super::frame::{Frame, MARGIN, TEXT, bottom_margin, draw_caption, draw_title, left_margin};
-use super::legend::{LINE, draw_legend};
-use super::style::CurveStyle;
-use super::{FigureError, WIDTH, save};
+use super::canvas::units;
+use super::elements::{Clipped, symbol};
+use super::marks::{Taken, TextBox};
+use super::page::{
+    Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
+    draw_lines, draw_remark, height, left_room,
+};
+use super::style::{CurveStyle, Dash, LINE, stroke};
+use super::text::{self, TEXT, wrap};
+use super::{FigureError, render_error};
 
 const PANEL_HEIGHT: f64 = 235.0;
+/// Right of a panel, for half of its last tick label.
+const OVERHANG: f64 = 8.0;
 
 /// Curves in one or more panels above each other.
 #[derive(Debug, Clone)]
@@ -91,39 +102,51 @@ impl CurvePanel {
         curve.points.iter().filter(|point| self.holds(point))
     }
 
+    /// The points inside of the chart.
+    fn seen<'a>(
+        &'a self,
+        curve: &'a Curve,
+        chart: &Chart,
+    ) -> impl Iterator<Item = &'a CurvePoint> + use<'a> {
+        let axes = chart.plotting_area().as_coord_spec();
+        let (x, y) = (axes.x_spec().clone(), axes.y_spec().clone());
+        self.drawable(curve).filter(move |point| x.contains(point.x) && y.contains(point.mean))
+    }
+
     fn interval(&self, point: &CurvePoint) -> Option<[f64; 2]> {
         let ends = [point.low, point.high];
         ends.iter().all(|&end| self.y.scale.holds(end)).then_some(ends)
     }
 
     /// The axes; `None` when no point can be seen.
-    fn axes(&self) -> Option<(Axis, Axis)> {
+    fn axes(&self) -> Option<[Axis; 2]> {
         let points = || self.curves.iter().flat_map(|curve| self.drawable(curve));
         let x = match self.x.range {
-            Some(range) => Axis::over(range, self.x.scale, 8),
-            None => Axis::around(points().map(|point| point.x), self.x.scale, 8)?,
+            Some(range) => Axis::over(range, self.x.scale),
+            None => Axis::around(points().map(|point| point.x), self.x.scale)?,
         };
         let seen = || points().filter(|point| x.contains(point.x));
         seen().next()?;
         let y = match self.y.range {
-            Some(range) => Axis::over(range, self.y.scale, 7),
+            Some(range) => Axis::over(range, self.y.scale),
             None => {
                 let ends = seen().flat_map(|point| {
                     let [low, high] = self.interval(point).unwrap_or([point.mean; 2]);
                     [low, point.mean, high]
                 });
-                Axis::around(ends, self.y.scale, 7)?
+                Axis::around(ends, self.y.scale)?
             }
         };
-        Some((x, y))
+        Some([x, y.with_ticks(PANEL_HEIGHT, along_y)])
     }
 }
 
 /// Draws curves and writes `<stem>.svg` and `<stem>.png`.
 ///
 /// # Errors
-/// [`FigureError::Range`] for an axis with impossible ends; [`FigureError::NothingToDraw`] when no panel has a point that its axes can show; a single empty
-/// panel says so in the figure. [`FigureError::Write`] when a file cannot be written.
+/// [`FigureError::Range`] for an axis with impossible ends; [`FigureError::NothingToDraw`] when no
+/// panel has a point that its axes can show; a single empty panel says so in the figure.
+/// [`FigureError::Render`] and [`FigureError::Write`] when a file cannot be made.
 pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], FigureError> {
     for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
         if let Some(range) = axis.range
@@ -141,33 +164,28 @@ pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], Fi
             expected: "point within the axes",
         });
     }
-    let mut canvas = Canvas::new();
-    let entries = figure
-        .panels
-        .iter()
-        .flat_map(|panel| &panel.curves)
-        .map(|curve| (curve.label.as_str(), curve.style));
-    let mut top = draw_legend(&mut canvas, entries, true, MARGIN);
-    // Windows of all panels begin at the same place, so that x axes can be compared.
+    draw_page(figure).map_err(render_error(stem))?.save(stem)
+}
+
+fn draw_page(figure: &CurveFigure) -> Result<Page, DrawError> {
+    let mut page = Page::new();
+    let curves = figure.panels.iter().flat_map(|panel| &panel.curves);
+    page.legend(curves.map(|curve| (curve.label.as_str(), curve.style)), true)?;
+    // Charts of all panels begin at the same place, so that x axes can be compared.
     let axes: Vec<_> = figure.panels.iter().map(CurvePanel::axes).collect();
-    let left = figure
+    let rooms = figure
         .panels
         .iter()
         .zip(&axes)
-        .filter_map(|(panel, axes)| Some(left_margin(&axes.as_ref()?.1, &panel.y.label)))
-        .fold(0.0, f64::max)
-        + MARGIN;
+        .filter_map(|(panel, axes)| axes.as_ref().map(|[_, y]| left_room(y, &panel.y.label)));
+    let left = rooms.fold(0.0, f64::max);
     for (panel, axes) in figure.panels.iter().zip(axes) {
-        let width = WIDTH - left - MARGIN - 8.0;
-        top = draw_title(&mut canvas, &panel.title, left, top, width);
-        let window = Rect { left, top: top + 3.0, width, height: PANEL_HEIGHT };
-        draw_panel(&mut canvas, panel, axes, window, figure.interval);
-        top = window.bottom() + bottom_margin(&panel.x.label) + 10.0;
+        draw_panel(&mut page, panel, axes, left, figure.interval)?;
+        page.take(10.0);
     }
-    let mut caption = figure.caption.clone();
-    caption.extend(left_out(figure));
-    let bottom = draw_caption(&mut canvas, &caption, top);
-    save(stem, &canvas.into_page(WIDTH, bottom + MARGIN))
+    page.caption(&figure.caption)?;
+    page.caption(left_out(figure).as_slice())?;
+    Ok(page)
 }
 
 /// Says how many points no panel can show.
@@ -185,89 +203,116 @@ fn left_out(figure: &CurveFigure) -> Option<String> {
 }
 
 fn draw_panel(
-    canvas: &mut Canvas,
+    page: &mut Page,
     panel: &CurvePanel,
-    axes: Option<(Axis, Axis)>,
-    window: Rect,
+    axes: Option<[Axis; 2]>,
+    left: f64,
     interval: Interval,
-) {
-    let Some((x, y)) = axes else {
-        let [x, y] = [&panel.x, &panel.y]
-            .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale, 7));
-        let frame = Frame { window, x, y };
-        frame.draw_axes(canvas, &panel.x.label, Some(&panel.y.label));
-        frame.draw_remark(canvas, "no data here");
-        return;
-    };
-    let frame = Frame { window, x, y };
-    frame.draw_grid(canvas);
-    canvas.clipped(window, |canvas| {
-        for curve in &panel.curves {
-            match interval {
-                Interval::Bars => draw_bars(canvas, panel, &frame, curve),
-                Interval::Band => draw_band(canvas, panel, &frame, curve),
-            }
-        }
-        for curve in &panel.curves {
-            let line: Vec<_> =
-                panel.drawable(curve).map(|point| frame.place(point.x, point.mean)).collect();
-            let dashes = curve.style.dash.lengths();
-            canvas.polyline(&line, Stroke { color: curve.style.hex(), width: LINE, dashes });
-        }
+) -> Result<(), DrawError> {
+    let width = INNER - left - OVERHANG;
+    let title = wrap(&panel.title, &text::title(), width);
+    let above = page.take(height(&title, &text::title()) + TITLE_GAP);
+    draw_lines(&above.margin(0, 0, units(left), 0), &title, &text::title())?;
+    let area =
+        page.take(PANEL_HEIGHT + bottom_room(&panel.x.label)).margin(0, 0, 0, units(OVERHANG));
+    let empty = axes.is_none();
+    let [x, y] = axes.unwrap_or_else(|| {
+        [&panel.x, &panel.y]
+            .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale))
+            .map(|axis| axis.with_ticks(PANEL_HEIGHT, along_y))
     });
-    frame.draw_axes(canvas, &panel.x.label, Some(&panel.y.label));
-    // Markers last, and not clipped: a symbol on the frame stays whole.
-    let seen = |point: &CurvePoint| frame.x.contains(point.x) && frame.y.contains(point.mean);
+    let axes = [x.with_ticks(width, along_x), y];
+    let mut chart = draw_axes(&area, left, axes, [&panel.x.label, &panel.y.label], true)?;
+    if empty {
+        draw_frame(&chart)?;
+        return draw_remark(&chart, "no data here");
+    }
+    page.canvas.borrow_mut().clip(chart.plotting_area().get_pixel_range());
     for curve in &panel.curves {
-        let color = curve.style.hex();
-        for point in panel.drawable(curve).filter(|point| seen(point)) {
-            let at = frame.place(point.x, point.mean);
-            let (fill, outline) = match point.mark {
-                None => (color, Stroke { color: "white", width: 0.8, dashes: &[] }),
-                Some(_) => ("white", Stroke { color, width: 1.5, dashes: &[] }),
-            };
-            canvas.symbol(curve.style.marker.path(), at, fill, outline);
+        match interval {
+            Interval::Bars => draw_bars(&mut chart, panel, curve)?,
+            Interval::Band => draw_band(&mut chart, panel, curve)?,
         }
     }
     for curve in &panel.curves {
-        for point in panel.drawable(curve).filter(|point| seen(point)) {
-            if let Some(mark) = &point.mark {
-                draw_mark(canvas, mark, frame.place(point.x, point.mean), window, curve.style);
-            }
-        }
+        let places = panel.drawable(curve).map(|point| (point.x, point.mean));
+        let line = LineSeries::new(places, stroke(curve.style.rgb(), LINE));
+        chart.draw_series(line.map(|line| Clipped(line, curve.style.dash)))?;
     }
-}
-
-fn draw_mark(canvas: &mut Canvas, mark: &str, at: Position, window: Rect, style: CurveStyle) {
-    // Above to the right, but inside the window.
-    let at_right_end = at[0] > window.right() - 40.0;
-    let (dx, anchor) = if at_right_end { (-6.0, Anchor::End) } else { (6.0, Anchor::Start) };
-    let dy = if at[1] < window.top + 16.0 { 13.0 } else { -6.0 };
-    let text = Text { size: TEXT - 2.0, anchor, color: style.hex(), rim: true, ..Text::default() };
-    canvas.text(mark, [at[0] + dx, at[1] + dy], text);
-}
-
-fn draw_bars(canvas: &mut Canvas, panel: &CurvePanel, frame: &Frame, curve: &Curve) {
-    let stroke = Stroke { color: curve.style.hex(), width: 1.0, dashes: &[] };
-    for point in panel.drawable(curve) {
-        if let Some(ends) = panel.interval(point) {
-            let [low, high] = ends.map(|end| frame.place(point.x, end));
-            canvas.line(low, high, stroke);
-            for [x, y] in [low, high] {
-                canvas.line([x - 3.0, y], [x + 3.0, y], stroke);
-            }
-        }
+    page.canvas.borrow_mut().unclip();
+    draw_frame(&chart)?;
+    // Symbols last, and not clipped: one on the frame stays whole.
+    for curve in &panel.curves {
+        let symbols = panel
+            .seen(curve, &chart)
+            .map(|point| symbol((point.x, point.mean), curve.style, point.mark.is_some()));
+        chart.draw_series(symbols)?;
     }
+    draw_marks(&chart, panel, interval)
 }
 
-fn draw_band(canvas: &mut Canvas, panel: &CurvePanel, frame: &Frame, curve: &Curve) {
+/// Error bars. plotters' `ErrorBar` puts a circle on the mean, which would show under our symbols.
+fn draw_bars(chart: &mut Chart, panel: &CurvePanel, curve: &Curve) -> Result<(), DrawError> {
+    let style = stroke(curve.style.rgb(), 1.0);
+    let bars = || {
+        let points = panel.drawable(curve);
+        points.filter_map(|point| panel.interval(point).map(|ends| (point.x, ends)))
+    };
+    chart.draw_series(bars().map(|(x, ends)| {
+        Clipped(PathElement::new(ends.map(|end| (x, end)), style), Dash::Solid)
+    }))?;
+    chart.draw_series(bars().flat_map(|(x, ends)| ends.map(|end| (x, end))).map(|end| {
+        let cap = PathElement::new([(units(-3.0), 0), (units(3.0), 0)], style);
+        Clipped(EmptyElement::at(end) + cap, Dash::Solid)
+    }))?;
+    Ok(())
+}
+
+fn draw_band(chart: &mut Chart, panel: &CurvePanel, curve: &Curve) -> Result<(), DrawError> {
     let (mut lows, mut highs) = (Vec::new(), Vec::new());
     for point in panel.drawable(curve) {
         if let Some([low, high]) = panel.interval(point) {
-            lows.push(frame.place(point.x, low));
-            highs.push(frame.place(point.x, high));
+            lows.push((point.x, low));
+            highs.push((point.x, high));
         }
     }
     lows.extend(highs.into_iter().rev());
-    canvas.area(&lows, curve.style.hex(), 0.16);
+    let band = Polygon::new(lows, curve.style.rgb().mix(0.16));
+    chart.draw_series([Clipped(band, Dash::Solid)])?;
+    Ok(())
+}
+
+/// Draws the texts beside marked points.
+fn draw_marks(chart: &Chart, panel: &CurvePanel, interval: Interval) -> Result<(), DrawError> {
+    let window = chart.plotting_area();
+    let (x, y) = window.get_pixel_range();
+    let mut taken =
+        Taken::new(TextBox { left: x.start, top: y.start, right: x.end, bottom: y.end });
+    let place = |point: &CurvePoint, y: f64| window.map_coordinate(&(point.x, y));
+    for curve in &panel.curves {
+        let points: Vec<_> = panel.drawable(curve).collect();
+        for pair in points.windows(2) {
+            taken.add_line(place(pair[0], pair[0].mean), place(pair[1], pair[1].mean));
+        }
+        for point in points {
+            taken.add_symbol(place(point, point.mean));
+            if let (Some([low, high]), Interval::Bars) = (panel.interval(point), interval) {
+                taken.add_line(place(point, low), place(point, high));
+            }
+        }
+    }
+    let page = window.use_screen_coord();
+    for curve in &panel.curves {
+        let style = text::style(TEXT - 2.0, FontStyle::Normal, &curve.style.rgb());
+        for point in panel.seen(curve, chart) {
+            let Some(mark) = &point.mark else { continue };
+            let (width, height) = page.estimate_text_size(mark, &style)?;
+            let text = taken.place(place(point, point.mean), (width as i32, height as i32));
+            // Where it must stand on a line, it is still legible.
+            let corners = [(text.left, text.top), (text.right, text.bottom)];
+            page.draw(&Rectangle::new(corners, WHITE.mix(0.7).filled()))?;
+            page.draw(&Text::new(mark.as_str(), corners[0], style.clone()))?;
+        }
+    }
+    Ok(())
 }

@@ -1,17 +1,19 @@
 //! Figures as SVG and PNG, drawn from plain rows.
 //!
 //! [`draw_curves`] draws curves with 95 % intervals over the map size, [`draw_clouds`] point maps
-//! and the robot's paths on them. Both write `<stem>.svg` and `<stem>.png`; the PNG is the SVG
-//! rendered with a font that the program carries along, so it needs no display, no installed font,
-//! and gives the same bytes for the same input. Point clouds stand in the SVG as pictures: files
-//! stay small, and no coordinates of a data set are published with them.
+//! and the robot's paths on them. plotters draws the charts on a page that becomes the SVG. Both
+//! write `<stem>.svg` and `<stem>.png`; the PNG is the SVG rendered with a font that the program
+//! carries along, so it needs no display, no installed font, and gives the same bytes for the same
+//! input. Point clouds stand in the SVG as pictures: files stay small, and no coordinates of a data
+//! set are published with them.
 
 mod axis;
 mod canvas;
 mod clouds;
 mod curves;
-mod frame;
-mod legend;
+mod elements;
+mod marks;
+mod page;
 mod raster;
 mod style;
 mod text;
@@ -74,6 +76,11 @@ pub enum FigureError {
         /// The system's reason.
         source: io::Error,
     },
+}
+
+/// What to say of a figure that plotters could not draw.
+fn render_error(stem: &Path) -> impl Fn(page::DrawError) -> FigureError {
+    |error| FigureError::Render { stem: stem.into(), reason: error.to_string() }
 }
 
 /// Writes `<stem>.svg` and `<stem>.png`.

@@ -1,13 +1,15 @@
 //! Point clouds and paths as pictures.
 
 use resvg::tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
+    FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
     StrokeDash, Transform,
 };
 
 use super::PIXELS_PER_UNIT;
-use super::canvas::Position;
-use super::style::CurveStyle;
+use super::style::{CurveStyle, LINE};
+
+/// A place in SVG units from the corner of a window, y downwards.
+pub(super) type Position = [f64; 2];
 
 /// More points than this are drawn as a density, fewer as dots.
 const MOST_DOTS: usize = 50_000;
@@ -28,7 +30,7 @@ impl Raster {
         Pixmap::new(pixels(width), pixels(height)).map(|pixels| Raster { pixels })
     }
 
-    /// Draws points at places in SVG units from the window's corner.
+    /// Draws points.
     pub(super) fn draw_points(&mut self, points: &[Position]) {
         if points.len() <= MOST_DOTS {
             self.draw_dots(points);
@@ -85,7 +87,7 @@ impl Raster {
         }
     }
 
-    /// Draws a line through places in SVG units from the window's corner.
+    /// Draws a line through places.
     pub(super) fn draw_path(&mut self, places: &[Position], style: CurveStyle) {
         let mut path = PathBuilder::new();
         for (index, &[x, y]) in places.iter().enumerate() {
@@ -99,27 +101,26 @@ impl Raster {
         let Some(path) = path.finish() else { return };
         let dashes = style.dash.lengths().iter().map(|length| length * PIXELS_PER_UNIT).collect();
         let stroke = Stroke {
-            width: super::legend::LINE as f32 * PIXELS_PER_UNIT,
+            width: LINE as f32 * PIXELS_PER_UNIT,
             line_cap: LineCap::Butt,
             line_join: LineJoin::Round,
             dash: StrokeDash::new(dashes, 0.0),
             ..Stroke::default()
         };
         let mut paint = Paint::default();
-        paint.set_color(color(style.hex()));
+        let color = style.rgb();
+        paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
         paint.anti_alias = true;
         self.pixels.stroke_path(&path, &paint, &stroke, Transform::identity(), None);
     }
 
-    pub(super) fn into_png(self) -> Result<Vec<u8>, String> {
-        self.pixels.encode_png().map_err(|error| error.to_string())
+    /// The size in pixels, and red, green and blue of each, on white paper.
+    pub(super) fn into_rgb(self) -> ((u32, u32), Vec<u8>) {
+        let on_paper = |pixel: &PremultipliedColorU8| {
+            let paper = u8::MAX - pixel.alpha();
+            [pixel.red(), pixel.green(), pixel.blue()].map(|part| part.saturating_add(paper))
+        };
+        let size = (self.pixels.width(), self.pixels.height());
+        (size, self.pixels.pixels().iter().flat_map(on_paper).collect())
     }
-}
-
-/// A colour of the palette, written `#RRGGBB`.
-fn color(hex: &str) -> Color {
-    let part = |at: usize| {
-        hex.get(at..at + 2).and_then(|digits| u8::from_str_radix(digits, 16).ok()).unwrap_or(0)
-    };
-    Color::from_rgba8(part(1), part(3), part(5), 255)
 }

@@ -1,9 +1,34 @@
 //! Colours, dashes and markers that stay apart for colour-blind readers and in greyscale.
 
+use plotters::style::{Color, RGBColor, ShapeStyle};
+
+use super::canvas::units;
+
 /// The palette of Okabe and Ito, *Color Universal Design* (2008), without yellow, which is too
 /// light for lines on white; black first.
-const PALETTE: [&str; 7] =
-    ["#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
+const PALETTE: [RGBColor; 7] = [
+    RGBColor(0x00, 0x00, 0x00),
+    RGBColor(0xD5, 0x5E, 0x00),
+    RGBColor(0x00, 0x72, 0xB2),
+    RGBColor(0x00, 0x9E, 0x73),
+    RGBColor(0xCC, 0x79, 0xA7),
+    RGBColor(0xE6, 0x9F, 0x00),
+    RGBColor(0x56, 0xB4, 0xE9),
+];
+
+pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+pub(super) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
+pub(super) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
+pub(super) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
+pub(super) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
+
+/// Width of curves and paths (SVG units).
+pub(super) const LINE: f64 = 1.7;
+
+/// A line of this colour and width (SVG units).
+pub(super) fn stroke(color: impl Color, width: f64) -> ShapeStyle {
+    ShapeStyle::from(color).stroke_width(units(width).unsigned_abs())
+}
 
 /// The dash pattern of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -48,15 +73,16 @@ pub enum Marker {
 }
 
 impl Marker {
-    /// SVG path data around the origin; the shapes cover about the same area.
-    pub(super) fn path(self) -> &'static str {
+    /// The corners around the origin (SVG units, y downwards), none of a circle; the shapes cover
+    /// about the same area.
+    pub(super) fn corners(self) -> &'static [[f64; 2]] {
         match self {
-            Marker::Circle => "M-3.6 0a3.6 3.6 0 1 0 7.2 0a3.6 3.6 0 1 0 -7.2 0z",
-            Marker::Square => "M-3.2 -3.2h6.4v6.4h-6.4z",
-            Marker::TriangleUp => "M0 -4.6L4.3 3.2H-4.3z",
-            Marker::Diamond => "M0 -4.7L4.7 0L0 4.7L-4.7 0z",
-            Marker::TriangleDown => "M0 4.6L4.3 -3.2H-4.3z",
-            Marker::Pentagon => "M0 -4.2L4 -1.3L2.5 3.4H-2.5L-4 -1.3z",
+            Marker::Circle => &[],
+            Marker::Square => &[[-3.2, -3.2], [3.2, -3.2], [3.2, 3.2], [-3.2, 3.2]],
+            Marker::TriangleUp => &[[0.0, -4.6], [4.3, 3.2], [-4.3, 3.2]],
+            Marker::Diamond => &[[0.0, -4.7], [4.7, 0.0], [0.0, 4.7], [-4.7, 0.0]],
+            Marker::TriangleDown => &[[0.0, 4.6], [4.3, -3.2], [-4.3, -3.2]],
+            Marker::Pentagon => &[[0.0, -4.2], [4.0, -1.3], [2.5, 3.4], [-2.5, 3.4], [-4.0, -1.3]],
         }
     }
 }
@@ -87,8 +113,8 @@ impl CurveStyle {
         CurveStyle { color: index, dash, marker }
     }
 
-    /// The colour as `#RRGGBB`.
-    pub(super) fn hex(self) -> &'static str {
+    /// The colour's components.
+    pub(super) fn rgb(self) -> RGBColor {
         PALETTE[self.color % PALETTE.len()]
     }
 }

@@ -1,0 +1,79 @@
+//! Elements that plotters lacks: lines beyond the chart's edges, dashes, symbols.
+
+use plotters::coord::CoordTranslate;
+use plotters::drawing::Rect;
+use plotters::element::{
+    Circle, CoordMapper, Drawable, DynElement, EmptyElement, IntoDynElement, PathElement,
+    PointCollection, Polygon,
+};
+use plotters::style::{Color, WHITE};
+use plotters_backend::{BackendCoord, DrawingBackend, DrawingErrorKind};
+
+use super::canvas::{Canvas, units};
+use super::style::{CurveStyle, Dash, stroke};
+
+const CIRCLE_RADIUS: f64 = 3.6;
+
+/// Leaves places outside of a chart where they are. plotters moves them to its edge, which bends
+/// every line that leaves the chart.
+pub(super) struct Beyond;
+
+impl CoordMapper for Beyond {
+    type Output = BackendCoord;
+
+    fn map<CT: CoordTranslate>(coordinates: &CT, from: &CT::From, _: &Rect) -> BackendCoord {
+        coordinates.translate(from)
+    }
+}
+
+/// An element that may leave its chart; the canvas clips it.
+pub(super) struct Clipped<E>(pub(super) E, pub(super) Dash);
+
+impl<'a, C, E> PointCollection<'a, C, Beyond> for &'a Clipped<E>
+where
+    &'a E: PointCollection<'a, C>,
+{
+    type Point = <&'a E as PointCollection<'a, C>>::Point;
+    type IntoIter = <&'a E as PointCollection<'a, C>>::IntoIter;
+
+    fn point_iter(self) -> Self::IntoIter {
+        self.0.point_iter()
+    }
+}
+
+impl<E: Drawable<Canvas>> Drawable<Canvas, Beyond> for Clipped<E> {
+    fn draw<I: Iterator<Item = BackendCoord>>(
+        &self,
+        places: I,
+        canvas: &mut Canvas,
+        size: (u32, u32),
+    ) -> Result<(), DrawingErrorKind<<Canvas as DrawingBackend>::ErrorType>> {
+        canvas.dashes = self.1.lengths();
+        let drawn = self.0.draw(places, canvas, size);
+        canvas.dashes = Dash::Solid.lengths();
+        drawn
+    }
+}
+
+/// The symbol of a curve at one of its points; an open one is white inside.
+pub(super) fn symbol<C: Clone + 'static>(
+    at: C,
+    style: CurveStyle,
+    open: bool,
+) -> DynElement<'static, Canvas, C> {
+    let color = style.rgb();
+    let (fill, outline) =
+        if open { (WHITE, stroke(color, 1.5)) } else { (color, stroke(WHITE, 0.8)) };
+    let at = EmptyElement::at(at);
+    let corner = |[x, y]: &[f64; 2]| (units(*x), units(*y));
+    let mut corners: Vec<_> = style.marker.corners().iter().map(corner).collect();
+    if corners.is_empty() {
+        let radius = units(CIRCLE_RADIUS);
+        let circle = |style| Circle::new((0, 0), radius, style);
+        return (at + circle(fill.filled()) + circle(outline)).into_dyn();
+    }
+    let area = Polygon::new(corners.clone(), fill);
+    // Past the first corner, so that it is joined like the others.
+    corners.extend_from_within(..2);
+    (at + area + PathElement::new(corners, outline)).into_dyn()
+}

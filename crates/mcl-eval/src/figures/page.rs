@@ -1,0 +1,195 @@
+//! The page of a figure, filled from its top: legend, titles, charts, caption.
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use plotters::chart::{ChartBuilder, ChartContext};
+use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
+use plotters::element::{PathElement, Rectangle};
+use plotters::style::TextStyle;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::axis::Axis;
+use super::canvas::{Canvas, CanvasError, svg_units, units};
+use super::elements::{Clipped, symbol};
+use super::style::{CurveStyle, FAINT_GRID, FRAME, GRID, LINE, stroke};
+use super::text::{self, LINE_HEIGHT, TEXT, text_size, wrap};
+use super::{FigureError, WIDTH, save};
+
+/// Around the page (SVG units).
+pub(super) const MARGIN: f64 = 12.0;
+/// Width within the margins.
+pub(super) const INNER: f64 = WIDTH - 2.0 * MARGIN;
+/// Between a title and its chart; its last line has room of its own below.
+pub(super) const TITLE_GAP: f64 = 2.0;
+const TICK: f64 = 4.0;
+
+/// Why plotters could not draw.
+pub(super) type DrawError = DrawingAreaErrorKind<CanvasError>;
+/// A part of the page.
+pub(super) type Area = DrawingArea<Canvas, Shift>;
+/// Axes to draw data on.
+pub(super) type Chart = ChartContext<'static, Canvas, Cartesian2d<Axis, Axis>>;
+
+pub(super) struct Page {
+    pub(super) canvas: Rc<RefCell<Canvas>>,
+    free: Area,
+}
+
+impl Page {
+    pub(super) fn new() -> Self {
+        let canvas = Rc::default();
+        let margin = units(MARGIN);
+        let free = Area::from(&canvas).margin(margin, 0, margin, margin);
+        Page { canvas, free }
+    }
+
+    /// The next part of the page (SVG units).
+    pub(super) fn take(&mut self, height: f64) -> Area {
+        let (next, free) = self.free.split_vertically(units(height));
+        self.free = free;
+        next
+    }
+
+    /// Draws each different entry once, in order of appearance, in rows. plotters' own legend would
+    /// be a column within the chart, over its curves.
+    pub(super) fn legend<'a>(
+        &mut self,
+        entries: impl Iterator<Item = (&'a str, CurveStyle)>,
+        with_symbols: bool,
+    ) -> Result<(), DrawError> {
+        const SAMPLE: f64 = 38.0;
+        const LABEL: f64 = SAMPLE + 6.0;
+        const GAP: f64 = 22.0;
+        let mut seen: Vec<(&str, CurveStyle)> = Vec::new();
+        let mut row = None;
+        let mut left = 0.0;
+        for entry in entries {
+            if seen.contains(&entry) {
+                continue;
+            }
+            seen.push(entry);
+            let (label, style) = entry;
+            let width = LABEL + text_size(label, &text::plain())[0];
+            if left + width > INNER {
+                row = None;
+            }
+            let row = row.get_or_insert_with(|| {
+                left = 0.0;
+                self.take(19.0)
+            });
+            let at = |x: f64| (units(left + x), units(9.5));
+            let line = PathElement::new(vec![at(0.0), at(SAMPLE)], stroke(style.rgb(), LINE));
+            row.draw(&Clipped(line, style.dash))?;
+            if with_symbols {
+                row.draw(&symbol(at(0.5 * SAMPLE), style, false))?;
+            }
+            let middle = Pos::new(HPos::Left, VPos::Center);
+            row.draw_text(label, &text::plain().pos(middle), at(LABEL))?;
+            left += width + GAP;
+        }
+        if !seen.is_empty() {
+            self.take(5.0);
+        }
+        Ok(())
+    }
+
+    /// Draws the caption, each of its paragraphs wrapped.
+    pub(super) fn caption(&mut self, paragraphs: &[String]) -> Result<(), DrawError> {
+        let style = text::caption();
+        let lines: Vec<_> = paragraphs.iter().flat_map(|text| wrap(text, &style, INNER)).collect();
+        draw_lines(&self.take(height(&lines, &style)), &lines, &style)
+    }
+
+    /// Cuts the page here, and writes `<stem>.svg` and `<stem>.png`.
+    pub(super) fn save(self, stem: &Path) -> Result<[PathBuf; 2], FigureError> {
+        let bottom = svg_units(self.free.get_base_pixel().1);
+        save(stem, &self.canvas.take().into_svg(bottom + MARGIN))
+    }
+}
+
+/// Height of lines of text.
+pub(super) fn height(lines: &[String], style: &TextStyle) -> f64 {
+    lines.len() as f64 * LINE_HEIGHT * svg_units(style.font.get_size())
+}
+
+/// Draws lines of text beneath each other.
+pub(super) fn draw_lines(
+    area: &Area,
+    lines: &[String],
+    style: &TextStyle,
+) -> Result<(), DrawError> {
+    for (index, line) in lines.iter().enumerate() {
+        area.draw_text(line, style, (0, units(height(&lines[..index], style))))?;
+    }
+    Ok(())
+}
+
+/// Room left of a chart for the tick labels and the label of the y axis.
+pub(super) fn left_room(axis: &Axis, label: &str) -> f64 {
+    let widths = axis.labels().map(|label| text_size(label, &text::plain())[0]);
+    let title = if label.is_empty() { 0.0 } else { 1.5 * TEXT };
+    widths.fold(0.0, f64::max) + title + 2.0 * TICK
+}
+
+/// Room below a chart for the tick labels and the label of the x axis.
+pub(super) fn bottom_room(label: &str) -> f64 {
+    if label.is_empty() { 1.7 * TEXT } else { 3.0 * TEXT }
+}
+
+/// What a label takes up along a horizontal and along a vertical axis.
+pub(super) fn along_x(label: &str) -> f64 {
+    text_size(label, &text::plain())[0] + 14.0
+}
+
+/// See [`along_x`].
+pub(super) fn along_y(_: &str) -> f64 {
+    1.5 * TEXT
+}
+
+/// Draws axes with ticks, labels and, if wanted, grid lines; the chart takes up the area except
+/// `left` and [`bottom_room`].
+pub(super) fn draw_axes(
+    area: &Area,
+    left: f64,
+    [x, y]: [Axis; 2],
+    [x_label, y_label]: [&str; 2],
+    grid: bool,
+) -> Result<Chart, DrawError> {
+    let mut chart = ChartBuilder::on(area)
+        .x_label_area_size(units(bottom_room(x_label)))
+        .y_label_area_size(units(left))
+        .build_cartesian_2d(x, y)?;
+    let mut mesh = chart.configure_mesh();
+    mesh.axis_style(stroke(FRAME, 1.0))
+        .bold_line_style(stroke(GRID, 1.0))
+        .light_line_style(stroke(FAINT_GRID, 1.0))
+        .set_all_tick_mark_size(units(TICK))
+        .label_style(text::plain())
+        .x_desc(x_label)
+        .y_desc(y_label);
+    if !grid {
+        mesh.disable_mesh();
+    }
+    mesh.draw()?;
+    Ok(chart)
+}
+
+/// Draws the frame around a chart, over its data.
+pub(super) fn draw_frame(chart: &Chart) -> Result<(), DrawError> {
+    let window = chart.plotting_area().strip_coord_spec();
+    let (width, height) = window.dim_in_pixel();
+    let corners = [(0, 0), (width as i32, height as i32)];
+    window.draw(&Rectangle::new(corners, stroke(FRAME, 1.0)))
+}
+
+/// Draws a remark in place of data.
+pub(super) fn draw_remark(chart: &Chart, remark: &str) -> Result<(), DrawError> {
+    let window = chart.plotting_area().strip_coord_spec();
+    let (width, height) = window.dim_in_pixel();
+    let style = text::caption().pos(Pos::new(HPos::Center, VPos::Center));
+    window.draw_text(remark, &style, (width as i32 / 2, height as i32 / 2))
+}
