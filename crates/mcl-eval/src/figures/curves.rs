@@ -245,7 +245,7 @@ fn draw_panel(
     for curve in &panel.curves {
         let symbols = panel
             .seen(curve, &chart)
-            .map(|point| symbol((point.x, point.mean), curve.style, point.mark.is_some()));
+            .filter_map(|point| symbol((point.x, point.mean), curve.style, point.mark.is_some()));
         chart.draw_series(symbols)?;
     }
     draw_marks(&chart, panel, interval)

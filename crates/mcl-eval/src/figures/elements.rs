@@ -55,25 +55,26 @@ impl<E: Drawable<Canvas>> Drawable<Canvas, Beyond> for Clipped<E> {
     }
 }
 
-/// The symbol of a curve at one of its points; an open one is white inside.
+/// The symbol of a curve at one of its points, if it has one; an open one is white inside.
 pub(super) fn symbol<C: Clone + 'static>(
     at: C,
     style: CurveStyle,
     open: bool,
-) -> DynElement<'static, Canvas, C> {
+) -> Option<DynElement<'static, Canvas, C>> {
+    let marker = style.marker?;
     let color = style.rgb();
     let (fill, outline) =
         if open { (WHITE, stroke(color, 1.5)) } else { (color, stroke(WHITE, 0.8)) };
     let at = EmptyElement::at(at);
     let corner = |[x, y]: &[f64; 2]| (units(*x), units(*y));
-    let mut corners: Vec<_> = style.marker.corners().iter().map(corner).collect();
+    let mut corners: Vec<_> = marker.corners().iter().map(corner).collect();
     if corners.is_empty() {
         let radius = units(CIRCLE_RADIUS);
         let circle = |style| Circle::new((0, 0), radius, style);
-        return (at + circle(fill.filled()) + circle(outline)).into_dyn();
+        return Some((at + circle(fill.filled()) + circle(outline)).into_dyn());
     }
     let area = Polygon::new(corners.clone(), fill);
     // Past the first corner, so that it is joined like the others.
     corners.extend_from_within(..2);
-    (at + area + PathElement::new(corners, outline)).into_dyn()
+    Some((at + area + PathElement::new(corners, outline)).into_dyn())
 }

@@ -84,8 +84,8 @@ impl Page {
             let at = |x: f64| (units(left + x), units(9.5));
             let line = PathElement::new(vec![at(0.0), at(SAMPLE)], stroke(style.rgb(), LINE));
             row.draw(&Clipped(line, style.dash))?;
-            if with_symbols {
-                row.draw(&symbol(at(0.5 * SAMPLE), style, false))?;
+            if let Some(symbol) = symbol(at(0.5 * SAMPLE), style, false).filter(|_| with_symbols) {
+                row.draw(&symbol)?;
             }
             let middle = Pos::new(HPos::Left, VPos::Center);
             row.draw_text(label, &text::plain().pos(middle), at(LABEL))?;

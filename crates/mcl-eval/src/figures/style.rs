@@ -95,8 +95,8 @@ pub struct CurveStyle {
     pub color: usize,
     /// The dash pattern.
     pub dash: Dash,
-    /// The symbol at each point; paths have none.
-    pub marker: Marker,
+    /// The symbol at each point; curves of many points, and paths, have none.
+    pub marker: Option<Marker>,
 }
 
 impl CurveStyle {
@@ -110,7 +110,12 @@ impl CurveStyle {
             (Marker::TriangleDown, Dash::Dotted),
             (Marker::Pentagon, Dash::Dashed),
         ][index % 6];
-        CurveStyle { color: index, dash, marker }
+        CurveStyle { color: index, dash, marker: Some(marker) }
+    }
+
+    /// A solid line without symbols, for a curve of many points.
+    pub fn line(color: usize) -> Self {
+        CurveStyle { color, dash: Dash::Solid, marker: None }
     }
 
     /// The colour's components.

@@ -9,6 +9,7 @@ use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
 
 use super::localization::{ESTIMATE_FILE, MAP_FILE, REFERENCE_FILE, TRAJECTORY};
 use super::{FIGURES, SUMMARY};
+use crate::cli::thousands;
 use crate::experiment::{
     LocalizationExperiment, LocalizationSummaryRow, Manifest, MapStrategy, Split, read_rows,
 };
@@ -122,7 +123,7 @@ impl Drawing {
         };
         let figure = CloudFigure {
             panels: vec![CloudPanel {
-                title: format!("map of {} points (gbs+f-km)", map.len()),
+                title: format!("map of {} points (gbs+f-km)", thousands(map.len())),
                 points: map.points(),
                 paths: vec![path("reference", 2, &reference), path("estimate", 1, &estimate)],
             }],
@@ -148,7 +149,7 @@ impl Drawing {
             y: axis(unit, Scale::Linear),
             curves: vec![Curve {
                 label: "estimate".to_owned(),
-                style: CurveStyle::nth(1),
+                style: CurveStyle::line(1),
                 points: errors
                     .iter()
                     .enumerate()
