@@ -33,7 +33,7 @@ pub struct Localization {
     mean_ci95: Option<MeanIntervals>,
     /// Beams used of a scan, on average.
     used_beams_per_scan: f64,
-    /// Nanoseconds of one thread per particle and used beam; null when no beam was used.
+    /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.
     ns_per_beam: Option<f64>,
     each: Vec<RunFigures>,
 }

@@ -1,7 +1,7 @@
 mod figures;
 mod folder;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::CommandFactory;
@@ -20,6 +20,7 @@ use super::errors::ErrorSamples;
 use super::output::{print, tell_losses};
 use crate::progress;
 use crate::source::{DEFAULT_MAX_RANGE, LogSource};
+use crate::thread_time;
 use figures::Localization;
 use folder::{Folder, Setup};
 
@@ -29,7 +30,7 @@ struct FinishedRun {
     errors: Option<ErrorSamples>,
     /// Sum over the scans.
     used_beams: usize,
-    /// Time inside the filter: drawing the first particles, and all steps.
+    /// Its thread's time inside the filter: drawing the first particles, and all steps.
     elapsed: Duration,
 }
 
@@ -46,6 +47,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
 
     let distances = MapDistances::grid(&map, settings.values().max_distance)?;
     let reference = reference_poses(&source);
+    let metric = WeightedPoseError::default();
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
     let runs = (0..args.runs)
         .into_par_iter()
@@ -54,13 +56,10 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             let (run, elapsed) =
                 one_run(&source, &distances, &settings, start, args.odometry_noise, seed)
                     .with_context(|| format!("run {number}"))?;
-            let errors = match &reference {
-                Some(reference) => {
-                    let metric = WeightedPoseError::default();
-                    Some(ErrorSamples::of(reference, &run.map_from_laser, &metric)?)
-                }
-                None => None,
-            };
+            let errors = reference
+                .as_ref()
+                .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
+                .transpose()?;
             if let Some(folder) = &folder {
                 folder.write_run(number, &source.recording, &run, errors.as_ref())?;
             }
@@ -170,7 +169,7 @@ fn one_run(
     let increments = noisy_increments(&raw, OdometryNoise { xy, theta }, seed)?;
     let scans: Vec<usize> = (0..recording.scans.len()).collect();
     let replay = Replay { recording, increments: &increments, scans: &scans };
-    let started = Instant::now();
+    let started = thread_time::now();
     let run = localize(&replay, distances, settings, start, seed)?;
-    Ok((run, started.elapsed()))
+    Ok((run, thread_time::now() - started))
 }
