@@ -166,6 +166,38 @@ fn the_simulation_is_decided_by_its_seed() {
 }
 
 #[test]
+fn an_experiment_runs_on_a_log_that_no_registry_knows() {
+    let lab = lab();
+    let experiment = "kind = \"likelihood\"\nseed = 1\nsigma = 0.05\ntolerance = 1e-2\n\
+        max_iterations = 20\n[[sizes]]\npercent = [5, 10]\nrepeats = 2\n\
+        [figures]\noverview = 5\ncomparison = 5\n[[dataset]]\nname = \"intel-lab\"\n";
+    fs::write(lab.path().join("small.toml"), experiment).unwrap();
+    let run = ["run", "small.toml", "--dataset", "office.log", "-o", "out", "--json"];
+    let ran = json(&lab, &run);
+    assert_keys(&ran, "trials done failed");
+    // Two sizes, two repeats, grid and random.
+    assert_eq!((&ran["done"], &ran["failed"]), (&Value::from(8), &Value::from(0)));
+    let folder = lab.path().join("out/small/office");
+    for name in ["manifest.json", "trials.csv", "summary.csv", "figures"] {
+        assert!(folder.join(name).exists(), "{name}");
+    }
+    let rows = fs::read_to_string(folder.join("trials.csv")).unwrap();
+    fs::remove_dir_all(folder.join("figures")).unwrap();
+    done(&lab, &["plot", "out"]);
+    assert!(fs::read_dir(folder.join("figures")).unwrap().count() > 0);
+    // Done trials are not done again: even the seconds are the same.
+    done(&lab, &run);
+    assert_eq!(fs::read_to_string(folder.join("trials.csv")).unwrap(), rows);
+
+    // None of the experiment's own data sets is at hand.
+    let (_, stderr) = ends(&lab, &["run", "small.toml", "-o", "out"], 1);
+    assert!(stderr.contains("intel-lab") && stderr.contains("fetch"), "{stderr}");
+    fs::write(lab.path().join("small.toml"), experiment.replace("seed", "sead")).unwrap();
+    let (_, stderr) = ends(&lab, &run, 1);
+    assert!(stderr.contains("small.toml") && stderr.contains("sead"), "{stderr}");
+}
+
+#[test]
 fn the_registry_says_what_is_not_at_hand() {
     let lab = lab();
     assert!(done(&lab, &["datasets", "list"]).contains("simulated-office"));
