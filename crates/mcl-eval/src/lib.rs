@@ -9,3 +9,4 @@ pub mod figures;
 pub mod progress;
 pub mod results;
 pub mod source;
+mod thread_time;

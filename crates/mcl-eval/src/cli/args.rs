@@ -1,8 +1,11 @@
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mcl_datasets::log::ReferencePoses;
+use mcl_filter::{Beams, FilterSettings, Resampling};
 use mcl_maps::MapSize;
+use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
 use crate::source::SourceOptions;
 
@@ -36,6 +39,10 @@ pub enum Command {
     Map(MapArgs),
     /// How likely the points of a log are under a map.
     Likelihood(LikelihoodArgs),
+    /// Localize the robot of a log on a map with a particle filter.
+    Localize(LocalizeArgs),
+    /// Error of estimated trajectories (TUM files), one row each.
+    Evaluate(EvaluateArgs),
     /// Run an experiment; an interrupted run goes on where it stopped.
     Run(RunArgs),
     /// Draw the figures again from saved rows.
@@ -103,7 +110,7 @@ pub struct MapArgs {
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,
     /// A corner of a grid cell in metres [default: 0,0].
-    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     pub offset: Option<[f64; 2]>,
     /// Seed of a random map.
     #[arg(long, default_value_t = 1, value_name = "S")]
@@ -144,6 +151,120 @@ pub struct LikelihoodArgs {
     /// Standard deviation of a map point's Gaussian in metres.
     #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: f64,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The filter's defaults, from the one place where they stand.
+static FILTER: LazyLock<FilterSettings> = LazyLock::new(FilterSettings::default);
+static ALPHA: LazyLock<String> = LazyLock::new(|| FILTER.alpha.map(|a| a.to_string()).join(","));
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Initial {
+    /// Position tracking: about the log's first reference pose, or the one given.
+    Known,
+    /// Global localization: anywhere on the map, in any direction.
+    Uniform,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Errors are taken at every scan against the log's reference poses; without \
+    them (a raw log) the start must be given, and errors are null. With -o, DIR holds run-NNN.tum \
+    and run-NNN.csv (estimated laser poses and error rows of run NNN, in scan order, also where \
+    stamps step back in time), reference.tum and summary.json; an earlier call's are replaced. \
+    Scans without a usable stamp are missing in the TUM files (told, exit code 3)."
+)]
+pub struct LocalizeArgs {
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// The map: .csv, .ply or .pcd.
+    #[arg(long, value_name = "MAP")]
+    pub map: PathBuf,
+    /// Number of particles.
+    #[arg(long, default_value_t = FILTER.particles, value_name = "N")]
+    pub particles: usize,
+    /// Independent runs.
+    #[arg(long, default_value_t = 1, value_name = "R",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub runs: u32,
+    /// Seed of all runs; with the log's name and the run's number it decides every draw.
+    #[arg(long, default_value_t = 1, value_name = "S")]
+    pub seed: u64,
+    /// Beams used of a scan, evenly spread.
+    #[arg(long, default_value_t = FILTER.beams, value_name = "N|all")]
+    pub beams: Beams,
+    /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres.
+    #[arg(long, default_value_t = FILTER.sigma_hit, value_name = "M")]
+    pub sigma_hit: f64,
+    /// Probability of a random measurement.
+    #[arg(long, default_value_t = FILTER.z_rand, value_name = "P")]
+    pub z_rand: f64,
+    /// Distances to the map are cut at this many metres.
+    #[arg(long, default_value_t = FILTER.max_distance, value_name = "M")]
+    pub max_distance: f64,
+    /// α₁…α₄ of the odometry motion model; α·δ² are variances.
+    #[arg(long, default_value = ALPHA.as_str(), value_name = "A1,A2,A3,A4", value_parser = numbers::<4>,
+          allow_hyphen_values = true)]
+    pub alpha: [f64; 4],
+    /// Noise added to the odometry: standard deviations in metres and radians per increment
+    /// [default: none].
+    #[arg(long, value_name = "XY,THETA", value_parser = deviations)]
+    pub odometry_noise: Option<[f64; 2]>,
+    /// How particles are drawn anew: systematic, stratified, residual or multinomial.
+    #[arg(long, default_value_t = FILTER.resampling, value_name = "KIND")]
+    pub resampling: Resampling,
+    /// Draw anew when the effective sample size is below this fraction of the particles.
+    #[arg(long, default_value_t = FILTER.ess_fraction, value_name = "F")]
+    pub ess_fraction: f64,
+    /// Exponent on the likelihood of a scan; below 1 beams count less.
+    #[arg(long, default_value_t = FILTER.likelihood_exponent, value_name = "E")]
+    pub likelihood_exponent: f64,
+    /// Where the particles start.
+    #[arg(long, default_value = "known")]
+    pub initial: Initial,
+    /// The laser's pose in the map at the first scan, in metres and radians [default: the log's
+    /// reference].
+    #[arg(long, value_name = "X,Y,THETA", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    pub initial_pose: Option<[f64; 3]>,
+    /// Folder for trajectories, error rows and a summary.
+    #[arg(long, short, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Poses are matched one to one by stamp, nearest first. Poses of either file \
+    that no pose of the other matches take no part in the errors: they are told on stderr and in \
+    `unmatched`, and the exit code is 3."
+)]
+pub struct EvaluateArgs {
+    /// Reference trajectory, a TUM file (t x y z qx qy qz qw).
+    #[arg(long, value_name = "REF")]
+    pub reference: PathBuf,
+    /// Estimated trajectories, TUM files.
+    #[arg(value_name = "EST", required = true)]
+    pub estimates: Vec<PathBuf>,
+    /// ξ of the weighted error √(ξ·δθ² + (1 − ξ)(δx² + δy²)).
+    #[arg(long, default_value_t = DEFAULT_XI, value_name = "XI", value_parser = fraction)]
+    pub xi: f64,
+    /// Stamps match when they differ by at most this many seconds.
+    #[arg(long, default_value_t = DEFAULT_TOLERANCE_S, value_name = "S", value_parser = non_negative)]
+    pub tolerance: f64,
+    /// Relative errors over this many metres of the estimated path; may be given several times.
+    #[arg(long = "rpe-distance", default_values_t = [1.0, 5.0, 10.0], value_name = "M", value_parser = positive)]
+    pub rpe_distances: Vec<f64>,
+    /// Drop height, roll and pitch instead of refusing poses that are not in the plane.
+    #[arg(long)]
+    pub project: bool,
+    /// Move each estimate rigidly onto the reference (least squares) before its absolute errors are
+    /// taken.
+    #[arg(long)]
+    pub align: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -233,12 +354,27 @@ fn number(text: &str, valid: impl Fn(f64) -> bool, expected: &str) -> Result<f64
         .ok_or_else(|| format!("expected {expected}"))
 }
 
-fn pair(text: &str) -> Result<[f64; 2], String> {
+fn fraction(text: &str) -> Result<f64, String> {
+    number(text, |value| (0.0..=1.0).contains(&value), "a number from 0 to 1")
+}
+
+/// `N` numbers parted by commas.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let expected = || format!("expected {N} numbers parted by commas");
     let parts: Vec<f64> = text
         .split(',')
-        .map(|part| number(part.trim(), |_| true, "two numbers X,Y"))
+        .map(|part| number(part.trim(), |_| true, "").map_err(|_| expected()))
         .collect::<Result<_, _>>()?;
-    parts.try_into().map_err(|_| "expected two numbers X,Y".to_owned())
+    let found = parts.len();
+    parts.try_into().map_err(|_| format!("{}, found {found}", expected()))
+}
+
+fn deviations(text: &str) -> Result<[f64; 2], String> {
+    let parts = numbers(text)?;
+    match parts.iter().all(|&part| part >= 0.0) {
+        true => Ok(parts),
+        false => Err("expected standard deviations of at least 0".to_owned()),
+    }
 }
 
 #[cfg(test)]
@@ -252,8 +388,15 @@ mod tests {
     }
 
     #[test]
-    fn pairs() {
-        assert_eq!(pair("1.5,-2"), Ok([1.5, -2.0]));
-        assert!(pair("1").is_err() && pair("1,2,3").is_err() && pair("1,inf").is_err());
+    fn lists_of_numbers() {
+        assert_eq!(numbers("1.5,-2"), Ok([1.5, -2.0]));
+        assert_eq!(
+            numbers::<3>("1, 2").unwrap_err(),
+            "expected 3 numbers parted by commas, found 2"
+        );
+        for text in ["1", "1,2,3", "1,inf", "1,", ""] {
+            assert!(numbers::<2>(text).is_err(), "{text}");
+        }
+        assert!(deviations("0.1,0").is_ok() && deviations("0.1,-1").is_err());
     }
 }

@@ -2,8 +2,11 @@
 
 mod args;
 mod datasets;
+mod errors;
+mod evaluate;
 mod inspect;
 mod likelihood;
+mod localize;
 mod map;
 mod output;
 mod plot;
@@ -40,6 +43,8 @@ pub fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(&args),
         Command::Map(args) => map::run(&args, &cli.global),
         Command::Likelihood(args) => likelihood::run(&args),
+        Command::Localize(args) => localize::run(&args, &cli.global),
+        Command::Evaluate(args) => evaluate::run(&args, &cli.global),
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Simulate(args) => simulate::run(&args),

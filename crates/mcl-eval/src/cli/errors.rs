@@ -1,0 +1,115 @@
+//! Pose errors of a run, and the four figures that are told of them.
+
+use std::fmt::Write;
+
+use mcl_core::Pose2;
+use mcl_metrics::{MetricsError, Summary, WeightedPoseError, pose_errors};
+use serde::Serialize;
+
+/// Errors of estimated poses, one entry per pose.
+pub struct ErrorSamples {
+    /// Weighted error (equation 7), radians and metres.
+    pub weighted: Vec<f64>,
+    /// Distance of the positions in metres.
+    pub translation: Vec<f64>,
+    /// |δθ| in radians.
+    pub heading: Vec<f64>,
+}
+
+impl ErrorSamples {
+    /// Errors of the estimate, pose by pose.
+    pub fn of(
+        reference: &[Pose2],
+        estimate: &[Pose2],
+        metric: &WeightedPoseError,
+    ) -> Result<Self, MetricsError> {
+        let errors = pose_errors(reference, estimate)?;
+        Ok(ErrorSamples {
+            weighted: errors.iter().map(|error| metric.of(error)).collect(),
+            translation: errors.iter().map(|error| error.translation()).collect(),
+            heading: errors.iter().map(|error| error.heading()).collect(),
+        })
+    }
+}
+
+/// What is told of a set of errors, in their unit.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Figures {
+    pub mean: f64,
+    pub median: f64,
+    pub rmse: f64,
+    pub max: f64,
+}
+
+impl Figures {
+    /// Of the samples of one run.
+    pub fn of(samples: &[f64]) -> Result<Self, MetricsError> {
+        Ok(Summary::of(samples)?.into())
+    }
+}
+
+impl From<Summary> for Figures {
+    fn from(summary: Summary) -> Self {
+        let Summary { mean, median, rmse, max, .. } = summary;
+        Figures { mean, median, rmse, max }
+    }
+}
+
+/// Figures of all three errors.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct ErrorFigures {
+    pub weighted: Figures,
+    pub translation: Figures,
+    pub heading: Figures,
+}
+
+impl ErrorFigures {
+    /// Of the errors of all runs together; at least one run.
+    pub fn pooled(runs: &[&ErrorSamples]) -> Result<Self, MetricsError> {
+        let pooled = |samples: fn(&ErrorSamples) -> &[f64]| {
+            let runs: Vec<&[f64]> = runs.iter().map(|run| samples(run)).collect();
+            Summary::pooled(&runs).map(Figures::from)
+        };
+        Ok(ErrorFigures {
+            weighted: pooled(|run| &run.weighted)?,
+            translation: pooled(|run| &run.translation)?,
+            heading: pooled(|run| &run.heading)?,
+        })
+    }
+
+    /// A table of four lines, the heading in radians and in degrees.
+    pub fn table(&self) -> String {
+        let mut text = table_head();
+        let degrees = self.heading.map(f64::to_degrees);
+        for (name, figures) in [
+            ("weighted error", &self.weighted),
+            ("translation, m", &self.translation),
+            ("heading, rad", &self.heading),
+            ("heading, °", &degrees),
+        ] {
+            text += &table_line(name, figures);
+        }
+        text
+    }
+}
+
+impl Figures {
+    fn map(&self, change: fn(f64) -> f64) -> Figures {
+        let Figures { mean, median, rmse, max } = *self;
+        Figures { mean: change(mean), median: change(median), rmse: change(rmse), max: change(max) }
+    }
+}
+
+/// The names of the figures, over the lines of [`table_line`].
+fn table_head() -> String {
+    format!("  {:<18}{:>10}{:>10}{:>10}{:>10}\n", "", "mean", "median", "rmse", "max")
+}
+
+/// The figures under their names.
+pub fn table_line(name: &str, figures: &Figures) -> String {
+    let mut line = format!("  {name:<18}");
+    for value in [figures.mean, figures.median, figures.rmse, figures.max] {
+        write!(line, "{value:>10.4}").expect("writing to a string does not fail");
+    }
+    line + "\n"
+}

@@ -1,0 +1,197 @@
+use anyhow::Result;
+use mcl_core::Seed;
+use mcl_metrics::{
+    DivergenceSettings, Interval, LossSettings, LostEpisode, bootstrap_mean, diverged,
+    lost_episodes,
+};
+use serde::Serialize;
+
+use super::FinishedRun;
+use crate::cli::args::LocalizeArgs;
+use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
+use crate::cli::output::thousands;
+use crate::source::LogSource;
+
+/// Resamples of the bootstrap over runs.
+const RESAMPLES: usize = 10_000;
+
+/// What all runs together found. Errors are pooled over runs and scans, and null without a reference.
+#[derive(Debug, Serialize)]
+pub struct Localization {
+    runs: usize,
+    /// Runs that ended lost; null without a reference.
+    diverged: Option<usize>,
+    /// Times that a robot was lost within a run, and times that it was found again.
+    lost: Option<usize>,
+    recovered: Option<usize>,
+    weighted: Option<Figures>,
+    translation: Option<Figures>,
+    heading: Option<Figures>,
+    /// Pooled over the runs that did not diverge; null when all did.
+    without_diverged: Option<ErrorFigures>,
+    /// 95 % intervals of the pooled means, by a bootstrap over runs; null for a single run.
+    mean_ci95: Option<MeanIntervals>,
+    /// Beams used of a scan, on average.
+    used_beams_per_scan: f64,
+    /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.
+    ns_per_beam: Option<f64>,
+    each: Vec<RunFigures>,
+}
+
+/// One run.
+#[derive(Debug, Serialize)]
+struct RunFigures {
+    run: usize,
+    diverged: Option<bool>,
+    lost_episodes: Option<Vec<LostEpisode>>,
+    weighted: Option<Figures>,
+    translation: Option<Figures>,
+    heading: Option<Figures>,
+    seconds: f64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct MeanIntervals {
+    weighted: Interval,
+    translation: Interval,
+    heading: Interval,
+}
+
+impl Localization {
+    /// Figures of at least one run over `scans` scans; `seed` is that of the bootstrap.
+    pub fn of(runs: &[FinishedRun], particles: usize, scans: usize, seed: Seed) -> Result<Self> {
+        let each = runs
+            .iter()
+            .enumerate()
+            .map(|(number, run)| RunFigures::of(number, run))
+            .collect::<Result<Vec<_>>>()?;
+        let errors: Option<Vec<&ErrorSamples>> =
+            runs.iter().map(|run| run.errors.as_ref()).collect();
+        let pooled = errors.as_ref().map(|errors| ErrorFigures::pooled(errors)).transpose()?;
+        let on_track: Vec<&ErrorSamples> = runs
+            .iter()
+            .zip(&each)
+            .filter(|(_, figures)| figures.diverged == Some(false))
+            .filter_map(|(run, _)| run.errors.as_ref())
+            .collect();
+        let without_diverged = match on_track.is_empty() {
+            true => None,
+            false => Some(ErrorFigures::pooled(&on_track)?),
+        };
+        let mean_ci95 = match &errors {
+            Some(errors) if errors.len() > 1 => Some(MeanIntervals::of(errors, seed)?),
+            _ => None,
+        };
+        let used_beams: usize = runs.iter().map(|run| run.used_beams).sum();
+        let nanoseconds: f64 = runs.iter().map(|run| run.elapsed.as_secs_f64() * 1e9).sum();
+        let count = |of: &dyn Fn(&RunFigures) -> Option<usize>| -> Option<usize> {
+            each.iter().map(of).sum()
+        };
+        let episodes = |run: &RunFigures, wanted: fn(&LostEpisode) -> bool| {
+            let episodes = run.lost_episodes.as_ref()?;
+            Some(episodes.iter().filter(|episode| wanted(episode)).count())
+        };
+        Ok(Localization {
+            runs: runs.len(),
+            diverged: count(&|run| run.diverged.map(usize::from)),
+            lost: count(&|run| episodes(run, |_| true)),
+            recovered: count(&|run| episodes(run, |episode| episode.recovered.is_some())),
+            weighted: pooled.map(|pooled| pooled.weighted),
+            translation: pooled.map(|pooled| pooled.translation),
+            heading: pooled.map(|pooled| pooled.heading),
+            without_diverged,
+            mean_ci95,
+            used_beams_per_scan: used_beams as f64 / (runs.len() * scans) as f64,
+            ns_per_beam: (used_beams > 0)
+                .then(|| nanoseconds / (particles as f64 * used_beams as f64)),
+            each,
+        })
+    }
+
+    /// What a user wants to read of it.
+    pub fn text(&self, args: &LocalizeArgs, source: &LogSource, map_points: usize) -> String {
+        let mut text = format!(
+            "{} on {} ({} points)\n{} of {} scans, {} particles, {:.1} beams used per scan\n",
+            source.title,
+            args.map.display(),
+            thousands(map_points),
+            counted(self.runs, "run"),
+            thousands(source.recording.scans.len()),
+            thousands(args.particles),
+            self.used_beams_per_scan
+        );
+        match (self.weighted, self.translation, self.heading) {
+            (Some(weighted), Some(translation), Some(heading)) => {
+                text += &ErrorFigures { weighted, translation, heading }.table();
+            }
+            _ => text += "no errors: the log has no reference poses\n",
+        }
+        if let Some(MeanIntervals { weighted: Interval { low, high }, .. }) = self.mean_ci95 {
+            text += &format!(
+                "mean weighted error: 95 % interval {low:.4} … {high:.4} (bootstrap over runs)\n"
+            );
+        }
+        if let (Some(diverged), Some(lost), Some(recovered)) =
+            (self.diverged, self.lost, self.recovered)
+        {
+            text += &format!(
+                "{diverged} of {} diverged; lost {}, found again {}\n",
+                counted(self.runs, "run"),
+                counted(lost, "time"),
+                counted(recovered, "time")
+            );
+            if let Some(rest) = self.without_diverged.filter(|_| diverged > 0) {
+                text += &format!("without diverged runs:\n{}", rest.table());
+            }
+        }
+        if let Some(nanoseconds) = self.ns_per_beam {
+            text += &format!("{nanoseconds:.2} ns per particle and beam on one thread\n");
+        }
+        if let Some(folder) = &args.output {
+            text += &format!("{}\n", folder.display());
+        }
+        text
+    }
+}
+
+fn counted(number: usize, what: &str) -> String {
+    format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
+}
+
+impl RunFigures {
+    fn of(number: usize, run: &FinishedRun) -> Result<Self> {
+        let mut figures = RunFigures {
+            run: number,
+            diverged: None,
+            lost_episodes: None,
+            weighted: None,
+            translation: None,
+            heading: None,
+            seconds: run.elapsed.as_secs_f64(),
+        };
+        if let Some(errors) = &run.errors {
+            let translation = &errors.translation;
+            figures.diverged = Some(diverged(translation, &DivergenceSettings::default())?);
+            figures.lost_episodes = Some(lost_episodes(translation, &LossSettings::default())?);
+            figures.weighted = Some(Figures::of(&errors.weighted)?);
+            figures.translation = Some(Figures::of(translation)?);
+            figures.heading = Some(Figures::of(&errors.heading)?);
+        }
+        Ok(figures)
+    }
+}
+
+impl MeanIntervals {
+    fn of(runs: &[&ErrorSamples], seed: Seed) -> Result<Self> {
+        // The same resampled runs for all three.
+        let interval = |samples: fn(&ErrorSamples) -> &[f64]| {
+            let runs: Vec<&[f64]> = runs.iter().map(|run| samples(run)).collect();
+            bootstrap_mean(&runs, RESAMPLES, seed).map(|found| found.interval)
+        };
+        Ok(MeanIntervals {
+            weighted: interval(|run| &run.weighted)?,
+            translation: interval(|run| &run.translation)?,
+            heading: interval(|run| &run.heading)?,
+        })
+    }
+}

@@ -1,0 +1,212 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use mcl_core::{Pose2, Recording, Trajectory};
+use mcl_filter::{FilterSettings, Run};
+use mcl_metrics::{DEFAULT_XI, DivergenceSettings, LossSettings, PoseError, tum};
+use serde::Serialize;
+
+use super::figures::Localization;
+use crate::cli::Outcome;
+use crate::cli::args::LocalizeArgs;
+use crate::cli::errors::ErrorSamples;
+use crate::experiment::write_rows;
+use crate::source::{self, LogSource};
+
+/// Where results go: `run-NNN.tum` and `run-NNN.csv` as each run ends, then `reference.tum` and
+/// `summary.json`. Every file is whole or not there.
+pub struct Folder {
+    path: PathBuf,
+}
+
+/// A scan of a run: what the filter said, and how far off it was. Metres and radians.
+#[derive(Serialize)]
+struct ErrorRow {
+    scan: usize,
+    /// Seconds, exact; empty without a usable stamp.
+    stamp: Option<String>,
+    /// Estimate minus reference; errors are empty without a reference.
+    dx: Option<f64>,
+    dy: Option<f64>,
+    dtheta: Option<f64>,
+    translation: Option<f64>,
+    heading: Option<f64>,
+    weighted: Option<f64>,
+    effective_sample_size: f64,
+    resampled: bool,
+    used_beams: usize,
+}
+
+/// What was asked for: enough to do it again.
+#[derive(Serialize)]
+pub struct Setup<'a> {
+    version: &'static str,
+    log: &'a str,
+    /// SHA-256 of what the log holds, whatever the file.
+    recording_sha256: String,
+    scans: usize,
+    map: &'a Path,
+    map_points: usize,
+    seed: u64,
+    filter: &'a FilterSettings,
+    /// Standard deviations in metres and radians.
+    odometry_noise: [f64; 2],
+    /// The laser's pose at the first scan; null for global localization.
+    first_pose: Option<Pose2>,
+    xi: f64,
+    divergence: DivergenceSettings,
+    loss: LossSettings,
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    setup: &'a Setup<'a>,
+    figures: &'a Localization,
+}
+
+impl<'a> Setup<'a> {
+    /// From the arguments and what they were resolved to.
+    pub fn new(
+        args: &'a LocalizeArgs,
+        source: &'a LogSource,
+        map_points: usize,
+        filter: &'a FilterSettings,
+        first_pose: Option<Pose2>,
+    ) -> Self {
+        Setup {
+            version: env!("CARGO_PKG_VERSION"),
+            log: &args.log.log,
+            recording_sha256: source::digest(&source.recording),
+            scans: source.recording.scans.len(),
+            map: &args.map,
+            map_points,
+            seed: args.seed,
+            filter,
+            odometry_noise: args.odometry_noise.unwrap_or_default(),
+            first_pose,
+            xi: DEFAULT_XI,
+            divergence: DivergenceSettings::default(),
+            loss: LossSettings::default(),
+        }
+    }
+}
+
+impl Folder {
+    /// Creates the folder. What an earlier call wrote there is removed, lest runs of two calls be
+    /// taken for those of one; other files stay.
+    pub fn open(path: &Path) -> Result<Self> {
+        let told = || format!("cannot prepare the folder {}", path.display());
+        fs::create_dir_all(path).with_context(told)?;
+        for entry in fs::read_dir(path).with_context(told)? {
+            let entry = entry.with_context(told)?;
+            if is_ours(&entry.file_name().to_string_lossy()) {
+                fs::remove_file(entry.path()).with_context(told)?;
+            }
+        }
+        Ok(Folder { path: path.to_owned() })
+    }
+
+    /// Writes the trajectory and the rows of a run.
+    pub fn write_run(
+        &self,
+        number: u32,
+        recording: &Recording,
+        run: &Run,
+        errors: Option<&ErrorSamples>,
+    ) -> Result<()> {
+        let stamped = recording.scans.iter().zip(&run.map_from_laser);
+        let trajectory = stamped.filter_map(|(scan, &pose)| Some((scan.stamp?, pose))).collect();
+        self.write_trajectory(&format!("run-{number:03}.tum"), &trajectory)?;
+        let rows: Vec<ErrorRow> = recording
+            .scans
+            .iter()
+            .zip(&run.map_from_laser)
+            .zip(&run.reports)
+            .enumerate()
+            .map(|(index, ((scan, estimate), report))| {
+                let error = scan.map_from_laser.map(|truth| PoseError::between(&truth, estimate));
+                let error = error.filter(|_| errors.is_some());
+                ErrorRow {
+                    scan: index,
+                    stamp: scan.stamp.map(|stamp| stamp.to_string()),
+                    dx: error.map(|error| error.dx),
+                    dy: error.map(|error| error.dy),
+                    dtheta: error.map(|error| error.dtheta),
+                    translation: errors.map(|errors| errors.translation[index]),
+                    heading: errors.map(|errors| errors.heading[index]),
+                    weighted: errors.map(|errors| errors.weighted[index]),
+                    effective_sample_size: report.effective_sample_size,
+                    resampled: report.resampled,
+                    used_beams: report.used_beams,
+                }
+            })
+            .collect();
+        write_rows(&self.path.join(format!("run-{number:03}.csv")), &rows)
+    }
+
+    /// Writes the reference and the summary; says which scans the trajectories lack.
+    pub fn finish(
+        &self,
+        recording: &Recording,
+        setup: &Setup<'_>,
+        figures: &Localization,
+    ) -> Result<Outcome> {
+        self.write_trajectory("reference.tum", &recording.reference())?;
+        let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
+        self.write("summary.json", text.as_bytes())?;
+        let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
+        if unstamped > 0 {
+            eprintln!(
+                "warning: {} of {} scans have no usable stamp: they are in the error rows, but not in \
+                 the TUM files, which are matched by stamp",
+                unstamped,
+                recording.scans.len()
+            );
+        }
+        Ok(Outcome::of(unstamped == 0))
+    }
+
+    /// A trajectory without poses is no file: no reader would take it.
+    fn write_trajectory(&self, name: &str, trajectory: &Trajectory) -> Result<()> {
+        if trajectory.is_empty() {
+            return Ok(());
+        }
+        let mut bytes = Vec::new();
+        tum::write(&mut bytes, trajectory)?;
+        self.write(name, &bytes)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        let path = self.path.join(name);
+        mcl_maps::files::write_atomically(&path, bytes)
+            .with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+/// Whether a file of this name was written by an earlier call.
+fn is_ours(name: &str) -> bool {
+    let number = name
+        .strip_prefix("run-")
+        .and_then(|rest| rest.strip_suffix(".tum").or_else(|| rest.strip_suffix(".csv")));
+    matches!(name, "reference.tum" | "summary.json")
+        || number.is_some_and(|n| n.len() >= 3 && n.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_own_files_are_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = ["run-000.tum", "run-017.csv", "run-1000.csv", "reference.tum", "summary.json"];
+        let others = ["run-1.tum", "run-abc.csv", "run-000.tum.bak", "m.csv", "summary.csv"];
+        for name in own.iter().chain(&others) {
+            fs::write(folder.path().join(name), name).unwrap();
+        }
+        Folder::open(folder.path()).unwrap();
+        assert!(own.iter().all(|name| !folder.path().join(name).exists()));
+        assert!(others.iter().all(|name| folder.path().join(name).exists()));
+    }
+}

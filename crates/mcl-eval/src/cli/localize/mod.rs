@@ -1,0 +1,175 @@
+mod figures;
+mod folder;
+
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use clap::CommandFactory;
+use clap::error::ErrorKind;
+use mcl_core::{Pose2, Seed};
+use mcl_filter::{
+    CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay,
+    Run, localize, noisy_increments,
+};
+use mcl_metrics::WeightedPoseError;
+use rayon::prelude::*;
+
+use super::Outcome;
+use super::args::{Cli, Global, Initial, LocalizeArgs};
+use super::errors::ErrorSamples;
+use super::output::{print, tell_losses};
+use crate::progress;
+use crate::source::{DEFAULT_MAX_RANGE, LogSource};
+use crate::thread_time;
+use figures::Localization;
+use folder::{Folder, Setup};
+
+/// A run of the filter, as far as the figures need it.
+struct FinishedRun {
+    /// Against the reference, one entry per scan; `None` without a reference.
+    errors: Option<ErrorSamples>,
+    /// Sum over the scans.
+    used_beams: usize,
+    /// Its thread's time inside the filter: drawing the first particles, and all steps.
+    elapsed: Duration,
+}
+
+pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
+    // What is wrong in itself is told before anything is read.
+    let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
+    filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
+    let map = mcl_maps::files::read_map(&args.map)?;
+    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let settings = filter_settings(args, source.max_range).check()?;
+    let start = first_pose(args, &source)?;
+    check_odometry(&source)?;
+    let folder = args.output.as_deref().map(Folder::open).transpose()?;
+
+    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+    let reference = reference_poses(&source);
+    let metric = WeightedPoseError::default();
+    let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
+    let runs = (0..args.runs)
+        .into_par_iter()
+        .map(|number| {
+            let seed = run_seed(args.seed, &source.name, number);
+            let (run, elapsed) =
+                one_run(&source, &distances, &settings, start, args.odometry_noise, seed)
+                    .with_context(|| format!("run {number}"))?;
+            let errors = reference
+                .as_ref()
+                .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
+                .transpose()?;
+            if let Some(folder) = &folder {
+                folder.write_run(number, &source.recording, &run, errors.as_ref())?;
+            }
+            bar.inc(1);
+            let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
+            Ok(FinishedRun { errors, used_beams, elapsed })
+        })
+        .collect::<Result<Vec<_>>>();
+    bar.finish_and_clear();
+    let runs = runs?;
+
+    let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
+    let found = Localization::of(&runs, args.particles, source.recording.scans.len(), seed)?;
+    let mut complete = tell_losses(&args.log.log, &source.report) == Outcome::Done;
+    if let Some(folder) = &folder {
+        let setup = Setup::new(args, &source, map.len(), settings.values(), start);
+        complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
+    }
+    print(args.json, &found, |found| found.text(args, &source, map.len()))?;
+    Ok(Outcome::of(complete))
+}
+
+/// A usage error.
+fn refuse(message: &str) -> ! {
+    Cli::command().error(ErrorKind::ValueValidation, message).exit()
+}
+
+fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
+    let initial_pose = match args.initial {
+        Initial::Known => FilterSettings::default().initial_pose,
+        Initial::Uniform if args.initial_pose.is_some() => refuse(
+            "--initial-pose says where the robot starts, --initial uniform that nobody knows",
+        ),
+        Initial::Uniform => InitialPose::Uniform {},
+    };
+    FilterSettings {
+        particles: args.particles,
+        initial_pose,
+        alpha: args.alpha,
+        sigma_hit: args.sigma_hit,
+        z_rand: args.z_rand,
+        max_distance: args.max_distance,
+        max_range,
+        beams: args.beams,
+        likelihood_exponent: args.likelihood_exponent,
+        resampling: args.resampling,
+        ess_fraction: args.ess_fraction,
+    }
+}
+
+/// The laser's pose at the first scan; `None` for global localization.
+fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> {
+    if args.initial == Initial::Uniform {
+        return Ok(None);
+    }
+    if let Some([x, y, theta]) = args.initial_pose {
+        return Ok(Some(Pose2::new(x, y, theta)));
+    }
+    match reference_poses(source) {
+        Some(poses) => Ok(poses.first().copied()),
+        None => bail!(
+            "{}: no reference pose says where the robot starts: give the laser's first pose in the \
+             map with --initial-pose X,Y,THETA, or search for it with --initial uniform (if the \
+             log's laser poses are ground truth all the same: --reference recorded)",
+            source.name
+        ),
+    }
+}
+
+/// The reference pose of every scan; `None` unless all have one.
+fn reference_poses(source: &LogSource) -> Option<Vec<Pose2>> {
+    let poses = source.recording.scans.iter().map(|scan| scan.map_from_laser);
+    poses.collect::<Option<Vec<Pose2>>>().filter(|poses| !poses.is_empty())
+}
+
+/// The filter would find a missing increment too, but only after a part of every run.
+fn check_odometry(source: &LogSource) -> Result<()> {
+    let without = |&scan: &usize| source.recording.scans[scan].odometry.is_none();
+    match (1..source.recording.scans.len()).find(without) {
+        None => Ok(()),
+        Some(scan) => Err(FilterError::MissingOdometry { scan }).with_context(|| {
+            format!(
+                "{}: localization needs odometry; if the log's laser poses are odometry, take them \
+                 so with --reference none --initial-pose X,Y,THETA",
+                source.name
+            )
+        }),
+    }
+}
+
+/// The seed of a run: the same for every map, so that maps are compared on the same draws.
+fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
+    Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
+}
+
+fn one_run(
+    source: &LogSource,
+    distances: &MapDistances,
+    settings: &CheckedSettings,
+    start: Option<Pose2>,
+    noise: Option<[f64; 2]>,
+    seed: Seed,
+) -> Result<(Run, Duration), FilterError> {
+    let recording = &source.recording;
+    let raw: Vec<Option<Pose2>> = recording.scans.iter().map(|scan| scan.odometry).collect();
+    let [xy, theta] = noise.unwrap_or_default();
+    let increments = noisy_increments(&raw, OdometryNoise { xy, theta }, seed)?;
+    let scans: Vec<usize> = (0..recording.scans.len()).collect();
+    let replay = Replay { recording, increments: &increments, scans: &scans };
+    let started = thread_time::now();
+    let run = localize(&replay, distances, settings, start, seed)?;
+    Ok((run, thread_time::now() - started))
+}
