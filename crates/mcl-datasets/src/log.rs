@@ -18,6 +18,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
 
 use flate2::bufread::MultiGzDecoder;
 use mcl_core::Recording;
@@ -231,10 +232,15 @@ pub enum LogError {
         offset: usize,
     },
     /// The file is an MCAP bag.
-    #[error("{}: MCAP bags are not read yet, expected a CARMEN log (.log, .clf, or either as .gz)", path.display())]
+    #[error(
+        "{}: an MCAP bag ({content}); bags are not read yet, expected a CARMEN log (.log, .clf, or either as .gz)",
+        path.display()
+    )]
     Mcap {
         /// The file asked for.
         path: PathBuf,
+        /// The topics in it with the types of their messages, or why they cannot be told.
+        content: String,
     },
     /// The file begins like gzip, but nothing of it can be decompressed.
     #[error("{}: {reason}; fetch the file again", path.display())]
@@ -306,7 +312,12 @@ fn read_text(
         return Err(LogError::Empty { path: path.to_owned() });
     }
     if head.starts_with(MCAP_MAGIC) {
-        return Err(LogError::Mcap { path: path.to_owned() });
+        let mut bag = Vec::new();
+        let content = match input.read_to_end(&mut bag) {
+            Ok(_) => topics(&bag),
+            Err(error) => error.to_string(),
+        };
+        return Err(LogError::Mcap { path: path.to_owned(), content });
     }
     if let Some(offset) = head.iter().position(|&byte| byte == 0) {
         return Err(LogError::Binary { path: path.to_owned(), offset });
@@ -316,6 +327,22 @@ fn read_text(
         CarmenError::Io(error) => LogError::Io { path: path.to_owned(), error },
         error => LogError::Carmen { path: path.to_owned(), error },
     })
+}
+
+/// The topics of an MCAP bag with their message types, from the summary at its end.
+fn topics(bag: &[u8]) -> String {
+    let summary = match mcap::Summary::read(bag) {
+        Ok(Some(summary)) => summary,
+        Ok(None) => return "without a summary of its topics".to_owned(),
+        Err(error) => return format!("its summary cannot be read: {error}"),
+    };
+    let describe = |channel: &Arc<mcap::Channel<'_>>| match &channel.schema {
+        Some(schema) => format!("{}: {}", channel.topic, schema.name),
+        None => channel.topic.clone(),
+    };
+    let mut topics: Vec<String> = summary.channels.values().map(describe).collect();
+    topics.sort();
+    if topics.is_empty() { "without topics".to_owned() } else { topics.join(", ") }
 }
 
 /// What an error says about compressed data; `None` for errors of the system. Reading a plain file

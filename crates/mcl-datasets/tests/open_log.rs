@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -102,7 +103,15 @@ fn what_is_no_log_is_refused_with_the_reason() {
     let path = file(folder.path(), "bag.mcap", b"\x89MCAP0\r\n\x01\x00");
     let error = read_log(&path).unwrap_err();
     assert!(matches!(error, LogError::Mcap { .. }), "{error}");
-    assert_message(&error, &path, &["MCAP bags are not read yet"]);
+    assert_message(&error, &path, &["MCAP bag", "summary cannot be read", "not read yet"]);
+
+    let mut bag = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+    let schema = bag.add_schema("sensor_msgs/msg/LaserScan", "ros2msg", b"").unwrap();
+    bag.add_channel(schema, "/scan", "cdr", &BTreeMap::new()).unwrap();
+    bag.finish().unwrap();
+    let path = file(folder.path(), "bag.mcap", bag.into_inner().get_ref());
+    let error = read_log(&path).unwrap_err();
+    assert_message(&error, &path, &["/scan: sensor_msgs/msg/LaserScan", "not read yet"]);
 
     let path = file(folder.path(), "notes.log", b"# no scans here\nODOM 0 0 0\n");
     let error = read_log(&path).unwrap_err();
