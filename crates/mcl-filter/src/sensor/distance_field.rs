@@ -1,8 +1,8 @@
 use mcl_core::{Bounds, NearestNeighbors, Point, PointMap};
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use super::grid::{Candidates, Grid};
-use super::lookup::{LANES, Lookup};
+use super::lookup::{CHUNK, Lookup, Workspace};
 use crate::FilterError;
 use crate::settings::check_length;
 
@@ -141,25 +141,7 @@ impl DistanceField {
             return;
         }
         squared.resize(points.len(), 0.0);
-        let (lookup, grid) = (Lookup::new(self), &self.grid);
-        let square_metres = grid.cell * grid.cell;
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for (points, squared) in points.chunks(LANES).zip(squared.chunks_mut(LANES)) {
-                    let mut places = [[0.0; LANES]; 2];
-                    for (lane, point) in points.iter().enumerate() {
-                        for axis in 0..2 {
-                            places[axis][lane] = grid.in_cells(axis, point[axis]);
-                        }
-                    }
-                    let found = lookup.distances_squared(&places[0], &places[1]);
-                    for (squared, found) in squared.iter_mut().zip(found) {
-                        *squared = f64::from(found) * square_metres;
-                    }
-                }
-            },
-        );
+        Arch::new().dispatch(Batch { lookup: Lookup::new(self), field: self, points, squared });
     }
 
     /// Whether distances from positions in `f32` are within 10⁻⁵ m.
@@ -171,5 +153,38 @@ impl DistanceField {
     pub(super) fn is_single_precise(&self) -> bool {
         const EPSILON: f64 = 1.0 / 16_777_216.0;
         5.0 * EPSILON * (self.exact.max_distance + self.grid.cell) <= 1e-5
+    }
+}
+
+/// The fast path of [`DistanceField::distances_squared`].
+struct Batch<'a> {
+    lookup: Lookup<'a>,
+    field: &'a DistanceField,
+    points: &'a [Point<2>],
+    squared: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Batch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let grid = &self.field.grid;
+        let square_metres = grid.cell * grid.cell;
+        let mut workspace = Workspace::default();
+        let mut places = [[0.0; CHUNK]; 2];
+        for (points, squared) in self.points.chunks(CHUNK).zip(self.squared.chunks_mut(CHUNK)) {
+            for (axis, places) in places.iter_mut().enumerate() {
+                for (place, point) in places.iter_mut().zip(points) {
+                    *place = grid.in_cells(axis, point[axis]);
+                }
+            }
+            let [x, y] = &places;
+            let number = points.len();
+            let found = self.lookup.distances_squared(&x[..number], &y[..number], &mut workspace);
+            for (squared, &found) in squared.iter_mut().zip(found) {
+                *squared = f64::from(found) * square_metres;
+            }
+        }
     }
 }

@@ -1,10 +1,12 @@
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use mcl_core::{Point, Pose2};
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use super::exp::exp_nonpositive;
-use super::lookup::{LANES, Lanes, Lookup};
+use super::grid::Grid;
+use super::lookup::{CHUNK, Lookup, Workspace};
 use super::{DistanceField, MapDistances, ScanEndpoints};
 use crate::{CheckedSettings, FilterError};
 
@@ -98,7 +100,7 @@ impl<'a> LikelihoodField<'a> {
         // The kind of distances is chosen once per scan, not per beam.
         match self.distances {
             MapDistances::Grid(field) if self.is_fast(field) => {
-                self.add_fast(field, endpoints, poses, &mut scratch.blocks, log_weights);
+                self.add_fast(field, endpoints, poses, &mut scratch.chunk, log_weights);
             }
             MapDistances::Grid(field) => {
                 let distance_squared = |point| field.distance_squared(point);
@@ -125,7 +127,7 @@ impl<'a> LikelihoodField<'a> {
         field: &DistanceField,
         endpoints: &ScanEndpoints,
         poses: Poses<'_>,
-        blocks: &mut Vec<Block>,
+        particles: &mut Chunk,
         log_weights: &mut [f64],
     ) {
         let arch = Arch::new();
@@ -136,59 +138,27 @@ impl<'a> LikelihoodField<'a> {
             let scaled = |e: &f64| e / grid.cell;
             endpoints.x().iter().map(scaled).zip(endpoints.y().iter().map(scaled))
         };
-        for first in (0..log_weights.len()).step_by(CHUNK) {
-            let end = log_weights.len().min(first + CHUNK);
-            let neutral = if self.random == 0.0 { 0.0 } else { 1.0 };
-            blocks.clear();
-            for start in (first..end).step_by(LANES) {
-                // What is left of the last block repeats the last particle.
-                let lanes = |of: &dyn Fn(usize) -> f64| -> Lanes {
-                    std::array::from_fn(|lane| of((start + lane).min(end - 1)))
-                };
-                blocks.push(Block {
-                    x: lanes(&|i| grid.in_cells(0, poses.x[i])),
-                    y: lanes(&|i| grid.in_cells(1, poses.y[i])),
-                    sin: lanes(&|i| poses.sin[i]),
-                    cos: lanes(&|i| poses.cos[i]),
-                    value: [neutral; LANES],
-                });
-            }
-            let log_weights = &mut log_weights[first..end];
+        let neutral = if self.random == 0.0 { 0.0 } else { 1.0 };
+        for (chunk, log_weights) in log_weights.chunks_mut(CHUNK).enumerate() {
+            let first = chunk * CHUNK;
+            particles.load(grid, &poses, first..first + log_weights.len(), neutral);
             if self.random == 0.0 {
-                arch.dispatch(
-                    #[inline(always)]
-                    || {
-                        for beam in beams() {
-                            each_block(&lookup, blocks, beam, |value, squared| {
-                                *value += f64::from(squared);
-                            });
-                        }
-                    },
-                );
+                arch.dispatch(Pass { lookup, particles, beams: beams(), update: Sum });
                 let constant = endpoints.len() as f64 * self.ln_hit;
-                take_values(blocks, log_weights, neutral, |sum| {
+                particles.take_values(log_weights, neutral, |sum| {
                     self.exponent * (constant - sum * decay)
                 });
                 continue;
             }
-            let (decay, hit, random) = (decay as f32, self.hit, self.random);
+            let update = Product { decay: decay as f32, hit: self.hit, random: self.random };
             let mut beams = beams();
             let mut left = endpoints.len();
             while left > 0 {
                 let group = left.min(self.group);
                 left -= group;
-                arch.dispatch(
-                    #[inline(always)]
-                    || {
-                        for beam in beams.by_ref().take(group) {
-                            each_block(&lookup, blocks, beam, |value, squared| {
-                                let gaussian = exp_nonpositive(-squared * decay);
-                                *value *= hit * f64::from(gaussian) + random;
-                            });
-                        }
-                    },
-                );
-                take_values(blocks, log_weights, neutral, |product| self.exponent * product.ln());
+                let beams = beams.by_ref().take(group);
+                arch.dispatch(Pass { lookup, particles, beams, update });
+                particles.take_values(log_weights, neutral, |product| self.exponent * product.ln());
             }
         }
     }
@@ -228,61 +198,126 @@ impl<'a> LikelihoodField<'a> {
     }
 }
 
-/// Particles whose state stays in the first-level cache.
-const CHUNK: usize = 512;
-
 /// Buffers, reused from scan to scan.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    blocks: Vec<Block>,
+    chunk: Chunk,
     squared: Vec<f64>,
 }
 
-/// Particles side by side: positions in cells of the grid, sines and cosines of their headings, and
-/// the sum or product over beams so far.
-struct Block {
-    x: Lanes,
-    y: Lanes,
-    sin: Lanes,
-    cos: Lanes,
-    value: Lanes,
+/// Some particles: positions in cells of the grid, sines and cosines of their headings, and the sum
+/// or product over beams so far.
+#[derive(Default)]
+struct Chunk {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    sin: Vec<f64>,
+    cos: Vec<f64>,
+    value: Vec<f64>,
+    endpoint_x: Vec<f64>,
+    endpoint_y: Vec<f64>,
+    workspace: Box<Workspace>,
 }
 
-/// Updates the value of every particle by the squared distance (in cells) of a beam's endpoint (in
-/// cells, in the robot's frame) from the map.
-#[inline(always)]
-fn each_block(
-    lookup: &Lookup<'_>,
-    blocks: &mut [Block],
-    (ex, ey): (f64, f64),
-    update: impl Fn(&mut f64, f32),
-) {
-    for block in blocks {
-        let mut x = [0.0; LANES];
-        let mut y = [0.0; LANES];
-        for lane in 0..LANES {
-            let (sin, cos) = (block.sin[lane], block.cos[lane]);
-            x[lane] = block.x[lane] + cos * ex - sin * ey;
-            y[lane] = block.y[lane] + sin * ex + cos * ey;
+impl Chunk {
+    fn load(&mut self, grid: &Grid, poses: &Poses<'_>, range: Range<usize>, neutral: f64) {
+        let fill = |to: &mut Vec<f64>, from: &[f64]| {
+            to.clear();
+            to.extend_from_slice(&from[range.clone()]);
+        };
+        fill(&mut self.x, poses.x);
+        fill(&mut self.y, poses.y);
+        fill(&mut self.sin, poses.sin);
+        fill(&mut self.cos, poses.cos);
+        self.x.iter_mut().for_each(|x| *x = grid.in_cells(0, *x));
+        self.y.iter_mut().for_each(|y| *y = grid.in_cells(1, *y));
+        for buffer in [&mut self.value, &mut self.endpoint_x, &mut self.endpoint_y] {
+            buffer.clear();
+            buffer.resize(range.len(), neutral);
         }
-        let squared = lookup.distances_squared(&x, &y);
-        for lane in 0..LANES {
-            update(&mut block.value[lane], squared[lane]);
+    }
+
+    /// Adds what the values stand for to the particles' log-weights and makes the values neutral
+    /// again.
+    fn take_values(
+        &mut self,
+        log_weights: &mut [f64],
+        neutral: f64,
+        log_likelihood: impl Fn(f64) -> f64,
+    ) {
+        for (log_weight, value) in log_weights.iter_mut().zip(&mut self.value) {
+            *log_weight += log_likelihood(*value);
+            *value = neutral;
         }
     }
 }
 
-/// Adds what the values stand for to the particles' log-weights and makes the values neutral again.
-fn take_values(
-    blocks: &mut [Block],
-    log_weights: &mut [f64],
-    neutral: f64,
-    log_likelihood: impl Fn(f64) -> f64,
-) {
-    for (block, log_weights) in blocks.iter_mut().zip(log_weights.chunks_mut(LANES)) {
-        for (log_weight, value) in log_weights.iter_mut().zip(&mut block.value) {
-            *log_weight += log_likelihood(*value);
-            *value = neutral;
+/// What a beam does to the value of a particle.
+trait Update: Copy {
+    fn next(self, value: f64, squared: f32) -> f64;
+}
+
+/// Without random measurements: the sum of squared distances.
+#[derive(Clone, Copy)]
+struct Sum;
+
+impl Update for Sum {
+    #[inline(always)]
+    fn next(self, value: f64, squared: f32) -> f64 {
+        value + f64::from(squared)
+    }
+}
+
+/// The product of likelihoods.
+#[derive(Clone, Copy)]
+struct Product {
+    /// 1/(2σ_hit²) in cells.
+    decay: f32,
+    hit: f64,
+    random: f64,
+}
+
+impl Update for Product {
+    #[inline(always)]
+    fn next(self, value: f64, squared: f32) -> f64 {
+        value * (self.hit * f64::from(exp_nonpositive(-squared * self.decay)) + self.random)
+    }
+}
+
+/// Updates the value of every particle by the squared distances (in cells) of the beams' endpoints
+/// (in cells, in the robot's frame) from the map.
+struct Pass<'a, I, U> {
+    lookup: Lookup<'a>,
+    particles: &'a mut Chunk,
+    beams: I,
+    update: U,
+}
+
+/// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
+/// would be the narrow ones.
+impl<I, U> NullaryFnOnce for Pass<'_, I, U>
+where
+    I: Iterator<Item = (f64, f64)>,
+    U: Update,
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Chunk { x, y, sin, cos, value, endpoint_x, endpoint_y, workspace } = self.particles;
+        let number = x.len();
+        let (x, y) = (&x[..number], &y[..number]);
+        let (sin, cos) = (&sin[..number], &cos[..number]);
+        let (endpoint_x, endpoint_y) = (&mut endpoint_x[..number], &mut endpoint_y[..number]);
+        for (ex, ey) in self.beams {
+            for i in 0..number {
+                endpoint_x[i] = x[i] + cos[i] * ex - sin[i] * ey;
+                endpoint_y[i] = y[i] + sin[i] * ex + cos[i] * ey;
+            }
+            let squared = self.lookup.distances_squared(endpoint_x, endpoint_y, workspace);
+            for (value, &squared) in value.iter_mut().zip(squared) {
+                *value = self.update.next(*value, squared);
+            }
         }
     }
 }

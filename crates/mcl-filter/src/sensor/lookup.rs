@@ -1,19 +1,46 @@
-//! Distances for eight places at a time: the inner loop of the filter.
+//! Distances for many places at a time: the inner loop of the filter.
 //!
 //! Places are found in `f64`, so that the size of a map costs no accuracy; only positions within a
-//! cell are `f32`. Everything but the loads is a plain loop over lanes without branches and fused
-//! operations, which becomes vector instructions where it is inlined into a dispatched closure, with
-//! the same bits for every instruction set.
+//! cell are `f32`. Arithmetic and table look-ups alternate in loops of their own: the former, without
+//! branches and fused operations, become vector instructions where they are inlined into a dispatched
+//! function, with the same bits for every instruction set.
 
 use super::DistanceField;
-use super::grid::{Grid, RECORD_BITS, RECORD_MASK, Record, SHRINK};
+use super::grid::{FAR, Grid, RECORD_BITS, RECORD_MASK, Record, SHRINK};
 
-pub(super) const LANES: usize = 8;
-pub(super) type Lanes = [f64; LANES];
+/// Places looked up at a time: few enough that all they need stays in the first-level cache.
+pub(super) const CHUNK: usize = 256;
 /// 1.5·2⁵²: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 /// 1.5·2²³: the same in `f32`.
 const ROUND_F32: f32 = 12_582_912.0;
+/// The low bits in which [`ROUND_F32`] leaves a number of at most 2¹⁶.
+const PART_MASK: u32 = (1 << 20) - 1;
+
+/// Intermediate results of a chunk.
+pub(super) struct Workspace {
+    /// Positions relative to the centre of the cell.
+    dx: [f32; CHUNK],
+    dy: [f32; CHUNK],
+    cell: [u32; CHUNK],
+    /// First the cell's entry, then the number of the record.
+    record: [u32; CHUNK],
+    records: [Record; CHUNK],
+    squared: [f32; CHUNK],
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Workspace {
+            dx: [0.0; CHUNK],
+            dy: [0.0; CHUNK],
+            cell: [0; CHUNK],
+            record: [0; CHUNK],
+            records: [FAR; CHUNK],
+            squared: [0.0; CHUNK],
+        }
+    }
+}
 
 /// What a look-up needs beside the grid's tables.
 #[derive(Clone, Copy)]
@@ -39,54 +66,65 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Squared distances, cut, from places in cells, all in units of cells.
+    /// Squared distances, cut, from at most [`CHUNK`] places in cells, all in units of cells.
     #[inline(always)]
-    pub fn distances_squared(&self, x: &Lanes, y: &Lanes) -> [f32; LANES] {
+    pub fn distances_squared<'w>(
+        &self,
+        x: &[f64],
+        y: &[f64],
+        workspace: &'w mut Workspace,
+    ) -> &'w [f32] {
         let grid = &self.field.grid;
-        let mut dx = [0.0f32; LANES];
-        let mut dy = [0.0f32; LANES];
-        let mut cell = [0u32; LANES];
-        for lane in 0..LANES {
-            let (column, from_x) = round(x[lane], self.last_column);
-            let (row, from_y) = round(y[lane], self.last_row);
-            dx[lane] = from_x as f32;
-            dy[lane] = from_y as f32;
-            cell[lane] = (row * self.columns + column + ROUND).to_bits() as u32;
+        let number = x.len();
+        let y = &y[..number];
+        let dx = &mut workspace.dx[..number];
+        let dy = &mut workspace.dy[..number];
+        let cell = &mut workspace.cell[..number];
+        let record = &mut workspace.record[..number];
+        let records = &mut workspace.records[..number];
+        let squared = &mut workspace.squared[..number];
+
+        for i in 0..number {
+            let (column, from_x) = round(x[i], self.last_column);
+            let (row, from_y) = round(y[i], self.last_row);
+            dx[i] = from_x as f32;
+            dy[i] = from_y as f32;
+            cell[i] = (row * self.columns + column + ROUND).to_bits() as u32;
         }
-        let entry: [u32; LANES] = std::array::from_fn(|lane| grid.cells[cell[lane] as usize]);
-        let mut index = [0u32; LANES];
-        for lane in 0..LANES {
-            let parts = f32::from_bits(((entry[lane] >> RECORD_BITS) + 127) << 23);
+        for i in 0..number {
+            record[i] = grid.cells[cell[i] as usize];
+        }
+        for i in 0..number {
+            let entry = record[i];
+            let parts = f32::from_bits(((entry >> RECORD_BITS) + 127) << 23);
             let (scale, middle) = (parts * SHRINK as f32, 0.5 * parts - 0.5);
-            let column = (dx[lane] * scale + middle + ROUND_F32) - ROUND_F32;
-            let row = (dy[lane] * scale + middle + ROUND_F32) - ROUND_F32;
-            let part = (row * parts + column + ROUND_F32).to_bits() - ROUND_F32.to_bits();
-            index[lane] = (entry[lane] & RECORD_MASK) + part;
+            let column = (dx[i] * scale + middle + ROUND_F32) - ROUND_F32;
+            let row = (dy[i] * scale + middle + ROUND_F32) - ROUND_F32;
+            let part = (row * parts + column + ROUND_F32).to_bits() & PART_MASK;
+            record[i] = (entry & RECORD_MASK) + part;
         }
-        let records: [Record; LANES] = std::array::from_fn(|lane| {
-            let record = grid.records[index[lane] as usize];
-            if record[0].is_nan() {
-                self.nearest_listed(index[lane], dx[lane], dy[lane], x[lane], y[lane])
-            } else {
-                record
+        for i in 0..number {
+            records[i] = grid.records[record[i] as usize];
+            if records[i][0].is_nan() {
+                records[i] = self.nearest_listed(record[i], cell[i], dx[i], dy[i]);
             }
-        });
-        let mut squared = [0.0f32; LANES];
-        for lane in 0..LANES {
-            let [x0, y0, x1, y1] = records[lane];
-            let (x0, y0, x1, y1) = (x0 - dx[lane], y0 - dy[lane], x1 - dx[lane], y1 - dy[lane]);
+        }
+        for i in 0..number {
+            let [x0, y0, x1, y1] = records[i];
+            let (x0, y0, x1, y1) = (x0 - dx[i], y0 - dy[i], x1 - dx[i], y1 - dy[i]);
             let (one, other) = (x0 * x0 + y0 * y0, x1 * x1 + y1 * y1);
             let nearest = if one < other { one } else { other };
-            squared[lane] = if nearest < self.cut { nearest } else { self.cut };
+            squared[i] = if nearest < self.cut { nearest } else { self.cut };
         }
         squared
     }
 
-    #[inline(never)]
-    fn nearest_listed(&self, record: u32, dx: f32, dy: f32, x: f64, y: f64) -> Record {
+    /// The nearest of a list as if it were the only candidate.
+    #[inline(always)]
+    fn nearest_listed(&self, record: u32, cell: u32, dx: f32, dy: f32) -> Record {
         let grid = &self.field.grid;
         let [_, list] = grid.numbers[record as usize];
-        let Some(range) = grid.list(list) else { return self.crowded(dx, dy, x, y) };
+        let Some(range) = grid.list(list) else { return self.crowded(cell, dx, dy) };
         let mut nearest = ([0.0; 2], f32::INFINITY);
         for place in &grid.listed_places[range] {
             let (x, y) = (place[0] - dx, place[1] - dy);
@@ -99,11 +137,17 @@ impl<'a> Lookup<'a> {
         [x, y, x, y]
     }
 
+    /// A candidate as far away as the tree says.
     #[cold]
     #[inline(never)]
-    fn crowded(&self, dx: f32, dy: f32, x: f64, y: f64) -> Record {
+    fn crowded(&self, cell: u32, dx: f32, dy: f32) -> Record {
         let grid = &self.field.grid;
-        let point = [grid.origin[0] + x * grid.cell, grid.origin[1] + y * grid.cell];
+        let cell = cell as usize;
+        let place = [
+            (cell % grid.columns) as f64 + f64::from(dx),
+            (cell / grid.columns) as f64 + f64::from(dy),
+        ];
+        let point = std::array::from_fn(|axis| grid.origin[axis] + place[axis] * grid.cell);
         let x = dx + (self.field.exact.distance_squared(point).sqrt() / grid.cell) as f32;
         [x, dy, x, dy]
     }
