@@ -182,7 +182,7 @@ impl NullaryFnOnce for Batch<'_> {
             let [x, y] = &places;
             let number = points.len();
             let found = self.lookup.distances_squared(&x[..number], &y[..number], &mut workspace);
-            for (squared, &found) in squared.iter_mut().zip(found) {
+            for (squared, &found) in squared.iter_mut().zip(&*found) {
                 *squared = f64::from(found) * square_metres;
             }
         }

@@ -2,7 +2,7 @@
 
 use mcl_core::{Bounds, Point, PointMap};
 
-use super::grid::{CROWDED, FAR, Grid, LISTED, List, NO_POINT, RECORD_BITS};
+use super::grid::{CROWDED, FAR, Grid, LISTED, List, NO_POINT, OVERFULL, RECORD_BITS, pack};
 
 /// Cells per map point, and limits of the number of cells. Results do not depend on them, nor on the
 /// limits below.
@@ -10,7 +10,7 @@ const CELLS_PER_POINT: usize = 8;
 const MIN_CELLS: usize = 1 << 12;
 const MAX_CELLS: usize = 1 << 16;
 /// A cell is cut into smaller parts while more than one part in this many is overfull ...
-const OVERFULL_SHARE: usize = 8;
+const OVERFULL_SHARE: usize = 32;
 /// ... and it has no more than this many parts per candidate.
 const PARTS_PER_CANDIDATE: usize = 16;
 /// At most 2ⁿ × 2ⁿ parts.
@@ -62,7 +62,7 @@ fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
         columns,
         rows,
         cells: vec![0; columns * rows],
-        records: vec![FAR],
+        records: vec![[pack(FAR, FAR); 2]],
         numbers: vec![[NO_POINT; 2]],
         lists: Vec::new(),
         listed: Vec::new(),
@@ -253,20 +253,15 @@ impl Builder {
     /// Writes the record of one part of the cell about `centre`.
     fn push(&mut self, centre: Point<2>, candidates: &[u32]) {
         let grid = &mut self.grid;
-        let place = |number: u32| -> [f32; 2] {
+        let place = |number: u32| {
             let point = grid.points[number as usize];
-            std::array::from_fn(|axis| ((point[axis] - centre[axis]) / grid.cell) as f32)
+            let [x, y] = [0, 1].map(|axis| ((point[axis] - centre[axis]) / grid.cell) as f32);
+            pack(x, y)
         };
         let (record, numbers) = match *candidates {
-            [] => (FAR, [NO_POINT; 2]),
-            [one] => {
-                let [x, y] = place(one);
-                ([x, y, x, y], [one, NO_POINT])
-            }
-            [one, other] => {
-                let ([x, y], [u, v]) = (place(one), place(other));
-                ([x, y, u, v], [one, other])
-            }
+            [] => ([pack(FAR, FAR); 2], [NO_POINT; 2]),
+            [one] => ([place(one); 2], [one, NO_POINT]),
+            [one, other] => ([place(one), place(other)], [one, other]),
             _ => {
                 let start = grid.listed.len();
                 let fits = candidates.len() <= MAX_LIST && start + candidates.len() <= MAX_LISTED;
@@ -276,7 +271,7 @@ impl Builder {
                     grid.listed_places.extend(candidates.iter().map(|&number| place(number)));
                     grid.listed.extend(candidates);
                 }
-                ([f32::NAN; 4], [LISTED, grid.lists.len() as u32 - 1])
+                ([OVERFULL; 2], [LISTED, grid.lists.len() as u32 - 1])
             }
         };
         grid.records.push(record);

@@ -254,7 +254,9 @@ impl Chunk {
 
 /// What a beam does to the value of a particle.
 trait Update: Copy {
-    fn next(self, value: f64, squared: f32) -> f64;
+    /// What counts of a squared distance, in `f32`.
+    fn term(self, squared: f32) -> f32;
+    fn next(self, value: f64, term: f32) -> f64;
 }
 
 /// Without random measurements: the sum of squared distances.
@@ -263,8 +265,13 @@ struct Sum;
 
 impl Update for Sum {
     #[inline(always)]
-    fn next(self, value: f64, squared: f32) -> f64 {
-        value + f64::from(squared)
+    fn term(self, squared: f32) -> f32 {
+        squared
+    }
+
+    #[inline(always)]
+    fn next(self, value: f64, term: f32) -> f64 {
+        value + f64::from(term)
     }
 }
 
@@ -279,8 +286,13 @@ struct Product {
 
 impl Update for Product {
     #[inline(always)]
-    fn next(self, value: f64, squared: f32) -> f64 {
-        value * (self.hit * f64::from(exp_nonpositive(-squared * self.decay)) + self.random)
+    fn term(self, squared: f32) -> f32 {
+        exp_nonpositive(-squared * self.decay)
+    }
+
+    #[inline(always)]
+    fn next(self, value: f64, term: f32) -> f64 {
+        value * (self.hit * f64::from(term) + self.random)
     }
 }
 
@@ -315,8 +327,9 @@ where
                 endpoint_y[i] = y[i] + sin[i] * ex + cos[i] * ey;
             }
             let squared = self.lookup.distances_squared(endpoint_x, endpoint_y, workspace);
-            for (value, &squared) in value.iter_mut().zip(squared) {
-                *value = self.update.next(*value, squared);
+            squared.iter_mut().for_each(|squared| *squared = self.update.term(*squared));
+            for (value, &term) in value.iter_mut().zip(&*squared) {
+                *value = self.update.next(*value, term);
             }
         }
     }

@@ -6,7 +6,7 @@
 //! function, with the same bits for every instruction set.
 
 use super::DistanceField;
-use super::grid::{FAR, Grid, RECORD_BITS, RECORD_MASK, Record, SHRINK};
+use super::grid::{Grid, OVERFULL, Place, RECORD_BITS, RECORD_MASK, SHRINK, pack};
 
 /// Places looked up at a time: few enough that all they need stays in the first-level cache.
 pub(super) const CHUNK: usize = 256;
@@ -25,7 +25,11 @@ pub(super) struct Workspace {
     cell: [u32; CHUNK],
     /// First the cell's entry, then the number of the record.
     record: [u32; CHUNK],
-    records: [Record; CHUNK],
+    /// Candidates of the records.
+    first: [Place; CHUNK],
+    second: [Place; CHUNK],
+    /// Those of the chunk that need a list.
+    overfull: [u32; CHUNK],
     squared: [f32; CHUNK],
 }
 
@@ -36,7 +40,9 @@ impl Default for Workspace {
             dy: [0.0; CHUNK],
             cell: [0; CHUNK],
             record: [0; CHUNK],
-            records: [FAR; CHUNK],
+            first: [0; CHUNK],
+            second: [0; CHUNK],
+            overfull: [0; CHUNK],
             squared: [0.0; CHUNK],
         }
     }
@@ -73,15 +79,17 @@ impl<'a> Lookup<'a> {
         x: &[f64],
         y: &[f64],
         workspace: &'w mut Workspace,
-    ) -> &'w [f32] {
+    ) -> &'w mut [f32] {
         let grid = &self.field.grid;
+        let (cells, table) = (grid.cells.as_slice(), grid.records.as_slice());
         let number = x.len();
         let y = &y[..number];
         let dx = &mut workspace.dx[..number];
         let dy = &mut workspace.dy[..number];
         let cell = &mut workspace.cell[..number];
         let record = &mut workspace.record[..number];
-        let records = &mut workspace.records[..number];
+        let (first, second) = (&mut workspace.first[..number], &mut workspace.second[..number]);
+        let overfull = &mut workspace.overfull;
         let squared = &mut workspace.squared[..number];
 
         for i in 0..number {
@@ -92,7 +100,7 @@ impl<'a> Lookup<'a> {
             cell[i] = (row * self.columns + column + ROUND).to_bits() as u32;
         }
         for i in 0..number {
-            record[i] = grid.cells[cell[i] as usize];
+            record[i] = cells[cell[i] as usize];
         }
         for i in 0..number {
             let entry = record[i];
@@ -103,44 +111,47 @@ impl<'a> Lookup<'a> {
             let part = (row * parts + column + ROUND_F32).to_bits() & PART_MASK;
             record[i] = (entry & RECORD_MASK) + part;
         }
+        // Which places need a list is hard to predict: they are noted without a branch.
+        let mut count = 0;
         for i in 0..number {
-            records[i] = grid.records[record[i] as usize];
-            if records[i][0].is_nan() {
-                records[i] = self.nearest_listed(record[i], cell[i], dx[i], dy[i]);
-            }
+            [first[i], second[i]] = table[record[i] as usize];
+            overfull[count % CHUNK] = i as u32;
+            count += usize::from(first[i] == OVERFULL);
+        }
+        for &i in &overfull[..count] {
+            let i = i as usize;
+            first[i] = self.nearest_listed(record[i], cell[i], dx[i], dy[i]);
+            second[i] = first[i];
         }
         for i in 0..number {
-            let [x0, y0, x1, y1] = records[i];
-            let (x0, y0, x1, y1) = (x0 - dx[i], y0 - dy[i], x1 - dx[i], y1 - dy[i]);
-            let (one, other) = (x0 * x0 + y0 * y0, x1 * x1 + y1 * y1);
+            let one = squared_distance(first[i], dx[i], dy[i]);
+            let other = squared_distance(second[i], dx[i], dy[i]);
             let nearest = if one < other { one } else { other };
             squared[i] = if nearest < self.cut { nearest } else { self.cut };
         }
         squared
     }
 
-    /// The nearest of a list as if it were the only candidate.
+    /// The nearest of a list.
     #[inline(always)]
-    fn nearest_listed(&self, record: u32, cell: u32, dx: f32, dy: f32) -> Record {
+    fn nearest_listed(&self, record: u32, cell: u32, dx: f32, dy: f32) -> Place {
         let grid = &self.field.grid;
         let [_, list] = grid.numbers[record as usize];
         let Some(range) = grid.list(list) else { return self.crowded(cell, dx, dy) };
-        let mut nearest = ([0.0; 2], f32::INFINITY);
-        for place in &grid.listed_places[range] {
-            let (x, y) = (place[0] - dx, place[1] - dy);
-            let squared = x * x + y * y;
+        let mut nearest = (0, f32::INFINITY);
+        for &place in &grid.listed_places[range] {
+            let squared = squared_distance(place, dx, dy);
             if squared < nearest.1 {
-                nearest = (*place, squared);
+                nearest = (place, squared);
             }
         }
-        let [x, y] = nearest.0;
-        [x, y, x, y]
+        nearest.0
     }
 
-    /// A candidate as far away as the tree says.
+    /// A place as far away as the tree says.
     #[cold]
     #[inline(never)]
-    fn crowded(&self, cell: u32, dx: f32, dy: f32) -> Record {
+    fn crowded(&self, cell: u32, dx: f32, dy: f32) -> Place {
         let grid = &self.field.grid;
         let cell = cell as usize;
         let place = [
@@ -148,9 +159,15 @@ impl<'a> Lookup<'a> {
             (cell / grid.columns) as f64 + f64::from(dy),
         ];
         let point = std::array::from_fn(|axis| grid.origin[axis] + place[axis] * grid.cell);
-        let x = dx + (self.field.exact.distance_squared(point).sqrt() / grid.cell) as f32;
-        [x, dy, x, dy]
+        let distance = self.field.exact.distance_squared(point).sqrt() / grid.cell;
+        pack(dx + distance as f32, dy)
     }
+}
+
+#[inline(always)]
+fn squared_distance(place: Place, dx: f32, dy: f32) -> f32 {
+    let (x, y) = (f32::from_bits(place as u32) - dx, f32::from_bits((place >> 32) as u32) - dy);
+    x * x + y * y
 }
 
 /// The integer in 0..=`last` nearest to a place, and the place relative to it. 0 for NaN.
