@@ -98,7 +98,8 @@ impl ExactDistances {
 /// list too many points (an outlier far away makes cells huge; at the centre of a circle all its
 /// points are equally near) are answered by the tree of [`ExactDistances`].
 pub struct DistanceField {
-    pub(super) grid: Grid,
+    /// Boxed, for it is much larger than the other kind of distances.
+    pub(super) grid: Box<Grid>,
     pub(super) exact: ExactDistances,
 }
 
@@ -110,7 +111,7 @@ impl DistanceField {
     /// points cannot be indexed.
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         let exact = ExactDistances::build(map, max_distance)?;
-        Ok(DistanceField { grid: Grid::build(map, max_distance), exact })
+        Ok(DistanceField { grid: Box::new(Grid::build(map, max_distance)), exact })
     }
 
     /// min(d², max_distance²) in m², d the distance from a finite point to the nearest map point.
@@ -186,5 +187,30 @@ impl NullaryFnOnce for Batch<'_> {
                 *squared = f64::from(found) * square_metres;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use rand::RngExt;
+
+    /// The dispatched code and the same code compiled for the baseline.
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let mut rng = Seed::new(1).rng();
+        let mut places = |number: usize| -> Vec<Point<2>> {
+            (0..number).map(|_| [20.0 * rng.random::<f64>(), 10.0 * rng.random::<f64>()]).collect()
+        };
+        let map = PointMap::new(places(3_000)).unwrap();
+        let field = DistanceField::build(&map, 1.0).unwrap();
+        let points = places(10_001);
+        let mut dispatched = Vec::new();
+        field.distances_squared(&points, &mut dispatched);
+        let mut baseline = vec![0.0; points.len()];
+        let lookup = Lookup::new(&field);
+        Batch { lookup, field: &field, points: &points, squared: &mut baseline }.call();
+        assert!(dispatched == baseline && dispatched.iter().any(|&squared| squared < 1.0));
     }
 }

@@ -5,7 +5,7 @@ pub(super) const UNDERFLOW: f32 = -87.0;
 /// 1.5·2²³: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f32 = 12_582_912.0;
 /// ln 2 in two parts; the first has enough trailing zeros that its product with k is exact.
-const LN2_HIGH: f32 = 0.693_359_375;
+const LN2_HIGH: f32 = 0.693_359_4;
 const LN2_LOW: f32 = -2.121_944_4e-4;
 /// exp(r) = 1 + r + r²·Σ cₙ·rⁿ for |r| ≤ ln(2)/2, interpolated at Chebyshev nodes in 60 digits; the
 /// largest relative error is 1.1e-8.

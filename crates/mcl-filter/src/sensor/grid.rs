@@ -81,12 +81,26 @@ impl Grid {
         grid_builder::build(map, max_distance)
     }
 
+    /// A coordinate (m) in cells.
+    #[inline(always)]
+    pub fn in_cells(&self, axis: usize, coordinate: f64) -> f64 {
+        (coordinate - self.origin[axis]) / self.cell
+    }
+
+    /// Where a point lies from the centre of a cell, given in cells. Not by way of metres, which are
+    /// coarse far from the origin.
+    pub fn place(&self, number: u32, centre: Point<2>) -> Place {
+        let point = self.points[number as usize];
+        let [x, y] = [0, 1].map(|axis| (self.in_cells(axis, point[axis]) - centre[axis]) as f32);
+        pack(x, y)
+    }
+
     /// The candidates at a place.
     pub fn candidates_at(&self, point: Point<2>) -> Candidates<'_> {
         let ends = [(self.columns - 1) as f64, (self.rows - 1) as f64];
         let place: Point<2> = std::array::from_fn(|axis| {
             // Not `clamp`, for NaN has to be some place as well.
-            ((point[axis] - self.origin[axis]) / self.cell).max(0.0).min(ends[axis])
+            self.in_cells(axis, point[axis]).max(0.0).min(ends[axis])
         });
         let cell = place.map(f64::round);
         let entry = self.cells[cell[1] as usize * self.columns + cell[0] as usize];

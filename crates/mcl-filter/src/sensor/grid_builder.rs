@@ -224,7 +224,7 @@ impl Builder {
         let first = self.grid.records.len();
         let number = cell.row * self.grid.columns + cell.column;
         self.grid.cells[number] = first as u32 | parts.depth << RECORD_BITS;
-        let centre = min.map(|coordinate| coordinate + 0.5 * self.grid.cell);
+        let centre = [cell.column as f64, cell.row as f64];
         for part in 0..parts.ends.len() {
             self.push(centre, &parts.candidates[parts.of(part)]);
         }
@@ -250,25 +250,23 @@ impl Builder {
         finer
     }
 
-    /// Writes the record of one part of the cell about `centre`.
+    /// Writes the record of one part of the cell about `centre` (in cells).
     fn push(&mut self, centre: Point<2>, candidates: &[u32]) {
         let grid = &mut self.grid;
-        let place = |number: u32| {
-            let point = grid.points[number as usize];
-            let [x, y] = [0, 1].map(|axis| ((point[axis] - centre[axis]) / grid.cell) as f32);
-            pack(x, y)
-        };
         let (record, numbers) = match *candidates {
             [] => ([pack(FAR, FAR); 2], [NO_POINT; 2]),
-            [one] => ([place(one); 2], [one, NO_POINT]),
-            [one, other] => ([place(one), place(other)], [one, other]),
+            [one] => ([grid.place(one, centre); 2], [one, NO_POINT]),
+            [one, other] => ([grid.place(one, centre), grid.place(other, centre)], [one, other]),
             _ => {
                 let start = grid.listed.len();
                 let fits = candidates.len() <= MAX_LIST && start + candidates.len() <= MAX_LISTED;
                 let length = if fits { candidates.len() as u32 } else { CROWDED };
                 grid.lists.push(List { start: start as u32, length });
                 if fits {
-                    grid.listed_places.extend(candidates.iter().map(|&number| place(number)));
+                    for &number in candidates {
+                        let place = grid.place(number, centre);
+                        grid.listed_places.push(place);
+                    }
                     grid.listed.extend(candidates);
                 }
                 ([OVERFULL; 2], [LISTED, grid.lists.len() as u32 - 1])

@@ -347,9 +347,10 @@ pub(crate) struct Poses<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::FilterSettings;
-    use mcl_core::PointMap;
+    use crate::{Beams, FilterSettings};
+    use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
     use proptest::prelude::*;
+    use rand::RngExt;
 
     proptest! {
         /// Products in groups are the sum of logarithms, at the ends of what settings allow too.
@@ -377,6 +378,63 @@ mod tests {
             prop_assert!(found.is_finite());
             let scale = expected.abs().max(squared.len() as f64);
             prop_assert!((found - expected).abs() <= 1e-12 * scale, "{} for {}", found, expected);
+        }
+    }
+
+    /// The fast path against the reference, on both sides of every switch between them: from many
+    /// poses, on small and wide maps, with and without random measurements.
+    #[test]
+    fn fast_and_reference_agree() {
+        let mut rng = Seed::new(2).rng();
+        for (width, z_rand, sigma_hit, max_distance) in [
+            (20.0, 0.1, 0.2, 2.0),
+            (20.0, 0.0, 0.2, 2.0),
+            (20.0, 1.0, 0.2, 2.0),
+            (20.0, 1e-28, 0.1, 2.0),
+            (20.0, 1e-300, 0.1, 2.0),
+            (20_000.0, 0.1, 0.2, 2.0),
+            (20.0, 0.1, 0.2, 100.0),
+        ] {
+            let mut uniform = |width: f64| width * (rng.random::<f64>() - 0.5);
+            let points = (0..2_000).map(|_| [1e4 + uniform(width), uniform(width)]);
+            let map = PointMap::new(points.collect()).unwrap();
+            let settings =
+                FilterSettings { z_rand, sigma_hit, max_distance, ..FilterSettings::default() };
+            let settings = settings.check().unwrap();
+            let grid = MapDistances::grid(&map, max_distance).unwrap();
+            let reference = MapDistances::reference(&map, max_distance).unwrap();
+            let scan = LaserScan {
+                stamp: None,
+                geometry: ScanGeometry { start_angle: -1.5, angle_step: 0.01, beams: 300 },
+                ranges: (0..300).map(|_| 5.0 + uniform(9.9)).collect(),
+                map_from_laser: None,
+                odometry: None,
+            };
+            let mut endpoints = ScanEndpoints::default();
+            endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();
+            // More than a chunk, and no multiple of anything.
+            let n = 2 * CHUNK + 13;
+            let x: Vec<f64> = (0..n).map(|_| 1e4 + uniform(1.2 * width)).collect();
+            let y: Vec<f64> = (0..n).map(|_| uniform(1.2 * width)).collect();
+            let (sin, cos): (Vec<f64>, Vec<f64>) = (0..n).map(|_| uniform(6.3).sin_cos()).unzip();
+            let poses = Poses { x: &x, y: &y, sin: &sin, cos: &cos };
+            let [found, expected] = [&grid, &reference].map(|distances| {
+                let field = LikelihoodField::new(distances, &settings).unwrap();
+                let mut log_weights = vec![-1.0; n];
+                let mut scratch = Scratch::default();
+                field.add_log_likelihoods(&endpoints, poses, &mut scratch, &mut log_weights);
+                log_weights
+            });
+            // A beam's logarithm changes by at most d/σ² per metre of d, here with an error of less
+            // than 1e-6 m, and by the relative error of the exponential, 2e-7.
+            let steepest = max_distance.min(10.0 * sigma_hit) / (sigma_hit * sigma_hit);
+            let steepest =
+                if z_rand == 0.0 { max_distance / (sigma_hit * sigma_hit) } else { steepest };
+            let tolerance = 300.0 * (1e-6 * steepest + 2e-7);
+            for (found, expected) in found.iter().zip(&expected) {
+                let off = (found - expected).abs();
+                assert!(off <= tolerance, "{width} m, z_rand {z_rand}: {found} for {expected}");
+            }
         }
     }
 }

@@ -6,7 +6,7 @@
 //! function, with the same bits for every instruction set.
 
 use super::DistanceField;
-use super::grid::{Grid, OVERFULL, Place, RECORD_BITS, RECORD_MASK, SHRINK, pack};
+use super::grid::{OVERFULL, Place, RECORD_BITS, RECORD_MASK, SHRINK, pack};
 
 /// Places looked up at a time: few enough that all they need stays in the first-level cache.
 pub(super) const CHUNK: usize = 256;
@@ -114,9 +114,10 @@ impl<'a> Lookup<'a> {
         // Which places need a list is hard to predict: they are noted without a branch.
         let mut count = 0;
         for i in 0..number {
-            [first[i], second[i]] = table[record[i] as usize];
+            let [one, other] = table[record[i] as usize];
+            (first[i], second[i]) = (one, other);
             overfull[count % CHUNK] = i as u32;
-            count += usize::from(first[i] == OVERFULL);
+            count += usize::from(one == OVERFULL);
         }
         for &i in &overfull[..count] {
             let i = i as usize;
@@ -177,12 +178,4 @@ fn round(place: f64, last: f64) -> (f64, f64) {
     let place = if place < last { place } else { last };
     let nearest = (place + ROUND) - ROUND;
     (nearest, place - nearest)
-}
-
-impl Grid {
-    /// A coordinate (m) in cells.
-    #[inline(always)]
-    pub fn in_cells(&self, axis: usize, coordinate: f64) -> f64 {
-        (coordinate - self.origin[axis]) / self.cell
-    }
 }
