@@ -2,7 +2,7 @@ use mcl_core::{LaserScan, Pose2, Seed};
 
 use crate::motion::OdometryModel;
 use crate::particles::effective_sample_size;
-use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints};
+use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
 use crate::{CheckedSettings, Estimate, FilterError, Particles};
 
 /// What one step of the filter found.
@@ -82,6 +82,7 @@ struct Buffers {
     weights: Vec<f64>,
     chosen: Vec<usize>,
     scratch: Vec<f64>,
+    likelihoods: Scratch,
 }
 
 impl<'a> ParticleFilter<'a> {
@@ -163,7 +164,8 @@ impl<'a> ParticleFilter<'a> {
     /// [`FilterError::ScanGeometry`]; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
         let settings = self.settings.values();
-        let Buffers { endpoints, sin, cos, weights, chosen, scratch } = &mut self.buffers;
+        let Buffers { endpoints, sin, cos, weights, chosen, scratch, likelihoods } =
+            &mut self.buffers;
         let particles = &mut self.particles;
         endpoints.load(scan, &self.robot_from_laser, settings.beams, settings.max_range)?;
         sin.clear();
@@ -176,7 +178,7 @@ impl<'a> ParticleFilter<'a> {
         if !endpoints.is_empty() {
             let poses = Poses { x: &particles.x, y: &particles.y, sin, cos };
             let log_weights = &mut particles.log_weight;
-            self.field.add_log_likelihoods(endpoints, poses, scratch, log_weights);
+            self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_weights);
         }
         let log_sum = particles.normalize(weights)?;
         let estimate =

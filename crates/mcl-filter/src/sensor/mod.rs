@@ -2,11 +2,14 @@
 //! point of a map, and the likelihood field over them.
 
 mod distance_field;
+mod exp;
 mod grid;
+mod grid_builder;
 mod likelihood_field;
+mod lookup;
 mod scan_endpoints;
 
 pub use distance_field::{DistanceField, ExactDistances, MapDistances};
 pub use likelihood_field::LikelihoodField;
-pub(crate) use likelihood_field::Poses;
+pub(crate) use likelihood_field::{Poses, Scratch};
 pub use scan_endpoints::ScanEndpoints;

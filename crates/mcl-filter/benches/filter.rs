@@ -1,0 +1,148 @@
+//! Distances, whole steps and the build of the distance field on a synthetic office: the walls of a
+//! 30 m × 30 m building, 155,648 points, and random parts of them.
+//!
+//! The slowest and fastest times are printed with the rate of particle-beams or queries, of which
+//! one million a second is 1 µs each.
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use mcl_core::{LaserScan, Point, PointMap, Pose2, Rng, ScanGeometry, Seed};
+use mcl_filter::sensor::DistanceField;
+use mcl_filter::{FilterSettings, InitialPose, MapDistances, ParticleFilter};
+use rand::RngExt;
+
+const POINTS: usize = 155_648;
+/// Sizes of maps in per mille of all points.
+const SIZES: [usize; 4] = [1, 10, 100, 1000];
+const MAX_DISTANCE: f64 = 2.0;
+const PARTICLES: usize = 500;
+const BEAMS: usize = 171;
+/// Distance between walls (m) and half the width of the gaps in them.
+const ROOM: f64 = 5.0;
+const DOOR: f64 = 0.5;
+
+fn main() {
+    divan::main();
+}
+
+/// A point on a wall, with a centimetre or two of noise.
+fn wall_point(rng: &mut Rng) -> Point<2> {
+    loop {
+        let along = 30.0 * rng.random::<f64>();
+        let wall = ROOM * f64::from(rng.random_range(0..=6));
+        let is_outer = wall == 0.0 || wall == 30.0;
+        if !is_outer && (along % ROOM - 0.5 * ROOM).abs() < DOOR {
+            continue;
+        }
+        let noise = 0.02 * (0..4).map(|_| rng.random::<f64>() - 0.5).sum::<f64>();
+        let across = wall + noise;
+        return if rng.random() { [along, across] } else { [across, along] };
+    }
+}
+
+fn office(per_mille: usize) -> PointMap<2> {
+    let mut rng = Seed::new(1).rng();
+    let number = POINTS * per_mille / 1000;
+    PointMap::new((0..number).map(|_| wall_point(&mut rng)).collect()).unwrap()
+}
+
+/// What a scanner in the middle of a room reads: ray by ray the nearest wall that has no door there.
+fn scan(map_from_laser: &Pose2) -> LaserScan {
+    let geometry = ScanGeometry {
+        start_angle: -std::f64::consts::FRAC_PI_2,
+        angle_step: 1f64.to_radians(),
+        beams: BEAMS,
+    };
+    let ranges = (0..BEAMS).map(|beam| {
+        let (sin, cos) = (map_from_laser.theta + geometry.angle(beam)).sin_cos();
+        let reading = |wall: f64, from: f64, step: f64, other: f64, other_step: f64| {
+            let range = (wall - from) / step;
+            let along = other + range * other_step;
+            let is_door =
+                wall != 0.0 && wall != 30.0 && (along.rem_euclid(ROOM) - 0.5 * ROOM).abs() < DOOR;
+            if range > 0.0 && !is_door { range } else { f64::INFINITY }
+        };
+        (0..=6)
+            .flat_map(|i| {
+                let wall = ROOM * f64::from(i);
+                [
+                    reading(wall, map_from_laser.x, cos, map_from_laser.y, sin),
+                    reading(wall, map_from_laser.y, sin, map_from_laser.x, cos),
+                ]
+            })
+            .fold(f64::INFINITY, f64::min)
+    });
+    LaserScan {
+        stamp: None,
+        geometry,
+        ranges: ranges.collect(),
+        map_from_laser: None,
+        odometry: None,
+    }
+}
+
+#[divan::bench(args = SIZES, sample_count = 5)]
+fn build(bencher: Bencher, per_mille: usize) {
+    let map = office(per_mille);
+    bencher.bench(|| DistanceField::build(black_box(&map), MAX_DISTANCE).unwrap());
+}
+
+/// Places within half a metre of walls.
+fn places() -> Vec<Point<2>> {
+    let mut rng = Seed::new(2).rng();
+    (0..10_000)
+        .map(|_| wall_point(&mut rng).map(|coordinate| coordinate + rng.random::<f64>() - 0.5))
+        .collect()
+}
+
+#[divan::bench(args = SIZES)]
+fn distances_single(bencher: Bencher, per_mille: usize) {
+    let field = DistanceField::build(&office(per_mille), MAX_DISTANCE).unwrap();
+    let places = places();
+    let mut squared = Vec::new();
+    bencher
+        .counter(ItemsCount::new(places.len()))
+        .bench_local(|| field.distances_squared(black_box(&places), black_box(&mut squared)));
+}
+
+#[divan::bench(args = SIZES)]
+fn distances_double(bencher: Bencher, per_mille: usize) {
+    let field = DistanceField::build(&office(per_mille), MAX_DISTANCE).unwrap();
+    let places = places();
+    bencher.counter(ItemsCount::new(places.len())).bench_local(|| {
+        black_box(&places).iter().map(|&place| field.distance_squared(place)).sum::<f64>()
+    });
+}
+
+/// A step of tracking: the particles follow a robot that comes and goes.
+fn bench_step(bencher: Bencher, distances: &MapDistances) {
+    let settings = FilterSettings {
+        particles: PARTICLES,
+        initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
+        max_distance: MAX_DISTANCE,
+        ..FilterSettings::default()
+    };
+    let settings = settings.check().unwrap();
+    let poses = [0.0, 0.1].map(|x| Pose2::new(12.0 + x, 13.0, 0.6));
+    let scans = poses.map(|pose| scan(&pose));
+    let mut filter =
+        ParticleFilter::new(&settings, distances, Pose2::IDENTITY, Some(poses[0]), Seed::new(3))
+            .unwrap();
+    let mut at = 0;
+    let beams = filter.update(&scans[0]).unwrap().used_beams;
+    bencher.counter(ItemsCount::new(PARTICLES * beams)).bench_local(|| {
+        let increment = poses[at].between(&poses[1 - at]);
+        at = 1 - at;
+        filter.step(black_box(&increment), black_box(&scans[at])).unwrap()
+    });
+}
+
+#[divan::bench(args = SIZES)]
+fn step(bencher: Bencher, per_mille: usize) {
+    bench_step(bencher, &MapDistances::grid(&office(per_mille), MAX_DISTANCE).unwrap());
+}
+
+#[divan::bench(args = SIZES)]
+fn step_reference(bencher: Bencher, per_mille: usize) {
+    bench_step(bencher, &MapDistances::reference(&office(per_mille), MAX_DISTANCE).unwrap());
+}

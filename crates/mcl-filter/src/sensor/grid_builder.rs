@@ -1,0 +1,297 @@
+//! Building a [`Grid`].
+
+use mcl_core::{Bounds, Point, PointMap};
+
+use super::grid::{CROWDED, FAR, Grid, LISTED, List, NO_POINT, OVERFULL, RECORD_BITS, pack};
+
+/// Cells per map point, and limits of the number of cells. Results do not depend on them, nor on the
+/// limits below.
+const CELLS_PER_POINT: usize = 8;
+const MIN_CELLS: usize = 1 << 12;
+const MAX_CELLS: usize = 1 << 16;
+/// A cell is cut into smaller parts while more than one part in this many is overfull ...
+const OVERFULL_SHARE: usize = 32;
+/// ... and it has no more than this many parts per candidate.
+const PARTS_PER_CANDIDATE: usize = 16;
+/// At most 2ⁿ × 2ⁿ parts.
+const MAX_DEPTH: u32 = 8;
+/// Records stop growing at this many (128 MiB, and half as much for the numbers of their points).
+const MAX_RECORDS: usize = 1 << 23;
+/// A part with more points than this is left to the tree, so that no query takes long.
+const MAX_LIST: usize = 64;
+/// Lists stop growing at this many entries in all; further parts are left to the tree.
+const MAX_LISTED: usize = 1 << 24;
+/// By how much of its side a cell is taken larger than it is: places are rounded to `f32` and scaled
+/// by [`SHRINK`](super::grid::SHRINK), which together moves them by less than a quarter of this.
+const MARGIN: f64 = 1e-5;
+
+pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Grid {
+    let mut points = map.points().to_vec();
+    // Equal points would be listed as often as they occur.
+    points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    points.dedup();
+    let bounds = map.bounds();
+    let largest = bounds.min.iter().chain(&bounds.max).fold(0.0f64, |l, c| c.abs().max(l));
+    // More than the rounding of a sum or difference of coordinates of this size and the cut.
+    let rounding = 16.0 * f64::EPSILON * (largest + max_distance);
+    let mut grid = empty(&bounds, points.len(), max_distance + rounding);
+    let margin = MARGIN * grid.cell + rounding;
+    let mut stack: Vec<u32> = (0..points.len() as u32).collect();
+    grid.points = points;
+    let whole = Block { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
+    let max_distance_squared = max_distance * max_distance;
+    let mut builder = Builder { grid, max_distance_squared, margin, parts: Parts::default() };
+    builder.fill(whole, &mut stack, 0);
+    builder.grid
+}
+
+/// A grid over everything within `reach` (m) of the points' box and one cell more, without
+/// candidates.
+fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
+    let [width, height] = [0, 1].map(|axis| bounds.extent(axis) + 2.0 * reach);
+    let wanted = points.saturating_mul(CELLS_PER_POINT).clamp(MIN_CELLS, MAX_CELLS) as f64;
+    // No side is cut into more than `wanted` parts, so that a long and narrow map does not get many
+    // more cells than that.
+    let cell = (width * height / wanted).sqrt().max(width.max(height) / wanted);
+    let cells = |length: f64| (length / cell).ceil().max(1.0) as usize + 2;
+    let (columns, rows) = (cells(width), cells(height));
+    Grid {
+        // The first cell ends where the reach begins.
+        origin: bounds.min.map(|coordinate| coordinate - reach - 0.5 * cell),
+        cell,
+        columns,
+        rows,
+        cells: vec![0; columns * rows],
+        records: vec![[pack(FAR, FAR); 2]],
+        numbers: vec![[NO_POINT; 2]],
+        lists: Vec::new(),
+        listed: Vec::new(),
+        listed_places: Vec::new(),
+        points: Vec::new(),
+    }
+}
+
+/// A rectangle of cells.
+#[derive(Clone, Copy)]
+struct Block {
+    column: usize,
+    row: usize,
+    columns: usize,
+    rows: usize,
+}
+
+impl Block {
+    /// The two halves across the longer side; `None` for a single cell.
+    fn halves(self) -> Option<[Block; 2]> {
+        if self.columns >= self.rows && self.columns > 1 {
+            let left = self.columns / 2;
+            let right = self.columns - left;
+            Some([
+                Block { columns: left, ..self },
+                Block { column: self.column + left, columns: right, ..self },
+            ])
+        } else if self.rows > 1 {
+            let lower = self.rows / 2;
+            let upper = self.rows - lower;
+            Some([
+                Block { rows: lower, ..self },
+                Block { row: self.row + lower, rows: upper, ..self },
+            ])
+        } else {
+            None
+        }
+    }
+}
+
+/// Candidates of the parts of one cell, row by row.
+#[derive(Default)]
+struct Parts {
+    /// log₂ of the number of parts per side.
+    depth: u32,
+    candidates: Vec<u32>,
+    /// Where each part's candidates end.
+    ends: Vec<usize>,
+}
+
+impl Parts {
+    fn of(&self, part: usize) -> std::ops::Range<usize> {
+        let start = if part == 0 { 0 } else { self.ends[part - 1] };
+        start..self.ends[part]
+    }
+
+    fn overfull(&self) -> usize {
+        (0..self.ends.len()).filter(|&part| self.of(part).len() > 2).count()
+    }
+}
+
+/// Fills a grid from coarse to fine: a point that is never nearest within a block of cells need not
+/// be looked at again within it.
+struct Builder {
+    grid: Grid,
+    max_distance_squared: f64,
+    /// By how much (m) cells are taken larger than they are, so that a place which rounding assigns
+    /// to the cell beside its own still finds its nearest point there.
+    margin: f64,
+    parts: Parts,
+}
+
+impl Builder {
+    /// Records the candidates of each cell of the block, all of which are in `stack[from..]`.
+    fn fill(&mut self, block: Block, stack: &mut Vec<u32>, from: usize) {
+        let kept_from = stack.len();
+        let cell = self.grid.cell;
+        let corner = |first: [usize; 2]| -> Point<2> {
+            std::array::from_fn(|axis| self.grid.origin[axis] + (first[axis] as f64 - 0.5) * cell)
+        };
+        let min = corner([block.column, block.row]);
+        let max = corner([block.column + block.columns, block.row + block.rows]);
+        for i in from..kept_from {
+            stack.push(stack[i]);
+        }
+        self.keep_nearest(min, max, stack, kept_from);
+        if stack.len() > kept_from {
+            match block.halves() {
+                Some(halves) => {
+                    for half in halves {
+                        self.fill(half, stack, kept_from);
+                    }
+                }
+                None => self.record(block, min, &stack[kept_from..]),
+            }
+        }
+        stack.truncate(kept_from);
+    }
+
+    /// Leaves of the candidates `stack[from..]` those that can be nearest somewhere in the box.
+    ///
+    /// The places nearer to a point q than to a point p are a half-plane. When all four corners of a
+    /// box are in it then so is the box, and p is nearest nowhere in it. Rivals q are only the
+    /// points nearest to the corners, so a few points more than necessary are kept. Squared
+    /// distances have a relative rounding error of less than 4ε; a point is dropped only when it
+    /// loses by more, so the minimum over the kept points is the minimum over all, to the last bit.
+    fn keep_nearest(&self, min: Point<2>, max: Point<2>, stack: &mut Vec<u32>, from: usize) {
+        let min = min.map(|coordinate| coordinate - self.margin);
+        let max = max.map(|coordinate| coordinate + self.margin);
+        let points = &self.grid.points;
+        let mut rivals = [(f64::INFINITY, [0.0; 4]); 4];
+        let mut reach = self.max_distance_squared;
+        for &i in &stack[from..] {
+            let corners = corner_distances(points[i as usize], min, max);
+            for (rival, distance) in rivals.iter_mut().zip(corners) {
+                if distance < rival.0 {
+                    *rival = (distance, corners);
+                }
+            }
+            // Every place in the box is at least this near to this point.
+            reach = reach.min(corners.iter().copied().fold(0.0, f64::max));
+        }
+        reach *= 1.0 + 16.0 * f64::EPSILON;
+        let mut kept = from;
+        for i in from..stack.len() {
+            let point = points[stack[i] as usize];
+            if box_distance(point, min, max) > reach {
+                continue;
+            }
+            let corners = corner_distances(point, min, max);
+            let slack = 16.0 * f64::EPSILON * corners.iter().copied().fold(0.0, f64::max);
+            let beaten = rivals
+                .iter()
+                .any(|(_, rival)| rival.iter().zip(&corners).all(|(q, p)| q + slack < *p));
+            if !beaten {
+                stack[kept] = stack[i];
+                kept += 1;
+            }
+        }
+        stack.truncate(kept);
+    }
+
+    /// Cuts a cell with these candidates into parts and writes their records.
+    fn record(&mut self, cell: Block, min: Point<2>, candidates: &[u32]) {
+        let mut parts = std::mem::take(&mut self.parts);
+        parts.depth = 0;
+        parts.candidates.clear();
+        parts.candidates.extend(candidates);
+        parts.ends.clear();
+        parts.ends.push(candidates.len());
+        let most = (PARTS_PER_CANDIDATE * candidates.len())
+            .min(MAX_RECORDS.saturating_sub(self.grid.records.len()));
+        while parts.depth < MAX_DEPTH
+            && 4 * parts.ends.len() <= most
+            && OVERFULL_SHARE * parts.overfull() > parts.ends.len()
+        {
+            parts = self.cut(&parts, min);
+        }
+        let first = self.grid.records.len();
+        let number = cell.row * self.grid.columns + cell.column;
+        self.grid.cells[number] = first as u32 | parts.depth << RECORD_BITS;
+        let centre = [cell.column as f64, cell.row as f64];
+        for part in 0..parts.ends.len() {
+            self.push(centre, &parts.candidates[parts.of(part)]);
+        }
+        self.parts = parts;
+    }
+
+    /// Cuts every part into four.
+    fn cut(&self, parts: &Parts, min: Point<2>) -> Parts {
+        let side = 2usize << parts.depth;
+        let size = self.grid.cell / side as f64;
+        let mut finer = Parts { depth: parts.depth + 1, ..Parts::default() };
+        for row in 0..side {
+            for column in 0..side {
+                let parent = (row / 2) * (side / 2) + column / 2;
+                let from = finer.candidates.len();
+                finer.candidates.extend(&parts.candidates[parts.of(parent)]);
+                let low = [min[0] + column as f64 * size, min[1] + row as f64 * size];
+                let high = low.map(|coordinate| coordinate + size);
+                self.keep_nearest(low, high, &mut finer.candidates, from);
+                finer.ends.push(finer.candidates.len());
+            }
+        }
+        finer
+    }
+
+    /// Writes the record of one part of the cell about `centre` (in cells).
+    fn push(&mut self, centre: Point<2>, candidates: &[u32]) {
+        let grid = &mut self.grid;
+        let (record, numbers) = match *candidates {
+            [] => ([pack(FAR, FAR); 2], [NO_POINT; 2]),
+            [one] => ([grid.place(one, centre); 2], [one, NO_POINT]),
+            [one, other] => ([grid.place(one, centre), grid.place(other, centre)], [one, other]),
+            _ => {
+                let start = grid.listed.len();
+                let fits = candidates.len() <= MAX_LIST && start + candidates.len() <= MAX_LISTED;
+                let length = if fits { candidates.len() as u32 } else { CROWDED };
+                grid.lists.push(List { start: start as u32, length });
+                if fits {
+                    for &number in candidates {
+                        let place = grid.place(number, centre);
+                        grid.listed_places.push(place);
+                    }
+                    grid.listed.extend(candidates);
+                }
+                ([OVERFULL; 2], [LISTED, grid.lists.len() as u32 - 1])
+            }
+        };
+        grid.records.push(record);
+        grid.numbers.push(numbers);
+    }
+}
+
+/// Squared distances of a point to the corners of a box.
+#[inline]
+fn corner_distances(p: Point<2>, min: Point<2>, max: Point<2>) -> [f64; 4] {
+    let squares = |axis: usize| {
+        let (low, high) = (p[axis] - min[axis], p[axis] - max[axis]);
+        (low * low, high * high)
+    };
+    let ((left, right), (lower, upper)) = (squares(0), squares(1));
+    [left + lower, right + lower, left + upper, right + upper]
+}
+
+/// Squared distance of a point to a box, 0 inside.
+#[inline]
+fn box_distance(p: Point<2>, min: Point<2>, max: Point<2>) -> f64 {
+    let outside = |axis: usize| (min[axis] - p[axis]).max(p[axis] - max[axis]).max(0.0);
+    let (dx, dy) = (outside(0), outside(1));
+    dx * dx + dy * dy
+}
