@@ -12,6 +12,7 @@ build:
 # The paper's experiments on those of their data sets that are at hand. An interrupted run goes on.
 experiments: build
 	$(MCL_EVAL) run experiments/likelihood.toml -o $(RESULTS)
+	$(MCL_EVAL) run experiments/localization.toml -o $(RESULTS)
 
 # Download and check the public logs.
 datasets: build
