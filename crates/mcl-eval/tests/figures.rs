@@ -148,7 +148,7 @@ fn points_have_ink_where_they_are() {
 fn clouds_say_what_they_show_but_hold_no_coordinates() {
     let points: Vec<_> = (0..40).map(|i| [f64::from(i) * 0.731, 17.123]).collect();
     let mut second = panel("grid-based map, 40 points (0.8 %)", &points);
-    let style = CurveStyle { color: 1, dash: Dash::Dashed, marker: Marker::Circle };
+    let style = CurveStyle { color: 1, dash: Dash::Dashed, marker: Some(Marker::Circle) };
     second.paths = vec![CloudPath { label: "estimated path".into(), style, points: &points }];
     let mut figure = cloud_figure(vec![panel("all data", &points), second]);
     for arrangement in [Arrangement::Stacked, Arrangement::SideBySide] {
