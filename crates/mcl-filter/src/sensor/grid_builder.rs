@@ -6,13 +6,16 @@ use super::grid::{CROWDED, FAR, Grid, LISTED, List, NO_POINT, OVERFULL, RECORD_B
 
 /// Cells per map point, and limits of the number of cells. Results do not depend on them, nor on the
 /// limits below.
-const CELLS_PER_POINT: usize = 8;
+const CELLS_PER_POINT: usize = 16;
 const MIN_CELLS: usize = 1 << 12;
-const MAX_CELLS: usize = 1 << 16;
+const MAX_CELLS: usize = 1 << 17;
 /// A cell is cut into smaller parts while more than one part in this many is overfull ...
 const OVERFULL_SHARE: usize = 32;
-/// ... and it has no more than this many parts per candidate.
-const PARTS_PER_CANDIDATE: usize = 16;
+/// ... it has no more than this many parts per candidate ...
+const PARTS_PER_CANDIDATE: usize = 8;
+/// ... and four parts together have less than this times the candidates of the part they were cut
+/// from: four times as many mean that cutting does not help, as at the centre of a circle.
+const MAX_GROWTH: usize = 3;
 /// At most 2ⁿ × 2ⁿ parts.
 const MAX_DEPTH: u32 = 8;
 /// Records stop growing at this many (128 MiB, and half as much for the numbers of their points).
@@ -21,6 +24,11 @@ const MAX_RECORDS: usize = 1 << 23;
 const MAX_LIST: usize = 64;
 /// Lists stop growing at this many entries in all; further parts are left to the tree.
 const MAX_LISTED: usize = 1 << 24;
+/// Looking at a candidate once for a block or part is a unit of work. When more than this per point
+/// and per cell is done (thousands of nearly equal points are candidates all over the map), blocks of
+/// more than [`MAX_LIST`] candidates are left to the tree.
+const WORK_PER_POINT: usize = 4096;
+const WORK_PER_CELL: usize = 128;
 /// By how much of its side a cell is taken larger than it is: places are rounded to `f32` and scaled
 /// by [`SHRINK`](super::grid::SHRINK), which together moves them by less than a quarter of this.
 const MARGIN: f64 = 1e-5;
@@ -40,7 +48,9 @@ pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Grid {
     grid.points = points;
     let whole = Block { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
     let max_distance_squared = max_distance * max_distance;
-    let mut builder = Builder { grid, max_distance_squared, margin, parts: Parts::default() };
+    let work = WORK_PER_POINT * grid.points.len() + WORK_PER_CELL * grid.cells.len();
+    let buffers = Default::default();
+    let mut builder = Builder { grid, max_distance_squared, margin, work, buffers };
     builder.fill(whole, &mut stack, 0);
     builder.grid
 }
@@ -132,7 +142,10 @@ struct Builder {
     /// By how much (m) cells are taken larger than they are, so that a place which rounding assigns
     /// to the cell beside its own still finds its nearest point there.
     margin: f64,
-    parts: Parts,
+    /// What may still be done.
+    work: usize,
+    /// Reused from cell to cell.
+    buffers: [Parts; 2],
 }
 
 impl Builder {
@@ -148,8 +161,12 @@ impl Builder {
         for i in from..kept_from {
             stack.push(stack[i]);
         }
+        self.work = self.work.saturating_sub(kept_from - from);
         self.keep_nearest(min, max, stack, kept_from);
-        if stack.len() > kept_from {
+        let kept = stack.len() - kept_from;
+        if self.work == 0 && kept > MAX_LIST {
+            self.leave_to_tree(block);
+        } else if kept > 0 {
             match block.halves() {
                 Some(halves) => {
                     for half in halves {
@@ -160,6 +177,18 @@ impl Builder {
             }
         }
         stack.truncate(kept_from);
+    }
+
+    /// All cells of the block share one crowded record.
+    fn leave_to_tree(&mut self, block: Block) {
+        let grid = &mut self.grid;
+        let record = grid.records.len() as u32;
+        grid.records.push([OVERFULL; 2]);
+        grid.numbers.push([LISTED, grid.lists.len() as u32]);
+        grid.lists.push(List { start: 0, length: CROWDED });
+        for row in block.row..block.row + block.rows {
+            grid.cells[row * grid.columns + block.column..][..block.columns].fill(record);
+        }
     }
 
     /// Leaves of the candidates `stack[from..]` those that can be nearest somewhere in the box.
@@ -207,7 +236,7 @@ impl Builder {
 
     /// Cuts a cell with these candidates into parts and writes their records.
     fn record(&mut self, cell: Block, min: Point<2>, candidates: &[u32]) {
-        let mut parts = std::mem::take(&mut self.parts);
+        let [mut parts, mut finer] = std::mem::take(&mut self.buffers);
         parts.depth = 0;
         parts.candidates.clear();
         parts.candidates.extend(candidates);
@@ -215,11 +244,17 @@ impl Builder {
         parts.ends.push(candidates.len());
         let most = (PARTS_PER_CANDIDATE * candidates.len())
             .min(MAX_RECORDS.saturating_sub(self.grid.records.len()));
-        while parts.depth < MAX_DEPTH
+        while self.work > 0
+            && parts.depth < MAX_DEPTH
             && 4 * parts.ends.len() <= most
             && OVERFULL_SHARE * parts.overfull() > parts.ends.len()
         {
-            parts = self.cut(&parts, min);
+            self.work = self.work.saturating_sub(4 * parts.candidates.len());
+            self.cut(&parts, min, &mut finer);
+            if finer.candidates.len() > MAX_GROWTH * parts.candidates.len() {
+                break;
+            }
+            std::mem::swap(&mut parts, &mut finer);
         }
         let first = self.grid.records.len();
         let number = cell.row * self.grid.columns + cell.column;
@@ -228,14 +263,16 @@ impl Builder {
         for part in 0..parts.ends.len() {
             self.push(centre, &parts.candidates[parts.of(part)]);
         }
-        self.parts = parts;
+        self.buffers = [parts, finer];
     }
 
-    /// Cuts every part into four.
-    fn cut(&self, parts: &Parts, min: Point<2>) -> Parts {
+    /// Cuts every part into four; `min` is the lower left corner of the cell.
+    fn cut(&self, parts: &Parts, min: Point<2>, finer: &mut Parts) {
         let side = 2usize << parts.depth;
         let size = self.grid.cell / side as f64;
-        let mut finer = Parts { depth: parts.depth + 1, ..Parts::default() };
+        finer.depth = parts.depth + 1;
+        finer.candidates.clear();
+        finer.ends.clear();
         for row in 0..side {
             for column in 0..side {
                 let parent = (row / 2) * (side / 2) + column / 2;
@@ -247,7 +284,6 @@ impl Builder {
                 finer.ends.push(finer.candidates.len());
             }
         }
-        finer
     }
 
     /// Writes the record of one part of the cell about `centre` (in cells).

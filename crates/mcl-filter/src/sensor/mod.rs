@@ -7,6 +7,7 @@ mod grid;
 mod grid_builder;
 mod likelihood_field;
 mod lookup;
+mod pass;
 mod scan_endpoints;
 
 pub use distance_field::{DistanceField, ExactDistances, MapDistances};
