@@ -74,7 +74,8 @@ pub fn fuzzy_k_means<const D: usize>(
     mut observe: impl FnMut(usize, f64),
 ) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
     settings.check()?;
-    let mut means = initial.points().to_vec();
+    // Relative to the middle of the data until the end: adding to UTM coordinates would lose digits.
+    let mut means = data.centred(initial.points());
     let mut trace: Vec<f64> = Vec::new();
     loop {
         let updates = trace.len();
@@ -88,7 +89,7 @@ pub fn fuzzy_k_means<const D: usize>(
         let converged = gain < settings.tolerance;
         if converged || updates >= settings.max_iterations {
             let report = FkmReport { iterations: updates, converged, log_likelihood_trace: trace };
-            return Ok((means, report));
+            return Ok((data.absolute(&means), report));
         }
         for (mean, pull) in means.iter_mut().zip(&expectation.pulls) {
             if pull.weight >= NO_RESPONSIBILITY {

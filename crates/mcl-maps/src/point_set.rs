@@ -44,6 +44,18 @@ impl<const D: usize> PointSet<D> {
         self.points.len()
     }
 
+    /// Points relative to the middle of the data.
+    pub(crate) fn centred(&self, points: &[Point<D>]) -> Vec<Point<D>> {
+        let origin = self.tree.origin;
+        points.iter().map(|p| std::array::from_fn(|axis| p[axis] - origin[axis])).collect()
+    }
+
+    /// The reverse of [`centred`](Self::centred).
+    pub(crate) fn absolute(&self, centred: &[Point<D>]) -> Vec<Point<D>> {
+        let origin = self.tree.origin;
+        centred.iter().map(|p| std::array::from_fn(|axis| p[axis] + origin[axis])).collect()
+    }
+
     /// Nearest-neighbour search over the points, built at first use.
     pub fn neighbors(&self) -> &NearestNeighbors<D> {
         self.neighbors.get_or_init(|| {

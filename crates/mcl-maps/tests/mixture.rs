@@ -176,14 +176,13 @@ fn duplicates_and_collinear_points() {
     assert_eq!(distinct.len(), built.map.len());
 }
 
-/// The point 10 km away keeps its component or pulls none; everything stays finite.
+/// The point 10 km away draws a component to itself, wherever that starts: nothing gains more
+/// likelihood. Everything stays finite on the way.
 #[test]
 fn a_point_ten_kilometres_away() {
     let (mut points, _) = problem::<2>(11, 300, 1);
     points.push([1e4, 0.0]);
-    for (components, has_far) in
-        [(vec![points[3], points[4]], false), (vec![points[3], points[300]], true)]
-    {
+    for components in [vec![points[3], points[4]], vec![points[3], points[300]]] {
         check_against_brute_force(points.clone(), components.clone(), 0.05);
         let data = PointSet::new(points.clone()).unwrap();
         let map = PointMap::new(components).unwrap();
@@ -191,11 +190,11 @@ fn a_point_ten_kilometres_away() {
             fuzzy_k_means(&data, &map, &FkmSettings::default(), |_, _| {}).unwrap();
         assert!(report.log_likelihood_trace.iter().all(|ll| ll.is_finite()));
         assert!(means.iter().flatten().all(|c| c.is_finite()));
-        assert_eq!(snap_to_data(&data, &means).contains(&300), has_far);
+        assert!(snap_to_data(&data, &means).contains(&300), "{means:?}");
     }
 }
 
-/// At UTM coordinates EM gives the same map, to the resolution of the coordinates.
+/// At UTM coordinates EM gives the same map by the same steps, to the last bit.
 #[test]
 fn far_from_the_origin() {
     let (near, _) = problem::<2>(13, 2000, 1);
@@ -211,9 +210,7 @@ fn far_from_the_origin() {
     assert_eq!(near.indices, far.indices);
     let (near, far) = (near.refinement.unwrap(), far.refinement.unwrap());
     assert_eq!(near.iterations, far.iterations);
-    for (near, far) in near.log_likelihood_trace.iter().zip(&far.log_likelihood_trace) {
-        assert!((near - far).abs() < 1e-9, "{near} and {far}");
-    }
+    assert_eq!(near.log_likelihood_trace, far.log_likelihood_trace);
 }
 
 /// A component between points of which others are always nearer: nobody is responsible for it.

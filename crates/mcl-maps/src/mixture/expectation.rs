@@ -21,7 +21,7 @@ pub(crate) struct Expectation<const D: usize> {
 }
 
 /// Sums over all points of `data` and the mixture of equal Gaussians of standard deviation `sigma`
-/// (m) at `means`, one or more.
+/// (m) at `means`, one or more, relative to the middle of the data ([`PointSet::centred`]).
 pub(crate) fn expectation<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
@@ -36,9 +36,7 @@ pub(crate) fn expectation<const D: usize>(
         reach: 2.0 * sigma * sigma * (means.len() as f64 / TRUNCATION).ln(),
     };
     let all = Components {
-        coordinates: std::array::from_fn(|axis| {
-            means.iter().map(|mean| mean[axis] - tree.origin[axis]).collect()
-        }),
+        coordinates: std::array::from_fn(|axis| means.iter().map(|mean| mean[axis]).collect()),
         places: (0..means.len() as u32).collect(),
     };
     let mut tasks = Vec::new();

@@ -43,7 +43,7 @@ pub fn mixture_log_likelihood<const D: usize>(
     sigma: f64,
 ) -> Result<LogLikelihood, MapError> {
     check_sigma(sigma)?;
-    let expectation = expectation(data, map.points(), sigma, false);
+    let expectation = expectation(data, &data.centred(map.points()), sigma, false);
     Ok(log_likelihood(data.len(), expectation.log_sum, D, map.len(), sigma))
 }
 
