@@ -57,7 +57,6 @@ impl Recording {
     /// [`CoreError::MaxRange`] unless `max_range` is positive; [`CoreError::NoReference`] names the
     /// first scan without a reference pose.
     pub fn points(&self, max_range: f64) -> Result<Vec<Point<2>>, CoreError> {
-        // `is_sign_positive` alone would let NaN through.
         if !max_range.is_finite() || max_range <= 0.0 {
             return Err(CoreError::MaxRange(max_range));
         }

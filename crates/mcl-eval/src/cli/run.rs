@@ -38,7 +38,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         if folders.contains(&folder) {
             bail!("{dataset}: the results of another log of this name are in {}", folder.display());
         }
-        let run = RunOptions { fresh: args.fresh, quiet: global.quiet, threads: global.threads };
+        let run = RunOptions { fresh: args.fresh, quiet: global.quiet };
         let outcome = results::run_experiment(&experiment, &name, &source, &folder, &run)
             .with_context(|| format!("experiment {name} on {dataset}"))?;
         total.done += outcome.done;

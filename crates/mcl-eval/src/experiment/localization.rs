@@ -96,7 +96,8 @@ impl<'a> LocalizationData<'a> {
         let is_localized = |index: usize| split == Split::Same || !index.is_multiple_of(2);
         let scans = recording.scans.iter().enumerate();
         let map_scans = scans.filter(|&(index, _)| builds_map(index)).map(|(_, scan)| scan.clone());
-        let map_recording = Recording { scans: map_scans.collect(), ..recording.clone() };
+        let map_recording =
+            Recording { scans: map_scans.collect(), robot_from_laser: recording.robot_from_laser };
         let points: Vec<Point<2>> = map_recording.points(max_range)?;
         let scans: Vec<usize> = (0..recording.scans.len()).filter(|&i| is_localized(i)).collect();
         let reference = scans

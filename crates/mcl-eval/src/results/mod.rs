@@ -42,8 +42,6 @@ pub struct RunOptions {
     pub fresh: bool,
     /// No progress bars and notes.
     pub quiet: bool,
-    /// Worker threads; 0 for one per core.
-    pub threads: usize,
 }
 
 /// Runs an experiment on one log into `folder`, going on where an earlier run stopped, then
@@ -95,10 +93,8 @@ where
     T: Trial + std::fmt::Display,
     R: Serialize + DeserializeOwned + Send,
 {
-    let threads = match options.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
-    };
+    // As many as the pool of the whole program has.
+    let threads = rayon::current_num_threads();
     let total: f64 = pending.iter().map(Trial::cost).sum();
     // In parts of the whole, so that the time left follows the work and not the number of trials.
     const PARTS: f64 = 1e6;
