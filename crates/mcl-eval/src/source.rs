@@ -97,6 +97,19 @@ impl LogSource {
         LogSource { name, title, recording, kind: Some(kind), report, max_range }
     }
 
+    /// The same log, cut off after this many scans.
+    pub fn first_scans(&self, count: usize) -> Self {
+        let scans = self.recording.scans.iter().take(count).cloned().collect();
+        LogSource {
+            name: self.name.clone(),
+            title: self.title.clone(),
+            recording: Recording { scans, robot_from_laser: self.recording.robot_from_laser },
+            kind: self.kind,
+            report: self.report.clone(),
+            max_range: self.max_range,
+        }
+    }
+
     /// The point set D.
     ///
     /// # Errors

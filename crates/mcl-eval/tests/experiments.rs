@@ -29,6 +29,31 @@ const LOCALIZATION: &str = r#"
     figures = { trajectory = 5 }
 "#;
 
+const SENSITIVITY: &str = r#"
+    kind = "sensitivity"
+    seed = 3
+    runs = 2
+    odometry_noise = { xy = 0.01, theta = 0.01 }
+    sigma = 0.05
+    tolerance = 1e-3
+    max_iterations = 50
+    filter = { particles = 50, beams = 30, z_rand = 0.1, alpha = [0.05, 0.05, 0.05, 0.05], proposal = "motion" }
+    [[sweep]]
+    name = "sensor"
+    maps = [{ strategy = "gbs", percent = 5 }, { strategy = "gbs+f-km", percent = 5 }]
+    sigma_hit = [0.1, 0.2]
+    z_rand = [0.1, 0.5]
+    [[sweep]]
+    name = "motion"
+    maps = [{ strategy = "gbs+f-km", percent = 5 }, { strategy = "all", percent = 100 }]
+    sigma_hit = [0.2]
+    alpha = [[0.05, 0.05, 0.05, 0.05], [0.1, 0.1, 0.1, 0.1]]
+    proposal = ["motion", "adaptive"]
+    [[dataset]]
+    name = "office"
+    scans = 30
+"#;
+
 /// A folder with the first scans of the simulated office as `office.log`, and experiments.
 struct Bench {
     folder: tempfile::TempDir,
@@ -45,6 +70,7 @@ impl Bench {
         fs::write(bench.path("office.log"), lines.join("\n") + "\n").unwrap();
         fs::write(bench.path("likelihood.toml"), LIKELIHOOD).unwrap();
         fs::write(bench.path("localization.toml"), LOCALIZATION).unwrap();
+        fs::write(bench.path("sensitivity.toml"), SENSITIVITY).unwrap();
         bench
     }
 
@@ -203,6 +229,37 @@ fn localization_experiment() {
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, &text[..text.len() / 3]).unwrap();
     bench.experiment("localization", "one", &["--threads", "7"]);
+    assert_eq!(rows(&path), trials);
+}
+
+#[test]
+fn sensitivity_study() {
+    let bench = Bench::new();
+    let one = bench.experiment("sensitivity", "one", &["--threads", "1"]);
+    let trials = rows(&one.join("trials.csv"));
+    // 2 runs of 4 settings on 2 maps, in both sweeps; one setting and map is in both.
+    assert_eq!(trials.len(), 2 * (4 * 2 + 4 * 2 - 1));
+    let summary = rows(&one.join("summary.csv"));
+    assert_eq!(summary.len(), trials.len() / 2);
+    // The grid-based map before and after fuzzy k-means, per setting of the first sweep.
+    assert_eq!(rows(&one.join("tests.csv")).len(), 4);
+    let manifest = fs::read_to_string(one.join("manifest.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    assert_eq!(manifest["dataset"]["scans"].as_u64(), Some(30));
+    for figure in ["sensor", "motion"] {
+        assert!(one.join("figures").join(format!("{figure}.svg")).is_file(), "{figure}");
+    }
+    // Every setting of both sweeps, the best first.
+    let ranking = rows(&bench.path("one/sensitivity/ranking.csv"));
+    assert_eq!(ranking.len(), 8);
+    assert_eq!((&*ranking[0][0], &*ranking[0][1]), ("sensor", "1"));
+
+    let two = bench.experiment("sensitivity", "two", &["--threads", "2"]);
+    assert_eq!(rows(&two.join("trials.csv")), trials);
+    let path = one.join("trials.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, &text[..text.len() / 3]).unwrap();
+    bench.experiment("sensitivity", "one", &["--threads", "7"]);
     assert_eq!(rows(&path), trials);
 }
 

@@ -1,9 +1,14 @@
-use mcl_core::{LaserScan, Pose2, Seed};
+use std::ops::Range;
 
-use crate::motion::OdometryModel;
+use mcl_core::{LaserScan, Pose2, Rng, Seed};
+use rand::seq::SliceRandom;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::motion::{NoisyMotion, OdometryModel};
 use crate::particles::effective_sample_size;
+use crate::proposal::{Noise, NoiseProposal};
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
-use crate::{CheckedSettings, Estimate, FilterError, Particles};
+use crate::{CheckedSettings, Estimate, FilterError, Particles, Proposal};
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +73,8 @@ pub struct ParticleFilter<'a> {
     robot_from_laser: Pose2,
     seed: Seed,
     particles: Particles,
+    /// The last motion, until a scan comes in.
+    moved: Option<NoisyMotion>,
     predictions: u64,
     updates: u64,
     buffers: Buffers,
@@ -82,7 +89,11 @@ struct Buffers {
     weights: Vec<f64>,
     chosen: Vec<usize>,
     scratch: Vec<f64>,
+    log_likelihoods: Vec<f64>,
     likelihoods: Scratch,
+    /// For an adaptive proposal: the poses before the last motion, and its noise.
+    before: [Vec<f64>; 3],
+    noise: Vec<Noise>,
 }
 
 impl<'a> ParticleFilter<'a> {
@@ -118,6 +129,7 @@ impl<'a> ParticleFilter<'a> {
             robot_from_laser,
             seed,
             particles,
+            moved: None,
             predictions: 0,
             updates: 0,
             buffers: Buffers::default(),
@@ -152,9 +164,36 @@ impl<'a> ParticleFilter<'a> {
         }
         let mut rng = self.seed.derive("motion").derive_index(self.predictions).rng();
         self.predictions += 1;
-        let Particles { x, y, theta, .. } = &mut self.particles;
-        self.motion.motion(increment).sample(x, y, theta, &mut rng);
+        let motion = self.motion.motion(increment);
+        match self.settings.values().proposal {
+            Proposal::Motion => {
+                let Particles { x, y, theta, .. } = &mut self.particles;
+                motion.sample(x, y, theta, &mut rng);
+            }
+            Proposal::Adaptive => self.predict_for_adaptation(motion, &mut rng),
+        }
         self.particles.check_finite()
+    }
+
+    /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,
+    /// so that the halves of the list stand for the same posterior.
+    fn predict_for_adaptation(&mut self, motion: NoisyMotion, rng: &mut Rng) {
+        let Buffers { chosen, scratch, before, noise, .. } = &mut self.buffers;
+        chosen.clear();
+        chosen.extend(0..self.particles.len());
+        chosen.shuffle(rng);
+        self.particles.reorder(chosen, scratch);
+        let Particles { x, y, theta, .. } = &mut self.particles;
+        for (before, now) in before.iter_mut().zip([&*x, &*y, &*theta]) {
+            before.clone_from(now);
+        }
+        noise.clear();
+        motion.apply(x, y, theta, || {
+            let drawn: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
+            noise.push(drawn);
+            drawn
+        });
+        self.moved = Some(motion);
     }
 
     /// Weighs every particle by a scan, estimates the pose, and draws the particles anew when their
@@ -163,22 +202,34 @@ impl<'a> ParticleFilter<'a> {
     /// # Errors
     /// [`FilterError::ScanGeometry`]; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
+        let values = self.settings.values();
+        let (beams, max_range) = (values.beams, values.max_range);
+        self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        let number = self.particles.len();
+        let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
+        for buffer in [log_likelihoods, sin, cos] {
+            buffer.clear();
+            buffer.resize(number, 0.0);
+        }
+        match self.moved.take().filter(|_| !self.buffers.endpoints.is_empty()) {
+            None => self.weigh(0..number),
+            Some(motion) => {
+                let pilots = number / 2;
+                self.weigh(0..pilots);
+                let proposal = self.redraw(&motion, pilots);
+                self.weigh(pilots..number);
+                if let Some(proposal) = proposal {
+                    self.correct(&proposal, pilots);
+                }
+            }
+        }
+
         let settings = self.settings.values();
-        let Buffers { endpoints, sin, cos, weights, chosen, scratch, likelihoods } =
+        let Buffers { endpoints, sin, cos, weights, chosen, scratch, log_likelihoods, .. } =
             &mut self.buffers;
         let particles = &mut self.particles;
-        endpoints.load(scan, &self.robot_from_laser, settings.beams, settings.max_range)?;
-        sin.clear();
-        cos.clear();
-        for theta in &particles.theta {
-            let (s, c) = theta.sin_cos();
-            sin.push(s);
-            cos.push(c);
-        }
-        if !endpoints.is_empty() {
-            let poses = Poses { x: &particles.x, y: &particles.y, sin, cos };
-            let log_weights = &mut particles.log_weight;
-            self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_weights);
+        for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
+            *log_weight += likelihood;
         }
         let log_sum = particles.normalize(weights)?;
         let estimate =
@@ -198,5 +249,62 @@ impl<'a> ParticleFilter<'a> {
             resampled,
             used_beams: endpoints.len(),
         })
+    }
+
+    /// Log-likelihoods of the scan, sines and cosines for a range of the particles.
+    fn weigh(&mut self, range: Range<usize>) {
+        let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
+        let Particles { x, y, theta, .. } = &self.particles;
+        for i in range.clone() {
+            (sin[i], cos[i]) = theta[i].sin_cos();
+        }
+        if !endpoints.is_empty() {
+            let poses = Poses {
+                x: &x[range.clone()],
+                y: &y[range.clone()],
+                sin: &sin[range.clone()],
+                cos: &cos[range.clone()],
+            };
+            let log_likelihoods = &mut log_likelihoods[range];
+            self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);
+        }
+    }
+
+    /// Moves the particles from `pilots` on anew, with noise from a proposal fitted to the ones before.
+    /// Without one they stay.
+    fn redraw(&mut self, motion: &NoisyMotion, pilots: usize) -> Option<NoiseProposal> {
+        let Buffers { scratch, log_likelihoods, before, noise, .. } = &mut self.buffers;
+        let Particles { x, y, theta, log_weight } = &mut self.particles;
+        let proposal = NoiseProposal::fit(
+            &noise[..pilots],
+            &log_weight[..pilots],
+            &log_likelihoods[..pilots],
+            scratch,
+        )?;
+        let mut rng = self.seed.derive("adaptation").derive_index(self.updates).rng();
+        let [x, y, theta] = [(x, 0), (y, 1), (theta, 2)].map(|(component, axis)| {
+            let moved = &mut component[pilots..];
+            moved.copy_from_slice(&before[axis][pilots..]);
+            moved
+        });
+        let mut redrawn = noise[pilots..].iter_mut();
+        motion.apply(x, y, theta, || {
+            let drawn = proposal.draw(&mut rng);
+            if let Some(noise) = redrawn.next() {
+                *noise = drawn;
+            }
+            drawn
+        });
+        Some(proposal)
+    }
+
+    /// Weighs all particles by the mixture that their noise was drawn from.
+    fn correct(&mut self, proposal: &NoiseProposal, pilots: usize) {
+        let log_weight = &mut self.particles.log_weight;
+        // The weights sum to one before the scan.
+        let share: f64 = log_weight[pilots..].iter().map(|log_weight| log_weight.exp()).sum();
+        for (log_weight, noise) in log_weight.iter_mut().zip(&self.buffers.noise) {
+            *log_weight += proposal.log_correction(noise, share.min(1.0));
+        }
     }
 }

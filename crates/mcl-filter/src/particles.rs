@@ -123,13 +123,18 @@ impl Particles {
 
     /// Replaces the particles by those chosen, with equal weights; `buffer` is overwritten.
     pub(crate) fn choose(&mut self, chosen: &[usize], buffer: &mut Vec<f64>) {
-        for component in [&mut self.x, &mut self.y, &mut self.theta] {
-            buffer.clear();
-            buffer.extend(chosen.iter().map(|&i| component[i]));
-            std::mem::swap(component, buffer);
-        }
+        self.reorder(chosen, buffer);
         let equal = -(chosen.len() as f64).ln();
         self.log_weight.fill(equal);
+    }
+
+    /// Replaces particle i by particle `order[i]`, with its weight; `buffer` is overwritten.
+    pub(crate) fn reorder(&mut self, order: &[usize], buffer: &mut Vec<f64>) {
+        for component in [&mut self.x, &mut self.y, &mut self.theta, &mut self.log_weight] {
+            buffer.clear();
+            buffer.extend(order.iter().map(|&i| component[i]));
+            std::mem::swap(component, buffer);
+        }
     }
 }
 

@@ -42,6 +42,8 @@ pub struct FilterSettings {
     /// smaller one tempers the likelihood, for neighbouring beams see the same surface and the same
     /// errors of the map.
     pub likelihood_exponent: f64,
+    /// Where the noise of a motion is drawn from.
+    pub proposal: Proposal,
     /// How particles are drawn anew.
     pub resampling: Resampling,
     /// Particles are drawn anew when the effective sample size is below this fraction of their
@@ -62,6 +64,7 @@ impl Default for FilterSettings {
             max_range: 10.0,
             beams: Beams::All,
             likelihood_exponent: 1.0,
+            proposal: Proposal::Motion,
             resampling: Resampling::Systematic,
             ess_fraction: 0.5,
         }
@@ -149,6 +152,52 @@ impl Display for Beams {
             Beams::All => f.write_str("all"),
             Beams::Spread(number) => write!(f, "{number}"),
         }
+    }
+}
+
+/// Where the noise of a motion is drawn from. Both stand for the same posterior and cost the same
+/// number of likelihoods; they differ in how many particles end up where the scan is likely.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Proposal {
+    /// The motion model, as in *Probabilistic Robotics*, table 8.2.
+    Motion,
+    /// Half of the particles from the motion model, the others from a Gaussian fitted to where those
+    /// found the scan likely; all are weighed by the mixture of both (Owen and Zhou 2000). With fewer
+    /// than 40 particles it is the motion model.
+    Adaptive,
+}
+
+impl Proposal {
+    /// Both kinds.
+    pub const ALL: [Proposal; 2] = [Proposal::Motion, Proposal::Adaptive];
+
+    /// The kind's name, as in a settings file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Proposal::Motion => "motion",
+            Proposal::Adaptive => "adaptive",
+        }
+    }
+}
+
+impl FromStr for Proposal {
+    type Err = FilterError;
+
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        Proposal::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+            FilterError::Parse {
+                field: "proposal",
+                found: text.into(),
+                expected: "motion or adaptive",
+            }
+        })
+    }
+}
+
+impl Display for Proposal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -349,6 +398,9 @@ mod tests {
     #[test]
     fn words_read_back() {
         for kind in Resampling::ALL {
+            assert_eq!(kind.to_string().parse(), Ok(kind));
+        }
+        for kind in Proposal::ALL {
             assert_eq!(kind.to_string().parse(), Ok(kind));
         }
         for beams in [Beams::All, Beams::Spread(7)] {

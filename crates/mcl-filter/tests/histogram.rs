@@ -5,7 +5,7 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use mcl_core::{LaserScan, PointMap, Pose2, ScanGeometry, Seed};
-use mcl_filter::{FilterSettings, InitialPose, MapDistances, ParticleFilter, Resampling};
+use mcl_filter::{FilterSettings, InitialPose, MapDistances, ParticleFilter, Proposal, Resampling};
 
 const WORLD: [[f64; 2]; 12] = [
     [0.0, 0.0],
@@ -125,9 +125,12 @@ fn agrees_with_exact_filtering_for_every_resampling() {
     eprintln!("exact means {first:.4?} {second:.4?}, log-evidence {evidence:.4?}");
     let map = PointMap::new(WORLD.to_vec()).unwrap();
     let distances = MapDistances::grid(&map, MAX_DISTANCE).unwrap();
-    // Never resampling, and resampling after the first scan in each of the ways.
-    let kinds = Resampling::ALL.map(|kind| (kind, 1.0)).into_iter();
-    for (resampling, ess_fraction) in kinds.chain([(Resampling::Systematic, 0.0)]) {
+    // Never resampling, and resampling after the first scan in each of the ways; noise from the motion
+    // model, and from where the scan is likely.
+    let kinds = Resampling::ALL.map(|kind| (Proposal::Motion, kind, 1.0)).into_iter();
+    let never = Proposal::ALL.map(|proposal| (proposal, Resampling::Systematic, 0.0));
+    let adaptive = (Proposal::Adaptive, Resampling::Systematic, 1.0);
+    for (proposal, resampling, ess_fraction) in kinds.chain(never).chain([adaptive]) {
         let settings = FilterSettings {
             particles: 10_000,
             initial_pose: InitialPose::Known { std_x: STD[0], std_y: STD[1], std_theta: STD[2] },
@@ -136,6 +139,7 @@ fn agrees_with_exact_filtering_for_every_resampling() {
             z_rand: Z_RAND,
             max_distance: MAX_DISTANCE,
             max_range: MAX_RANGE,
+            proposal,
             resampling,
             ess_fraction,
             ..FilterSettings::default()
@@ -167,7 +171,7 @@ fn agrees_with_exact_filtering_for_every_resampling() {
             let skew = if quantity % 3 == 2 && quantity < 6 { 1e-3 } else { 0.0 };
             assert!(
                 off < 4.5 * standard_error + skew,
-                "{resampling} {ess_fraction}, quantity {quantity}: {mean} ± {standard_error} for {expected}"
+                "{proposal} {resampling} {ess_fraction}, quantity {quantity}: {mean} ± {standard_error} for {expected}"
             );
             assert!(standard_error < 0.01, "the comparison is too blunt: {standard_error}");
         }

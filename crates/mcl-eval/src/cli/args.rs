@@ -3,7 +3,7 @@ use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mcl_datasets::log::ReferencePoses;
-use mcl_filter::{Beams, FilterSettings, Resampling};
+use mcl_filter::{Beams, FilterSettings, Proposal, Resampling};
 use mcl_maps::MapSize;
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
@@ -212,6 +212,10 @@ pub struct LocalizeArgs {
     /// [default: none].
     #[arg(long, value_name = "XY,THETA", value_parser = deviations)]
     pub odometry_noise: Option<[f64; 2]>,
+    /// Where the noise of a motion is drawn from: motion (the motion model, as in the book) or
+    /// adaptive (half of it from where the other half finds the scan likely; the same posterior).
+    #[arg(long, default_value_t = FILTER.proposal, value_name = "KIND")]
+    pub proposal: Proposal,
     /// How particles are drawn anew: systematic, stratified, residual or multinomial.
     #[arg(long, default_value_t = FILTER.resampling, value_name = "KIND")]
     pub resampling: Resampling,

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Global, RunArgs};
 use super::output::{print, tell_losses};
-use crate::experiment::{Experiment, TrialOutcome};
+use crate::experiment::{Experiment, RankedSetting, TrialOutcome};
 use crate::results::{self, RunOptions};
 use crate::source::{LogSource, SourceOptions};
 
@@ -45,6 +45,15 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         total.failed += outcome.failed;
         folders.push(folder);
     }
+    if let Experiment::Sensitivity(definition) = &experiment
+        && let Some(ranking) = results::write_ranking(definition, &args.output.join(&name))?
+        && !global.quiet
+    {
+        for (sweep, rank) in ranking.best {
+            eprintln!("{}", describe_best(&sweep, &rank));
+        }
+        eprintln!("all settings by their error: {}", ranking.path.display());
+    }
     let ran =
         Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
     print(args.json, &ran, |ran| {
@@ -55,6 +64,25 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         text
     })?;
     Ok(Outcome::of(complete && ran.failed == 0))
+}
+
+/// "tracking: σ_hit 0.3 m, z_rand 0.1, α 0.05, 0.005, 0.005, 0.005 tracks best (geometric mean …)".
+fn describe_best(sweep: &str, rank: &RankedSetting) -> String {
+    let setting = rank.setting;
+    let [a1, a2, a3, a4] = setting.alpha();
+    format!(
+        "{sweep}: best with σ_hit {} m, z_rand {}, α {a1}, {a2}, {a3}, {a4}, exponent {}, {} proposal, noise \
+         {} m and {} rad: mean weighted error {:.4} ({} of {} runs diverged)",
+        setting.sigma_hit,
+        setting.z_rand,
+        setting.likelihood_exponent,
+        setting.proposal,
+        setting.noise_xy,
+        setting.noise_theta,
+        rank.score,
+        rank.diverged,
+        rank.runs
+    )
 }
 
 /// The data sets of the definition that are at hand; says how to get the others.

@@ -5,6 +5,8 @@ use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
+use super::SensitivityExperiment;
+
 /// An experiment as its TOML file defines it. Unknown keys are errors.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Experiment {
@@ -12,6 +14,8 @@ pub enum Experiment {
     Likelihood(LikelihoodExperiment),
     /// How well a robot localizes on maps of different sizes (paper, section V-B).
     Localization(LocalizationExperiment),
+    /// How the localization error depends on the settings that the paper leaves open.
+    Sensitivity(SensitivityExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -22,6 +26,8 @@ pub enum Kind {
     Likelihood,
     /// [`LocalizationExperiment`].
     Localization,
+    /// [`SensitivityExperiment`].
+    Sensitivity,
 }
 
 /// Settings of a likelihood experiment.
@@ -220,7 +226,7 @@ impl Experiment {
     }
 
     /// Parses and checks the text of a definition.
-    fn parse(text: &str) -> Result<Self> {
+    pub(super) fn parse(text: &str) -> Result<Self> {
         /// The kind decides which other keys there are, so it is read first.
         #[derive(Deserialize)]
         struct Head {
@@ -229,10 +235,12 @@ impl Experiment {
         let experiment = match toml::from_str::<Head>(text)?.kind {
             Kind::Likelihood => Experiment::Likelihood(toml::from_str(text)?),
             Kind::Localization => Experiment::Localization(toml::from_str(text)?),
+            Kind::Sensitivity => Experiment::Sensitivity(toml::from_str(text)?),
         };
         match &experiment {
             Experiment::Likelihood(experiment) => experiment.check()?,
             Experiment::Localization(experiment) => experiment.check()?,
+            Experiment::Sensitivity(experiment) => experiment.check()?,
         }
         Ok(experiment)
     }
@@ -240,12 +248,9 @@ impl Experiment {
     /// Names of the data sets that the definition lists.
     pub fn dataset_names(&self) -> Vec<&str> {
         match self {
-            Experiment::Likelihood(experiment) => {
-                experiment.datasets.iter().map(|dataset| dataset.name.as_str()).collect()
-            }
-            Experiment::Localization(experiment) => {
-                experiment.datasets.iter().map(|dataset| dataset.name.as_str()).collect()
-            }
+            Experiment::Likelihood(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Localization(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Sensitivity(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
         }
     }
 }
@@ -298,7 +303,7 @@ impl LikelihoodExperiment {
     }
 }
 
-fn check_percent(percent: f64, place: &str) -> Result<()> {
+pub(super) fn check_percent(percent: f64, place: &str) -> Result<()> {
     if percent > 0.0 && percent <= 100.0 {
         return Ok(());
     }

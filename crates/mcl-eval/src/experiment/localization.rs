@@ -53,6 +53,15 @@ impl MapStrategy {
         }
     }
 
+    /// Who chose the points; `None` for all points.
+    pub fn builder(self) -> Option<Builder> {
+        match self {
+            MapStrategy::Grid | MapStrategy::GridImproved => Some(Builder::Grid),
+            MapStrategy::Random | MapStrategy::RandomImproved => Some(Builder::Random),
+            MapStrategy::All => None,
+        }
+    }
+
     /// The paper's name.
     pub fn label(self) -> &'static str {
         match self {
@@ -344,7 +353,8 @@ impl LocalizationExperiment {
     }
 }
 
-fn row(
+/// The row of a run.
+pub(super) fn row(
     data: &LocalizationData<'_>,
     trial: &LocalizationTrial,
     strategy: MapStrategy,

@@ -58,7 +58,7 @@ pub struct LocalizationTestRow {
 }
 
 /// Pairs of strategies that are compared: improved against initial, grid-based against random.
-const COMPARED: [(MapStrategy, MapStrategy); 4] = [
+pub(super) const COMPARED: [(MapStrategy, MapStrategy); 4] = [
     (MapStrategy::GridImproved, MapStrategy::Grid),
     (MapStrategy::RandomImproved, MapStrategy::Random),
     (MapStrategy::Grid, MapStrategy::Random),
@@ -115,12 +115,18 @@ struct Pooled {
 
 /// All runs of a cell have the same number of scans, so the mean over runs is that over all scans.
 fn pooled(cell: &[&LocalizationRow]) -> Result<Pooled> {
-    let runs: Vec<[f64; 1]> = cell.iter().map(|row| [row.weighted]).collect();
-    let interval = match runs.len() {
-        1 => None,
-        _ => Some(bootstrap_mean(&runs, RESAMPLES, Seed::new(0).derive("bootstrap"))?.interval),
-    };
+    let runs: Vec<f64> = cell.iter().map(|row| row.weighted).collect();
+    let interval = interval_of_runs(&runs)?;
     Ok(Pooled { weighted: mean(cell, |row| row.weighted), interval })
+}
+
+/// 95 % bootstrap interval of the mean over runs; none for a single run.
+pub(super) fn interval_of_runs(runs: &[f64]) -> Result<Option<Interval>> {
+    if runs.len() < 2 {
+        return Ok(None);
+    }
+    let runs: Vec<[f64; 1]> = runs.iter().map(|&run| [run]).collect();
+    Ok(Some(bootstrap_mean(&runs, RESAMPLES, Seed::new(0).derive("bootstrap"))?.interval))
 }
 
 fn mean(cell: &[&LocalizationRow], value: impl Fn(&LocalizationRow) -> f64) -> f64 {

@@ -9,6 +9,8 @@ mod localization;
 mod localization_summary;
 mod manifest;
 mod scheduler;
+mod sensitivity;
+mod sensitivity_summary;
 mod store;
 
 pub use definition::{
@@ -28,4 +30,12 @@ pub use localization_summary::{
 };
 pub use manifest::{DatasetFacts, Manifest};
 pub use scheduler::{Trial, TrialOutcome, run_trials};
+pub use sensitivity::{
+    SensitivityDataset, SensitivityExperiment, SensitivityKey, SensitivityRow, SensitivityTrial,
+    Setting, SettingKey, Sweep, SweptMap, sensitivity_trials,
+};
+pub use sensitivity_summary::{
+    RankedSetting, SensitivityCell, StrategyComparison, compare_strategies, rank_settings,
+    summarize_sensitivity,
+};
 pub use store::{TrialStore, read_rows, write_rows};

@@ -15,6 +15,8 @@ mod likelihood;
 mod localization;
 mod localization_figures;
 mod maps;
+mod sensitivity;
+mod sensitivity_figures;
 
 use std::fs;
 use std::io;
@@ -23,6 +25,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+
+pub use sensitivity::{Ranking, write_ranking};
 
 use crate::experiment::{Experiment, Kind, Manifest, Trial, TrialOutcome, TrialStore, run_trials};
 use crate::progress;
@@ -64,6 +68,9 @@ pub fn run_experiment(
         Experiment::Localization(definition) => {
             localization::run(definition, name, source, folder, options)
         }
+        Experiment::Sensitivity(definition) => {
+            sensitivity::run(definition, name, source, folder, options)
+        }
     }
 }
 
@@ -78,6 +85,7 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
     match manifest.kind {
         Kind::Likelihood => figures::draw(folder, manifest),
         Kind::Localization => localization_figures::draw(folder, manifest),
+        Kind::Sensitivity => sensitivity_figures::draw(folder, manifest),
     }
 }
 

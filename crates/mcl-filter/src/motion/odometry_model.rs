@@ -3,6 +3,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use mcl_core::{Pose2, Rng, wrap_angle};
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::proposal::Noise;
+
 /// Translations shorter than this (m) count as turning in place: their direction is encoder noise,
 /// and taken as a rotation it would cause rotation noise that no wheel made. The value is that of
 /// the differential-drive model of AMCL (nav2_amcl, `differential_motion_model.cpp`).
@@ -84,12 +86,23 @@ impl NoisyMotion {
     /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with
     /// noise of its own.
     pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
+        self.apply(x, y, theta, || std::array::from_fn(|_| StandardNormal.sample(rng)));
+    }
+
+    /// Moves every pose as [`sample`](Self::sample) does, with the standard normal noise on rotation
+    /// 1, translation and rotation 2 that `noise` gives for one after the other.
+    pub(crate) fn apply(
+        &self,
+        x: &mut [f64],
+        y: &mut [f64],
+        theta: &mut [f64],
+        mut noise: impl FnMut() -> Noise,
+    ) {
         let std1 = self.rotation1_variance.sqrt();
         let std_translation = self.translation_variance.sqrt();
         let std2 = self.rotation2_variance.sqrt();
         for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
-            let [noise1, noise, noise2]: [f64; 3] =
-                std::array::from_fn(|_| StandardNormal.sample(rng));
+            let [noise1, noise, noise2] = noise();
             let rotation1 = self.rotation1 + std1 * noise1;
             let translation = self.translation + std_translation * noise;
             let rotation2 = self.rotation2 + std2 * noise2;

@@ -105,6 +105,7 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         max_range,
         beams: args.beams,
         likelihood_exponent: args.likelihood_exponent,
+        proposal: args.proposal,
         resampling: args.resampling,
         ess_fraction: args.ess_fraction,
     }

@@ -1,0 +1,541 @@
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use anyhow::{Context, Result, bail};
+use mcl_filter::{FilterSettings, MapDistances, OdometryNoise, Proposal};
+use mcl_maps::FkmSettings;
+use serde::{Deserialize, Serialize};
+
+use super::definition::check_percent;
+use super::localization::row as localization_row;
+use super::scheduler::Trial;
+use super::{
+    Kind, LocalizationData, LocalizationExperiment, LocalizationRow, LocalizationTrial,
+    MapStrategy, Split, TrajectoryFigure, localization_trials,
+};
+
+/// Settings of a sensitivity study: how the localization error depends on what the paper leaves open.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensitivityExperiment {
+    /// [`Kind::Sensitivity`].
+    pub kind: Kind,
+    /// Root of every seed of the experiment.
+    pub seed: u64,
+    /// Runs per setting, strategy and size, each on a map of its own (run r on map r).
+    pub runs: u32,
+    /// Gaussian noise added to the odometry, where a sweep does not say otherwise.
+    pub odometry_noise: OdometryNoise,
+    /// σ of the mixture in metres, for fuzzy k-means.
+    pub sigma: f64,
+    /// Fuzzy k-means stops when an update gains less than this (nats per point).
+    pub tolerance: f64,
+    /// Fuzzy k-means stops after this many updates.
+    pub max_iterations: usize,
+    /// The particle filter where a sweep does not say otherwise. Its `max_range` is the data set's.
+    #[serde(default)]
+    pub filter: FilterSettings,
+    /// What is varied.
+    #[serde(rename = "sweep")]
+    pub sweeps: Vec<Sweep>,
+    /// The data sets to run on, as far as they are at hand.
+    #[serde(rename = "dataset", default)]
+    pub datasets: Vec<SensitivityDataset>,
+}
+
+/// All combinations of the values listed; a setting without values is not varied.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Names the figure's file: letters, digits and hyphens.
+    pub name: String,
+    /// The maps that are localized on.
+    pub maps: Vec<SweptMap>,
+    /// Only on these data sets; on all when empty.
+    #[serde(default)]
+    pub datasets: Vec<String>,
+    /// Runs for this sweep instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub runs: Option<u32>,
+    /// σ_hit (m).
+    #[serde(default)]
+    pub sigma_hit: Vec<f64>,
+    /// z_rand.
+    #[serde(default)]
+    pub z_rand: Vec<f64>,
+    /// α₁…α₄.
+    #[serde(default)]
+    pub alpha: Vec<[f64; 4]>,
+    /// Exponent on the likelihood of a scan.
+    #[serde(default)]
+    pub likelihood_exponent: Vec<f64>,
+    /// Where the noise of a motion is drawn from.
+    #[serde(default)]
+    pub proposal: Vec<Proposal>,
+    /// Noise added to the odometry.
+    #[serde(default)]
+    pub odometry_noise: Vec<OdometryNoise>,
+}
+
+/// A map of a sweep.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SweptMap {
+    /// How its points are chosen.
+    pub strategy: MapStrategy,
+    /// Size in percent of the data set's points.
+    pub percent: f64,
+}
+
+/// A data set of a sensitivity study.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensitivityDataset {
+    /// Name in the registry.
+    pub name: String,
+    /// Only this many scans, from the first: map and runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scans: Option<usize>,
+    /// Measured, but without a say in the ranking of the settings: nothing may be tuned to a log that
+    /// results are reported on.
+    #[serde(default)]
+    pub reported_only: bool,
+}
+
+/// One combination of the settings that a study varies, flat as in its files: α₁…α₄ and the noise that
+/// is added to the odometry (m, rad) are columns of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[allow(missing_docs)] // The names are columns, described in docs/results.md.
+pub struct Setting {
+    pub sigma_hit: f64,
+    pub z_rand: f64,
+    pub alpha1: f64,
+    pub alpha2: f64,
+    pub alpha3: f64,
+    pub alpha4: f64,
+    pub likelihood_exponent: f64,
+    pub proposal: Proposal,
+    pub noise_xy: f64,
+    pub noise_theta: f64,
+}
+
+impl Setting {
+    fn new(
+        sigma_hit: f64,
+        z_rand: f64,
+        [alpha1, alpha2, alpha3, alpha4]: [f64; 4],
+        likelihood_exponent: f64,
+        proposal: Proposal,
+        OdometryNoise { xy: noise_xy, theta: noise_theta }: OdometryNoise,
+    ) -> Self {
+        Setting {
+            sigma_hit,
+            z_rand,
+            alpha1,
+            alpha2,
+            alpha3,
+            alpha4,
+            likelihood_exponent,
+            proposal,
+            noise_xy,
+            noise_theta,
+        }
+    }
+
+    /// α₁…α₄.
+    pub fn alpha(&self) -> [f64; 4] {
+        [self.alpha1, self.alpha2, self.alpha3, self.alpha4]
+    }
+
+    /// The noise added to the odometry.
+    pub fn odometry_noise(&self) -> OdometryNoise {
+        OdometryNoise { xy: self.noise_xy, theta: self.noise_theta }
+    }
+
+    /// What tells settings apart; floats by their bits, which are in the order of the values, for none
+    /// is negative.
+    pub fn key(&self) -> SettingKey {
+        let [a1, a2, a3, a4] = self.alpha();
+        let Setting { sigma_hit, z_rand, likelihood_exponent, noise_xy, noise_theta, .. } = *self;
+        let values =
+            [sigma_hit, z_rand, a1, a2, a3, a4, likelihood_exponent, noise_xy, noise_theta];
+        (values.map(f64::to_bits), self.proposal.name())
+    }
+}
+
+/// See [`Setting::key`].
+pub type SettingKey = ([u64; 9], &'static str);
+
+impl Sweep {
+    /// Every combination, in the order listed, the last setting varying fastest.
+    pub fn settings(&self, experiment: &SensitivityExperiment) -> Vec<Setting> {
+        fn or<T: Copy>(values: &[T], base: T) -> Vec<T> {
+            if values.is_empty() { vec![base] } else { values.to_vec() }
+        }
+        let base = &experiment.filter;
+        let mut settings = Vec::new();
+        for sigma_hit in or(&self.sigma_hit, base.sigma_hit) {
+            for z_rand in or(&self.z_rand, base.z_rand) {
+                for alpha in or(&self.alpha, base.alpha) {
+                    for exponent in or(&self.likelihood_exponent, base.likelihood_exponent) {
+                        for proposal in or(&self.proposal, base.proposal) {
+                            for noise in or(&self.odometry_noise, experiment.odometry_noise) {
+                                settings.push(Setting::new(
+                                    sigma_hit, z_rand, alpha, exponent, proposal, noise,
+                                ));
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        settings
+    }
+
+    /// Whether the sweep is made on a data set.
+    pub fn covers(&self, dataset: &str) -> bool {
+        self.datasets.is_empty() || self.datasets.iter().any(|name| name == dataset)
+    }
+}
+
+impl SensitivityExperiment {
+    /// Settings of fuzzy k-means.
+    fn fkm(&self) -> FkmSettings {
+        FkmSettings {
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+        }
+    }
+
+    /// The data set as listed here, if it is.
+    pub fn of_dataset(&self, name: &str) -> Option<&SensitivityDataset> {
+        self.datasets.iter().find(|dataset| dataset.name == name)
+    }
+
+    /// The filter under a setting.
+    fn filter_under(&self, setting: &Setting) -> FilterSettings {
+        FilterSettings {
+            sigma_hit: setting.sigma_hit,
+            z_rand: setting.z_rand,
+            alpha: setting.alpha(),
+            likelihood_exponent: setting.likelihood_exponent,
+            proposal: setting.proposal,
+            ..self.filter.clone()
+        }
+    }
+
+    /// The localization experiment that a setting stands for, with maps of one size.
+    fn localization(&self, setting: &Setting, runs: u32, percent: f64) -> LocalizationExperiment {
+        LocalizationExperiment {
+            kind: Kind::Localization,
+            seed: self.seed,
+            runs,
+            maps: runs,
+            splits: vec![Split::Same],
+            sizes: vec![percent],
+            odometry_noise: setting.odometry_noise(),
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+            filter: self.filter_under(setting),
+            figures: TrajectoryFigure { trajectory: percent },
+            datasets: Vec::new(),
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<()> {
+        self.fkm().check()?;
+        if self.sweeps.is_empty() {
+            bail!("no [[sweep]] is listed, expected at least one");
+        }
+        let mut names = BTreeSet::new();
+        for sweep in &self.sweeps {
+            let place = format!("sweep {:?}", sweep.name);
+            let is_file_name = |c: char| c.is_ascii_alphanumeric() || c == '-';
+            if sweep.name.is_empty() || !sweep.name.chars().all(is_file_name) {
+                bail!("{place}: the name holds other than letters, digits and hyphens");
+            }
+            if !names.insert(&sweep.name) {
+                bail!("{place} is listed twice");
+            }
+            if sweep.maps.is_empty() {
+                bail!("{place}: maps is empty, expected at least one");
+            }
+            if sweep.runs.unwrap_or(self.runs) == 0 {
+                bail!("{place}: runs is 0, expected at least 1");
+            }
+            for map in &sweep.maps {
+                check_percent(map.percent, &format!("{place}: maps.percent"))?;
+            }
+            for setting in sweep.settings(self) {
+                let filter = self.filter_under(&setting);
+                filter.check().with_context(|| place.clone())?;
+            }
+            if let Some(name) =
+                sweep.datasets.iter().find(|name| self.of_dataset(name.as_str()).is_none())
+            {
+                bail!("{place}: data set {name:?} is not listed as a [[dataset]]");
+            }
+        }
+        for dataset in &self.datasets {
+            if dataset.scans.is_some_and(|scans| scans < 2) {
+                bail!("data set {:?}: scans is below 2", dataset.name);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A trial: a map before and after fuzzy k-means, and the run that belongs to it under each setting.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensitivityTrial {
+    map: LocalizationTrial,
+    cells: Vec<(Setting, MapStrategy)>,
+}
+
+impl Trial for SensitivityTrial {
+    fn cost(&self) -> f64 {
+        self.cells.len() as f64
+    }
+}
+
+impl fmt::Display for SensitivityTrial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.map.fmt(f)
+    }
+}
+
+impl SensitivityTrial {
+    /// Keys of the rows of this trial.
+    pub fn keys(&self) -> impl Iterator<Item = SensitivityKey> {
+        let (percent, run) = (self.map.size_percent, self.map.map);
+        self.cells.iter().map(move |(setting, strategy)| key(setting, *strategy, percent, run))
+    }
+}
+
+/// What tells a row from the others on its data set; floats by their bits.
+pub type SensitivityKey = (SettingKey, MapStrategy, u64, u32);
+
+fn key(setting: &Setting, strategy: MapStrategy, percent: f64, run: u32) -> SensitivityKey {
+    (setting.key(), strategy, percent.to_bits(), run)
+}
+
+/// All trials of a study on a data set. What several sweeps ask for is run once.
+pub fn sensitivity_trials(
+    experiment: &SensitivityExperiment,
+    dataset: &str,
+) -> Vec<SensitivityTrial> {
+    // By builder, size and number of the map.
+    let mut trials: BTreeMap<_, SensitivityTrial> = BTreeMap::new();
+    let mut seen = BTreeSet::new();
+    for sweep in experiment.sweeps.iter().filter(|sweep| sweep.covers(dataset)) {
+        let runs = sweep.runs.unwrap_or(experiment.runs);
+        for setting in sweep.settings(experiment) {
+            for map in &sweep.maps {
+                let maps = localization_trials(
+                    &experiment.localization(&setting, runs, map.percent),
+                    dataset,
+                );
+                let builder = map.strategy.builder();
+                for trial in maps.into_iter().filter(|trial| trial.builder == builder) {
+                    let (percent, number) = (trial.size_percent, trial.map);
+                    if seen.insert(key(&setting, map.strategy, percent, number)) {
+                        trials
+                            .entry((builder, percent.to_bits(), number))
+                            .or_insert(SensitivityTrial { map: trial, cells: Vec::new() })
+                            .cells
+                            .push((setting, map.strategy));
+                    }
+                }
+            }
+        }
+    }
+    trials.into_values().collect()
+}
+
+/// A run of the filter on a map under a setting; columns as in a localization experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of trials.csv, described in docs/results.md.
+pub struct SensitivityRow {
+    pub dataset: String,
+    pub sigma_hit: f64,
+    pub z_rand: f64,
+    pub alpha1: f64,
+    pub alpha2: f64,
+    pub alpha3: f64,
+    pub alpha4: f64,
+    pub likelihood_exponent: f64,
+    pub proposal: Proposal,
+    pub noise_xy: f64,
+    pub noise_theta: f64,
+    pub strategy: MapStrategy,
+    pub size_percent: f64,
+    pub run: u32,
+    pub map_seed: u64,
+    pub map_points: usize,
+    pub scans: usize,
+    pub weighted: f64,
+    pub translation: f64,
+    pub heading: f64,
+    pub diverged: bool,
+    pub mean_effective_sample_size: f64,
+    pub seconds: f64,
+}
+
+impl SensitivityRow {
+    fn new(setting: &Setting, row: LocalizationRow) -> Self {
+        SensitivityRow {
+            dataset: row.dataset,
+            sigma_hit: setting.sigma_hit,
+            z_rand: setting.z_rand,
+            alpha1: setting.alpha1,
+            alpha2: setting.alpha2,
+            alpha3: setting.alpha3,
+            alpha4: setting.alpha4,
+            likelihood_exponent: setting.likelihood_exponent,
+            proposal: setting.proposal,
+            noise_xy: setting.noise_xy,
+            noise_theta: setting.noise_theta,
+            strategy: row.strategy,
+            size_percent: row.size_percent,
+            run: row.run,
+            map_seed: row.map_seed,
+            map_points: row.map_points,
+            scans: row.scans,
+            weighted: row.weighted,
+            translation: row.translation,
+            heading: row.heading,
+            diverged: row.diverged,
+            mean_effective_sample_size: row.mean_effective_sample_size,
+            seconds: row.seconds,
+        }
+    }
+
+    /// The setting of the row.
+    pub fn setting(&self) -> Setting {
+        Setting::new(
+            self.sigma_hit,
+            self.z_rand,
+            [self.alpha1, self.alpha2, self.alpha3, self.alpha4],
+            self.likelihood_exponent,
+            self.proposal,
+            OdometryNoise { xy: self.noise_xy, theta: self.noise_theta },
+        )
+    }
+
+    /// What tells this row from the others on its data set.
+    pub fn key(&self) -> SensitivityKey {
+        key(&self.setting(), self.strategy, self.size_percent, self.run)
+    }
+}
+
+impl SensitivityExperiment {
+    /// Runs one trial: a row per setting and strategy. `max_range` as of the data (m).
+    ///
+    /// # Errors
+    /// When a map cannot be built or the filter cannot run.
+    pub fn run_trial(
+        &self,
+        data: &LocalizationData<'_>,
+        max_range: f64,
+        trial: &SensitivityTrial,
+    ) -> Result<Vec<SensitivityRow>> {
+        let map_trial = &trial.map;
+        let under = |setting: &Setting| self.localization(setting, 1, map_trial.size_percent);
+        let Some((any, _)) = trial.cells.first() else { return Ok(Vec::new()) };
+        let mut rows = Vec::new();
+        for (strategy, map) in under(any).maps_of(data, map_trial)? {
+            let distances = MapDistances::grid(&map, self.filter.max_distance)?;
+            for (setting, _) in trial.cells.iter().filter(|(_, wanted)| *wanted == strategy) {
+                let experiment = under(setting);
+                let settings = experiment.filter_for(max_range)?;
+                let tracked = experiment.track(data, &distances, &settings, map_trial.map)?;
+                let row = localization_row(
+                    data,
+                    map_trial,
+                    strategy,
+                    map.len(),
+                    map_trial.map,
+                    &tracked,
+                )?;
+                rows.push(SensitivityRow::new(setting, row));
+            }
+        }
+        Ok(rows)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::Experiment;
+
+    const STUDY: &str = r#"
+        kind = "sensitivity"
+        seed = 1
+        runs = 3
+        odometry_noise = { xy = 0.0, theta = 0.0 }
+        sigma = 0.05
+        tolerance = 1e-4
+        max_iterations = 100
+        filter = { sigma_hit = 0.3, z_rand = 0.25 }
+        [[sweep]]
+        name = "sensor"
+        maps = [{ strategy = "rnd", percent = 1 }]
+        sigma_hit = [0.1, 0.2]
+        z_rand = [0.1, 0.5]
+        [[sweep]]
+        name = "tempering"
+        maps = [{ strategy = "rnd", percent = 1 }]
+        datasets = ["a"]
+        likelihood_exponent = [1, 0.5]
+        runs = 2
+        [[dataset]]
+        name = "a"
+        [[dataset]]
+        name = "b"
+        reported_only = true
+    "#;
+
+    fn parse(text: &str) -> Result<SensitivityExperiment> {
+        match Experiment::parse(text)? {
+            Experiment::Sensitivity(study) => Ok(study),
+            _ => bail!("of another kind"),
+        }
+    }
+
+    #[test]
+    fn sweeps_are_products_about_the_base() {
+        let study = parse(STUDY).unwrap();
+        let sensor: Vec<_> =
+            study.sweeps[0].settings(&study).iter().map(|s| (s.sigma_hit, s.z_rand)).collect();
+        assert_eq!(sensor, [(0.1, 0.1), (0.1, 0.5), (0.2, 0.1), (0.2, 0.5)]);
+        let tempering = study.sweeps[1].settings(&study);
+        assert_eq!(tempering.len(), 2);
+        assert!(tempering.iter().all(|s| (s.sigma_hit, s.z_rand) == (0.3, 0.25)));
+        let rows = |dataset| -> usize {
+            sensitivity_trials(&study, dataset).iter().map(|trial| trial.keys().count()).sum()
+        };
+        assert_eq!(rows("a"), 4 * 3 + 2 * 2);
+        assert_eq!(rows("b"), 4 * 3);
+        // Run r is on map r: three maps, whatever the sweep.
+        assert_eq!(sensitivity_trials(&study, "a").len(), 3);
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (right, wrong, named) in [
+            ("[0.1, 0.2]", "[0.1, -0.2]", "sigma_hit"),
+            ("\"tempering\"", "\"sensor\"", "twice"),
+            ("\"tempering\"", "\"../x\"", "letters"),
+            ("datasets = [\"a\"]", "datasets = [\"c\"]", "\"c\""),
+            ("runs = 2", "runs = 0", "runs"),
+            ("percent = 1 }", "percent = 101 }", "percent"),
+            ("reported_only", "report_only", "report_only"),
+        ] {
+            let error = parse(&STUDY.replace(right, wrong)).unwrap_err();
+            assert!(format!("{error:#}").contains(named), "{error:#}");
+        }
+    }
+}

@@ -1,0 +1,111 @@
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use serde::Serialize;
+
+use super::{RunOptions, SUMMARY, TESTS, TRIALS, draw_figures, prepare, run_pending, tell_resumed};
+use crate::experiment::{
+    DatasetFacts, Kind, LocalizationData, Manifest, RankedSetting, SensitivityExperiment,
+    SensitivityRow, SensitivityTrial, Split, TrialOutcome, TrialStore, compare_strategies,
+    rank_settings, read_rows, sensitivity_trials, summarize_sensitivity, write_rows,
+};
+use crate::source::LogSource;
+
+/// The ranking of the settings over all data sets, beside their folders.
+const RANKING: &str = "ranking.csv";
+
+/// Runs a sensitivity study on one log; see [`super::run_experiment`].
+pub(super) fn run(
+    experiment: &SensitivityExperiment,
+    name: &str,
+    source: &LogSource,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<TrialOutcome> {
+    let limit = experiment.of_dataset(&source.name).and_then(|dataset| dataset.scans);
+    let source = &source.first_scans(limit.unwrap_or(usize::MAX));
+    let points = source.points()?.len();
+    let facts = DatasetFacts::of(source, points);
+    let manifest = Manifest::new(name, Kind::Sensitivity, experiment, facts)?;
+    prepare(folder, &manifest, options.fresh)?;
+    let data =
+        LocalizationData::new(Split::Same, &source.name, &source.recording, source.max_range)?;
+
+    let mut store: TrialStore<SensitivityRow> = TrialStore::open(&folder.join(TRIALS))?;
+    let saved: HashSet<_> = store.rows().iter().map(SensitivityRow::key).collect();
+    let (done, pending): (Vec<_>, Vec<_>) = sensitivity_trials(experiment, &source.name)
+        .into_iter()
+        .partition(|trial| trial.keys().all(|key| saved.contains(&key)));
+    // A trial that was cut off between two of its rows is run again as a whole.
+    let redone: HashSet<_> = pending.iter().flat_map(SensitivityTrial::keys).collect();
+    store.retain(|row| !redone.contains(&row.key()))?;
+    tell_resumed(&source.name, done.len(), pending.len(), options);
+    let outcome = run_pending(&source.name, &pending, &mut store, options, |trial| {
+        experiment.run_trial(&data, source.max_range, trial)
+    })?;
+    let rows = store.finish(SensitivityRow::key)?;
+    write_rows(&folder.join(SUMMARY), &summarize_sensitivity(&rows)?)?;
+    write_rows(&folder.join(TESTS), &compare_strategies(&rows)?)?;
+    draw_figures(folder)?;
+    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
+}
+
+/// Where a ranking was written, and what came first.
+pub struct Ranking {
+    /// `ranking.csv`: a row per sweep, setting and data set.
+    pub path: PathBuf,
+    /// The best setting of each sweep, by the sweep's name.
+    pub best: Vec<(String, RankedSetting)>,
+}
+
+/// Ranks the settings of every sweep over the data sets that have a say, from their saved rows below
+/// `folder`, and writes `ranking.csv` there. `None` when none of those data sets has results.
+///
+/// # Errors
+/// When rows cannot be read or the file cannot be written.
+pub fn write_ranking(experiment: &SensitivityExperiment, folder: &Path) -> Result<Option<Ranking>> {
+    let mut names = Vec::new();
+    let mut cells = Vec::new();
+    for dataset in experiment.datasets.iter().filter(|dataset| !dataset.reported_only) {
+        let path = folder.join(&dataset.name).join(TRIALS);
+        if path.exists() {
+            let rows: Vec<SensitivityRow> = read_rows(&path)?;
+            names.push(dataset.name.as_str());
+            cells.push(summarize_sensitivity(&rows)?);
+        }
+    }
+    if names.is_empty() {
+        return Ok(None);
+    }
+    /// What stands before the settings' columns, and what after.
+    #[derive(Serialize)]
+    struct Place<'a> {
+        sweep: &'a str,
+        rank: usize,
+    }
+    #[derive(Serialize)]
+    struct Merit<'a> {
+        runs: usize,
+        diverged: usize,
+        score: f64,
+        dataset: &'a str,
+        error: f64,
+    }
+    let mut rows = Vec::new();
+    let mut best = Vec::new();
+    for sweep in &experiment.sweeps {
+        let ranked = rank_settings(experiment, sweep, &cells);
+        for (index, ranked) in ranked.iter().enumerate() {
+            let RankedSetting { setting, score, runs, diverged, .. } = *ranked;
+            for (&dataset, &error) in names.iter().zip(&ranked.errors) {
+                let place = Place { sweep: &sweep.name, rank: index + 1 };
+                rows.push((place, setting, Merit { runs, diverged, score, dataset, error }));
+            }
+        }
+        best.extend(ranked.into_iter().next().map(|ranked| (sweep.name.clone(), ranked)));
+    }
+    let path = folder.join(RANKING);
+    write_rows(&path, &rows)?;
+    Ok(Some(Ranking { path, best }))
+}

@@ -1,0 +1,184 @@
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+
+use super::{FIGURES, TRIALS};
+use crate::experiment::{
+    Manifest, SensitivityCell, SensitivityExperiment, SensitivityRow, Setting, Sweep, SweptMap,
+    read_rows, summarize_sensitivity,
+};
+use crate::figures::{
+    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
+};
+
+/// Draws a figure per sweep: error over the setting with the most values, a curve per value of the
+/// second, a panel per map and value of the others.
+pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
+    let definition: SensitivityExperiment = manifest.definition()?;
+    let rows: Vec<SensitivityRow> = read_rows(&folder.join(TRIALS))?;
+    let cells = summarize_sensitivity(&rows)?;
+    let mut drawn = Vec::new();
+    for sweep in definition.sweeps.iter().filter(|sweep| sweep.covers(&manifest.dataset.name)) {
+        let figure = figure(&manifest, &definition, sweep, &cells);
+        drawn.extend(draw_curves(&folder.join(FIGURES).join(&sweep.name), &figure)?);
+    }
+    Ok(drawn)
+}
+
+/// A setting that a sweep can vary.
+struct Axis {
+    /// Name with unit.
+    name: &'static str,
+    /// Its value in a setting, as text.
+    text: fn(&Setting) -> String,
+    /// Its value as a position, where it is one number.
+    number: Option<fn(&Setting) -> f64>,
+}
+
+const AXES: [Axis; 6] = [
+    Axis { name: "σ_hit [m]", text: |s| s.sigma_hit.to_string(), number: Some(|s| s.sigma_hit) },
+    Axis { name: "z_rand", text: |s| s.z_rand.to_string(), number: Some(|s| s.z_rand) },
+    Axis { name: "α", text: |s| s.alpha().map(|a| a.to_string()).join(", "), number: None },
+    Axis {
+        name: "exponent on the likelihood",
+        text: |s| s.likelihood_exponent.to_string(),
+        number: Some(|s| s.likelihood_exponent),
+    },
+    Axis { name: "proposal", text: |s| s.proposal.to_string(), number: None },
+    Axis {
+        name: "noise added to the odometry [m, rad]",
+        text: |s| format!("{}, {}", s.noise_xy, s.noise_theta),
+        number: None,
+    },
+];
+
+/// Distinct values of an axis among settings, in their order.
+fn values(axis: &Axis, settings: &[Setting]) -> Vec<String> {
+    let mut values = Vec::new();
+    for value in settings.iter().map(axis.text) {
+        if !values.contains(&value) {
+            values.push(value);
+        }
+    }
+    values
+}
+
+fn figure(
+    manifest: &Manifest,
+    definition: &SensitivityExperiment,
+    sweep: &Sweep,
+    cells: &[(Setting, SensitivityCell)],
+) -> CurveFigure {
+    let settings = sweep.settings(definition);
+    let mut varied: Vec<&Axis> =
+        AXES.iter().filter(|axis| values(axis, &settings).len() > 1).collect();
+    // Numbers make an axis; what is none makes curves. The most values first.
+    varied.sort_by_key(|axis| (axis.number.is_none(), usize::MAX - values(axis, &settings).len()));
+    let x = varied.first().copied().unwrap_or(&AXES[0]);
+    let curve = varied.get(1).copied();
+    let others = varied.get(2..).unwrap_or_default();
+    let x_values = values(x, &settings);
+
+    let mut panels = Vec::new();
+    for map in &sweep.maps {
+        let mut groups: Vec<Vec<String>> = Vec::new();
+        for setting in &settings {
+            let group: Vec<String> = others.iter().map(|axis| (axis.text)(setting)).collect();
+            if !groups.contains(&group) {
+                groups.push(group);
+            }
+        }
+        for group in groups {
+            let fixed: Vec<String> = others
+                .iter()
+                .zip(&group)
+                .map(|(axis, value)| format!("{} = {value}", axis.name))
+                .collect();
+            let of_group = |setting: &Setting| {
+                others.iter().zip(&group).all(|(axis, value)| (axis.text)(setting) == *value)
+            };
+            let curves = curve.map_or(vec![String::new()], |axis| values(axis, &settings));
+            let curves = curves.into_iter().enumerate().map(|(index, value)| Curve {
+                label: curve
+                    .map_or_else(|| map_name(map), |axis| format!("{} = {value}", axis.name)),
+                style: CurveStyle::nth(index),
+                points: settings
+                    .iter()
+                    .filter(|s| of_group(s) && curve.is_none_or(|axis| (axis.text)(s) == value))
+                    .filter_map(|setting| point(setting, map, x, &x_values, cells))
+                    .collect(),
+            });
+            let curves = curves.collect();
+            let title = [vec![map_name(map)], fixed].concat().join(", ");
+            let log = x.number.is_some_and(|number| settings.iter().all(|s| number(s) > 0.0));
+            panels.push(CurvePanel {
+                title,
+                x: AxisSpec {
+                    label: match x.number {
+                        Some(_) => x.name.to_owned(),
+                        None => format!("{}: {}", x.name, numbered(&x_values)),
+                    },
+                    scale: if log { Scale::Log } else { Scale::Linear },
+                    range: None,
+                },
+                y: AxisSpec {
+                    label: "mean weighted error d [–]".to_owned(),
+                    scale: Scale::Log,
+                    range: None,
+                },
+                curves,
+            });
+        }
+    }
+    let base = &definition.filter;
+    let caption = format!(
+        "{}. Error of equation 7 with ξ = 0.8, mean over {} runs with {} particles on as many maps, \
+         and 95 % bootstrap intervals over runs; open symbols: diverged runs of all. What is not varied: \
+         σ_hit = {} m, z_rand = {}, α = {:?}, exponent {}, noise added to the odometry {} m and {} rad.",
+        manifest.dataset.describe(),
+        sweep.runs.unwrap_or(definition.runs),
+        base.particles,
+        base.sigma_hit,
+        base.z_rand,
+        base.alpha,
+        base.likelihood_exponent,
+        definition.odometry_noise.xy,
+        definition.odometry_noise.theta,
+    );
+    CurveFigure { panels, interval: Interval::Bars, caption: vec![caption] }
+}
+
+/// "1 = (0, 0), 2 = (0.01, 0.01)": values that are no numbers stand at their places in the list.
+fn numbered(values: &[String]) -> String {
+    let numbered =
+        values.iter().enumerate().map(|(index, value)| format!("{} = ({value})", index + 1));
+    numbered.collect::<Vec<_>>().join(", ")
+}
+
+fn map_name(map: &SweptMap) -> String {
+    format!("{} of {} %", map.strategy.label(), map.percent)
+}
+
+fn point(
+    setting: &Setting,
+    map: &SweptMap,
+    x: &Axis,
+    x_values: &[String],
+    cells: &[(Setting, SensitivityCell)],
+) -> Option<CurvePoint> {
+    let (_, cell) = cells.iter().find(|(other, cell)| {
+        other == setting && cell.strategy == map.strategy && cell.size_percent == map.percent
+    })?;
+    let place = || x_values.iter().position(|value| *value == (x.text)(setting));
+    let x = match x.number {
+        Some(number) => number(setting),
+        None => place()? as f64 + 1.0,
+    };
+    Some(CurvePoint {
+        x,
+        mean: cell.weighted,
+        low: cell.weighted_low.unwrap_or(f64::NAN),
+        high: cell.weighted_high.unwrap_or(f64::NAN),
+        mark: (cell.diverged > 0).then(|| format!("{}/{}", cell.diverged, cell.runs)),
+    })
+}
