@@ -1,0 +1,516 @@
+//! Section V-B: how well a robot localizes itself, by equation 7's weighted error. How errors are
+//! compared: [`super::paired`].
+
+use mcl_metrics::{Rate, fisher_exact_greater, paired_t_test};
+
+use super::ALPHA;
+use super::claim::{Claim, Finding, Section, Statement, Untestable};
+use super::paired::{Cell, compare, log_errors, sizes};
+use super::saved::LocalizationResults;
+use super::text::{list, number, p_value};
+use crate::experiment::{Builder, LocalizationRow, MapStrategy};
+
+pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 7] =
+    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, recovers, diverges_below];
+
+/// Below this size (percent) a map is small: figure 5's lower plot.
+const SMALL_BELOW: f64 = 1.0;
+/// Below this size (percent) the paper's filter diverged in some runs.
+const DIVERGED_BELOW: f64 = 0.25;
+/// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a tracked
+/// robot is off.
+const SAME_ERROR: f64 = 0.05;
+
+fn improved(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-improved",
+        section: Section::Localization,
+        text: "The localization error is in general smaller on improved maps",
+        test: "paired t test over maps of ln error, all sizes: improved below initial, p: the larger \
+               of both initializations; and the mean error is lower in more than half of the cells",
+    };
+    statement.decide(&data.place, || {
+        let rows = data.sampled()?;
+        let mut largest_p: f64 = 0.0;
+        let mut ratios = Vec::new();
+        let (mut total, mut lower, mut surely_lower, mut surely_higher) = (0, 0, 0, 0);
+        for builder in Builder::ALL {
+            let [initial, improved] = before_and_after(&rows, builder, |_| true)?;
+            let test = compare(&improved, &initial)?;
+            largest_p = largest_p.max(test.p_less);
+            ratios.push(format!("{} {}", builder.label(false), ratio(test.mean_difference)));
+            for (improved, initial) in improved.iter().zip(&initial) {
+                let test = compare(std::slice::from_ref(improved), std::slice::from_ref(initial))?;
+                total += 1;
+                lower += usize::from(improved.mean_error() < initial.mean_error());
+                surely_lower += usize::from(test.p_less < ALPHA);
+                surely_higher += usize::from(test.p_greater < ALPHA);
+            }
+        }
+        Ok(Finding {
+            holds: largest_p < ALPHA && 2 * lower > total,
+            p: Some(largest_p),
+            measured: format!(
+                "ratio of geometric mean errors {}; the mean is lower in {lower} of {total} cells; on \
+                 its own {surely_lower} are significantly lower, {surely_higher} higher",
+                ratios.join(", ")
+            ),
+        })
+    })
+}
+
+fn most_on_small(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-most-on-small",
+        section: Section::Localization,
+        text: "Improved maps gain most where maps are small",
+        test: "paired t test over maps of ln(improved error / initial error): below 1 % lower than \
+               from 1 % on; p: the larger of both initializations",
+    };
+    statement.decide(&data.place, || {
+        let rows = data.sampled()?;
+        let mut largest_p: f64 = 0.0;
+        let mut told = Vec::new();
+        for builder in Builder::ALL {
+            let small = before_and_after(&rows, builder, |size| size < SMALL_BELOW)?;
+            let large = before_and_after(&rows, builder, |size| size >= SMALL_BELOW)?;
+            let [initial_small, improved_small, initial_large, improved_large] =
+                log_errors([&small[0], &small[1], &large[0], &large[1]])?;
+            let gain = |improved: &[f64], initial: &[f64]| -> Vec<f64> {
+                improved.iter().zip(initial).map(|(improved, initial)| improved - initial).collect()
+            };
+            let small = gain(&improved_small, &initial_small);
+            let large = gain(&improved_large, &initial_large);
+            largest_p = largest_p.max(paired_t_test(&small, &large)?.p_less);
+            told.push(format!(
+                "{} {} below 1 %, {} from 1 % on",
+                builder.label(false),
+                ratio(mean(&small)),
+                ratio(mean(&large))
+            ));
+        }
+        Ok(Finding {
+            holds: largest_p < ALPHA,
+            p: Some(largest_p),
+            measured: format!("ratio of geometric mean errors: {}", told.join("; ")),
+        })
+    })
+}
+
+fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-gbs-over-rnd",
+        section: Section::Localization,
+        text: "Small grid-based maps are better to localize on than random ones of the same size",
+        test: "paired t test over maps of ln error, sizes below 1 %: gbs below rnd",
+    };
+    statement.decide(&data.place, || {
+        let rows = data.sampled()?;
+        let [grid, grid_improved] =
+            before_and_after(&rows, Builder::Grid, |size| size < SMALL_BELOW)?;
+        let [random, random_improved] =
+            before_and_after(&rows, Builder::Random, |size| size < SMALL_BELOW)?;
+        let test = compare(&grid, &random)?;
+        let after = compare(&grid_improved, &random_improved)?;
+        let diverged = |cells: &[Cell]| -> usize { cells.iter().map(Cell::diverged).sum() };
+        let runs: usize = grid.iter().map(|cell| cell.runs.len()).sum();
+        Ok(Finding {
+            holds: test.p_less < ALPHA,
+            p: Some(test.p_less),
+            measured: format!(
+                "ratio of geometric mean errors {}, after fuzzy k-means {} ({}); diverged in {} \
+                 against {} of {runs} runs, after fuzzy k-means in {} against {}",
+                ratio(test.mean_difference),
+                ratio(after.mean_difference),
+                p_value(after.p_less),
+                diverged(&grid),
+                diverged(&random),
+                diverged(&grid_improved),
+                diverged(&random_improved)
+            ),
+        })
+    })
+}
+
+fn no_gain(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-no-gain",
+        section: Section::Localization,
+        text: "More than 1 % of the points do not always lower the error",
+        test: "paired t test over maps of ln error, per strategy and size above 1 %: above 95 % of the \
+               error at 1 %; p: the smallest times the number of cells (Bonferroni)",
+    };
+    statement.decide(&data.place, || {
+        let cells = against_one_percent(&data.sampled()?)?;
+        let mut smallest_p: f64 = 1.0;
+        let mut within = 0;
+        let mut told: Vec<(f64, String)> = Vec::new();
+        for (larger, one) in &cells {
+            let [larger_errors, one_errors] =
+                log_errors([std::slice::from_ref(larger), std::slice::from_ref(one)])?;
+            let limit: Vec<f64> =
+                one_errors.iter().map(|error| error + (1.0 - SAME_ERROR).ln()).collect();
+            let test = paired_t_test(&larger_errors, &limit)?;
+            smallest_p = smallest_p.min(test.p_greater);
+            within += usize::from(test.mean_difference > 0.0);
+            let log_ratio = mean(&larger_errors) - mean(&one_errors);
+            told.push((log_ratio, format!("{} ({})", ratio(log_ratio), larger.name())));
+        }
+        told.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let p = (smallest_p * cells.len() as f64).min(1.0);
+        let ends = match told.as_slice() {
+            [(_, first), .., (_, last)] => format!("from {first} to {last}"),
+            ends => ends.iter().map(|(_, only)| only.clone()).collect(),
+        };
+        Ok(Finding {
+            holds: p < ALPHA,
+            p: Some(p),
+            measured: format!(
+                "{within} of {} cells gain less than 5 % over 1 %; ratio of geometric mean errors \
+                 {ends}",
+                cells.len()
+            ),
+        })
+    })
+}
+
+fn slightly_worse(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-slightly-worse",
+        section: Section::Localization,
+        text: "In some cases more than 1 % of the points make localization slightly worse",
+        test: "paired t test over maps of ln error, per strategy and size above 1 %: above the error \
+               at 1 %, and the mean error too; p: the smallest times the number of cells (Bonferroni)",
+    };
+    statement.decide(&data.place, || {
+        let cells = against_one_percent(&data.sampled()?)?;
+        let mut smallest_p: f64 = 1.0;
+        let mut higher = Vec::new();
+        for (larger, one) in &cells {
+            let test = compare(std::slice::from_ref(larger), std::slice::from_ref(one))?;
+            let (error, error_at_one) = (larger.mean_error(), one.mean_error());
+            if error > error_at_one {
+                smallest_p = smallest_p.min(test.p_greater);
+                let told = format!(
+                    "{} with {} against {} ({:+.1} %)",
+                    larger.name(),
+                    number(error),
+                    number(error_at_one),
+                    100.0 * (error / error_at_one - 1.0)
+                );
+                higher.push((error / error_at_one, told));
+            }
+        }
+        higher.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let worst =
+            higher.first().map_or(String::new(), |(_, worst)| format!("; the worst is {worst}"));
+        let p = (smallest_p * cells.len() as f64).min(1.0);
+        Ok(Finding {
+            holds: p < ALPHA,
+            p: Some(p),
+            measured: format!(
+                "the mean error is higher in {} of {} cells{worst}",
+                higher.len(),
+                cells.len()
+            ),
+        })
+    })
+}
+
+fn recovers(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-recovers",
+        section: Section::Localization,
+        text: "From 0.25 % of the points on, the filter is never lost for good",
+        test: "none: holds if no run diverged (ended more than 1 m off)",
+    };
+    statement.decide(&data.place, || {
+        let cells = sampled_cells(&data.sampled()?, |size| size >= DIVERGED_BELOW)?;
+        let rate = divergence(&cells)?;
+        let bound = rate.upper_bound(1.0 - ALPHA)?;
+        let mut told = format!("{} of {} runs diverged", rate.hits(), rate.trials());
+        let diverged: Vec<String> = cells
+            .iter()
+            .filter(|cell| cell.diverged() > 0)
+            .map(|cell| format!("{} of {} on {}", cell.diverged(), cell.runs.len(), cell.name()))
+            .collect();
+        if !diverged.is_empty() {
+            told += &format!(" ({})", list(&diverged));
+        }
+        Ok(Finding {
+            holds: rate.hits() == 0,
+            p: None,
+            measured: format!(
+                "{told}; the rate is below {:.1} % with 99 % confidence if runs are independent",
+                100.0 * bound
+            ),
+        })
+    })
+}
+
+fn diverges_below(data: &LocalizationResults) -> Claim {
+    let statement = Statement {
+        id: "localization-diverges-below",
+        section: Section::Localization,
+        text: "Below 0.25 % of the points the filter diverges in some runs",
+        test: "holds if a run diverged; p: Fisher's exact test, more often below 0.25 % than from \
+               there on, if runs are independent",
+    };
+    statement.decide(&data.place, || {
+        let rows = data.sampled()?;
+        let below = sampled_cells(&rows, |size| size < DIVERGED_BELOW)?;
+        let rate = divergence(&below)?;
+        // Without larger maps there is nothing to compare with, but runs have diverged or not.
+        let above = sampled_cells(&rows, |size| size >= DIVERGED_BELOW)
+            .and_then(|cells| divergence(&cells))
+            .ok();
+        let told = match above {
+            Some(above) => format!(", from 0.25 % on {} of {}", above.hits(), above.trials()),
+            None => String::new(),
+        };
+        Ok(Finding {
+            holds: rate.hits() > 0,
+            p: above.map(|above| fisher_exact_greater(rate, above)),
+            measured: format!("{} of {} runs diverged{told}", rate.hits(), rate.trials()),
+        })
+    })
+}
+
+/// The cells of a builder's maps before and after fuzzy k-means, at all sizes that `among` accepts.
+fn before_and_after<'a>(
+    rows: &[&'a LocalizationRow],
+    builder: Builder,
+    among: impl Fn(f64) -> bool,
+) -> Result<[Vec<Cell<'a>>; 2], Untestable> {
+    let of_strategy = |is_improved: bool| {
+        let strategy = MapStrategy::of(builder, is_improved);
+        cells(rows, strategy, &among)
+    };
+    Ok([of_strategy(false)?, of_strategy(true)?])
+}
+
+/// The cells of a strategy at all sizes that `among` accepts, at least one.
+fn cells<'a>(
+    rows: &[&'a LocalizationRow],
+    strategy: MapStrategy,
+    among: impl Fn(f64) -> bool,
+) -> Result<Vec<Cell<'a>>, Untestable> {
+    let all = sizes(rows);
+    let chosen: Vec<f64> = all.iter().copied().filter(|&size| among(size)).collect();
+    if chosen.is_empty() {
+        let all: Vec<String> = all.iter().map(f64::to_string).collect();
+        return Err(Untestable(format!("there is no such size, only {} %", all.join(", "))));
+    }
+    chosen.into_iter().map(|size| Cell::of(rows, strategy, size)).collect()
+}
+
+/// The cells of all four strategies.
+fn sampled_cells<'a>(
+    rows: &[&'a LocalizationRow],
+    among: impl Fn(f64) -> bool,
+) -> Result<Vec<Cell<'a>>, Untestable> {
+    let of_strategies: Result<Vec<_>, _> =
+        MapStrategy::SAMPLED.iter().map(|&strategy| cells(rows, strategy, &among)).collect();
+    Ok(of_strategies?.concat())
+}
+
+/// The cells of all four strategies above 1 %, each beside that of its strategy at 1 %.
+fn against_one_percent<'a>(
+    rows: &[&'a LocalizationRow],
+) -> Result<Vec<(Cell<'a>, Cell<'a>)>, Untestable> {
+    let larger = sampled_cells(rows, |size| size > 1.0)?;
+    let beside = |larger: Cell<'a>| {
+        let one = Cell::of(rows, larger.strategy, 1.0)?;
+        Ok((larger, one))
+    };
+    larger.into_iter().map(beside).collect()
+}
+
+/// How often runs diverged.
+fn divergence(cells: &[Cell]) -> Result<Rate, Untestable> {
+    let diverged = cells.iter().map(Cell::diverged).sum();
+    let runs = cells.iter().map(|cell| cell.runs.len()).sum();
+    Ok(Rate::new(diverged, runs)?)
+}
+
+fn ratio(log_ratio: f64) -> String {
+    number(log_ratio.exp())
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[cfg(test)]
+pub(super) use tests::planted;
+
+#[cfg(test)]
+mod tests {
+    use super::super::Place;
+    use super::super::Verdict::{self, *};
+    use super::*;
+    use crate::experiment::Split;
+
+    const RUNS: u32 = 8;
+    const MAPS: u32 = 4;
+
+    /// Eight runs on four maps of every strategy and size, with errors chosen by the truth that a test
+    /// plants: a function of strategy, size, run, and a scatter of a few per cent about 1. Errors above 1
+    /// are divergences.
+    pub(in super::super) fn planted(
+        sizes: &[f64],
+        truth: impl Fn(MapStrategy, f64, u32, f64) -> f64,
+    ) -> LocalizationResults {
+        let mut rows = Vec::new();
+        for (number, &strategy) in MapStrategy::SAMPLED.iter().enumerate() {
+            for (index, &size_percent) in sizes.iter().enumerate() {
+                for run in 0..RUNS {
+                    let step = (7 * run + 3 * index as u32 + 5 * number as u32) % 11;
+                    let weighted =
+                        truth(strategy, size_percent, run, 1.0 + 0.002 * (f64::from(step) - 5.0));
+                    rows.push(LocalizationRow {
+                        dataset: "office".into(),
+                        split: Split::Same,
+                        strategy,
+                        size_percent,
+                        map: run % MAPS,
+                        map_seed: 1,
+                        run,
+                        data_points: 10_000,
+                        map_points: 100,
+                        scans: 50,
+                        used_beams: 9000,
+                        weighted,
+                        translation: weighted,
+                        heading: 0.0,
+                        translation_max: weighted,
+                        diverged: weighted > 1.0,
+                        lost_episodes: 0,
+                        recovered_episodes: 0,
+                        mean_effective_sample_size: 250.0,
+                        resamplings: 2,
+                        seconds: 0.1,
+                    });
+                }
+            }
+        }
+        let place = Place {
+            dataset: "office".into(),
+            experiment: Some("localization".into()),
+            split: Some(Split::Same),
+        };
+        LocalizationResults { place, rows: Ok(rows) }
+    }
+
+    const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
+
+    fn is_improved(strategy: MapStrategy) -> bool {
+        matches!(strategy, MapStrategy::GridImproved | MapStrategy::RandomImproved)
+    }
+
+    fn is_random(strategy: MapStrategy) -> bool {
+        matches!(strategy, MapStrategy::Random | MapStrategy::RandomImproved)
+    }
+
+    /// What the paper sees.
+    fn as_in_the_paper() -> LocalizationResults {
+        planted(&SIZES, |strategy, size, run, scatter| {
+            let small = size < 1.0;
+            let mut error = 0.03 * scatter;
+            if small {
+                error *= if is_random(strategy) { 6.0 } else { 3.0 };
+            }
+            if is_improved(strategy) {
+                error *= if small { 0.5 } else { 0.9 };
+            }
+            if size == 5.0 {
+                error *= 1.1;
+            }
+            if size == 0.1 && strategy == MapStrategy::Random && run == 2 {
+                error = 5.0;
+            }
+            error
+        })
+    }
+
+    fn verdicts(data: &LocalizationResults) -> [Verdict; 7] {
+        CLAIMS.map(|claim| claim(data).verdict)
+    }
+
+    #[test]
+    fn the_papers_picture_is_reproduced() {
+        let data = as_in_the_paper();
+        for claim in CLAIMS.map(|claim| claim(&data)) {
+            assert_eq!(claim.verdict, Reproduced, "{claim:?}");
+        }
+        let claim = slightly_worse(&data);
+        assert!(claim.measured.contains("4 of 8 cells"), "{}", claim.measured);
+        let claim = diverges_below(&data);
+        assert_eq!(claim.measured, "1 of 32 runs diverged, from 0.25 % on 0 of 128");
+        assert!((claim.p.unwrap() - 0.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn its_opposite_is_not() {
+        // Improved maps are worse, most of all small ones; random beats grid-based; more points are
+        // always better; the filter is lost on large maps only.
+        let data = planted(&SIZES, |strategy, size, run, scatter| {
+            let mut error = 0.3 / size.sqrt() * scatter;
+            if is_improved(strategy) {
+                error *= if size < 1.0 { 2.0 } else { 1.2 };
+            }
+            if is_random(strategy) {
+                error *= 0.5;
+            }
+            if size == 1.0 && strategy == MapStrategy::Grid && run < 4 {
+                error = 5.0;
+            }
+            error.min(if size < 1.0 { 0.99 } else { 9.0 })
+        });
+        for claim in CLAIMS.map(|claim| claim(&data)) {
+            assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
+        }
+        let claim = recovers(&data);
+        assert!(claim.measured.contains("4 of 96 runs diverged (4 of 8 on gbs 1 %)"), "{claim:?}");
+    }
+
+    #[test]
+    fn chance_is_no_difference() {
+        let data = planted(&SIZES, |_, _, _, scatter| 0.03 * scatter);
+        let [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, ..] = verdicts(&data);
+        assert_eq!([improved, most_on_small, gbs_over_rnd, slightly_worse], [NotReproduced; 4]);
+        // The same error at all sizes surely is no gain of 5 %.
+        assert_eq!(no_gain, Reproduced);
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let reason = |claim: Claim| {
+            assert_eq!((claim.verdict, claim.p), (NotTestable, None), "{claim:?}");
+            claim.measured
+        };
+        let large = planted(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
+        assert_eq!(reason(most_on_small(&large)), "there is no such size, only 1, 2 %");
+        assert_eq!(reason(gbs_over_rnd(&large)), "there is no such size, only 1, 2 %");
+        assert_eq!(reason(diverges_below(&large)), "there is no such size, only 1, 2 %");
+        assert_eq!(recovers(&large).verdict, Reproduced);
+        let small = planted(&[0.1], |_, _, _, scatter| 2.0 * scatter);
+        assert_eq!(reason(recovers(&small)), "there is no such size, only 0.1 %");
+        assert_eq!(reason(no_gain(&small)), "there is no such size, only 0.1 %");
+        assert_eq!(reason(slightly_worse(&small)), "there is no such size, only 0.1 %");
+        assert_eq!((diverges_below(&small).verdict, diverges_below(&small).p), (Reproduced, None));
+
+        let mut data = as_in_the_paper();
+        data.rows.as_mut().unwrap().retain(|row| row.strategy != MapStrategy::RandomImproved);
+        assert_eq!(reason(improved(&data)), "there is no run on rnd+f-km 0.1 %");
+        assert_eq!(reason(recovers(&data)), "there is no run on rnd+f-km 0.5 %");
+        let mut data = as_in_the_paper();
+        data.rows.as_mut().unwrap().retain(|row| row.size_percent != 1.0);
+        assert_eq!(reason(no_gain(&data)), "there is no run on gbs 1 %");
+        let mut data = as_in_the_paper();
+        data.rows = Err(Untestable("nothing was run".into()));
+        for claim in CLAIMS {
+            assert_eq!(reason(claim(&data)), "nothing was run");
+        }
+    }
+}
