@@ -50,7 +50,8 @@ impl Cell {
 /// The cells of all sizes and both initializations, sizes ascending; each has maps enough to be tested.
 fn cells(data: &LikelihoodResults) -> Result<[Vec<Cell>; 2], Untestable> {
     let rows = data.rows()?;
-    let mut sizes: Vec<f64> = rows.iter().map(|row| row.size_percent).collect();
+    let measured = rows.iter().map(|row| row.size_percent);
+    let mut sizes: Vec<f64> = data.planned_sizes.iter().copied().chain(measured).collect();
     sizes.sort_unstable_by(f64::total_cmp);
     sizes.dedup();
     let of_builder = |builder| -> Result<Vec<Cell>, Untestable> {
@@ -98,11 +99,11 @@ fn improvement(data: &LikelihoodResults) -> Claim {
         let by_gain = |a: &&Cell, b: &&Cell| a.mean_gain().total_cmp(&b.mean_gain());
         let told = |cell: Option<&Cell>| {
             cell.map_or(String::new(), |cell| {
-                format!("{} nats per point ({})", number(cell.mean_gain()), cell.name())
+                format!("{} ({})", number(cell.mean_gain()), cell.name())
             })
         };
         let mut measured = format!(
-            "{} of {} cells gain significantly; gains from {} to {}",
+            "{} of {} cells gain significantly; mean gains from {} to {} nats per point",
             cells.len() - failing.len(),
             cells.len(),
             told(cells.iter().min_by(by_gain)),
@@ -138,7 +139,7 @@ fn improvement_shrinks(data: &LikelihoodResults) -> Claim {
             let correlation = spearman(&sizes.collect::<Vec<f64>>(), &gains)?;
             largest_p = largest_p.max(correlation.p_less);
             told.push(format!(
-                "{}: ρ = {:.3}, from {} nats per point at {} % to {} at {} %",
+                "{}: ρ = {:.3}, mean gain from {} nats per point at {} % to {} at {} %",
                 first.builder.label(false),
                 correlation.rho,
                 number(first.mean_gain()),
@@ -319,6 +320,7 @@ pub(super) fn planted(
             experiment: Some("likelihood".into()),
             split: None,
         },
+        planned_sizes: sizes.to_vec(),
         rows: Ok(rows),
         maps: Err(Untestable("no maps".into())),
     }

@@ -1,22 +1,18 @@
 //! Section V-B: how well a robot localizes itself, by equation 7's weighted error. How errors are
 //! compared: [`super::paired`].
 
-use mcl_metrics::{Rate, fisher_exact_greater, paired_t_test};
+use mcl_metrics::{Rate, TTest, fisher_exact_greater, paired_t_test};
 
 use super::ALPHA;
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::paired::{Cell, compare, log_errors, sizes};
+use super::paired::{Cell, Sampled, Sizes, compare, log_errors};
 use super::saved::LocalizationResults;
 use super::text::{list, number, p_value};
-use crate::experiment::{Builder, LocalizationRow, MapStrategy};
+use crate::experiment::{Builder, MapStrategy};
 
 pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 7] =
     [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, recovers, diverges_below];
 
-/// Below this size (percent) a map is small: figure 5's lower plot.
-const SMALL_BELOW: f64 = 1.0;
-/// Below this size (percent) the paper's filter diverged in some runs.
-const DIVERGED_BELOW: f64 = 0.25;
 /// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a tracked
 /// robot is off.
 const SAME_ERROR: f64 = 0.05;
@@ -30,14 +26,16 @@ fn improved(data: &LocalizationResults) -> Claim {
                of both initializations; and the mean error is lower in more than half of the cells",
     };
     statement.decide(&data.place, || {
-        let rows = data.sampled()?;
+        let runs = data.sampled()?;
         let mut largest_p: f64 = 0.0;
         let mut ratios = Vec::new();
         let (mut total, mut lower, mut surely_lower, mut surely_higher) = (0, 0, 0, 0);
+        let mut maps = 0;
         for builder in Builder::ALL {
-            let [initial, improved] = before_and_after(&rows, builder, |_| true)?;
+            let [initial, improved] = before_and_after(&runs, builder, &Sizes::ALL)?;
             let test = compare(&improved, &initial)?;
             largest_p = largest_p.max(test.p_less);
+            maps = pairs(&test);
             ratios.push(format!("{} {}", builder.label(false), ratio(test.mean_difference)));
             for (improved, initial) in improved.iter().zip(&initial) {
                 let test = compare(std::slice::from_ref(improved), std::slice::from_ref(initial))?;
@@ -51,8 +49,9 @@ fn improved(data: &LocalizationResults) -> Claim {
             holds: largest_p < ALPHA && 2 * lower > total,
             p: Some(largest_p),
             measured: format!(
-                "ratio of geometric mean errors {}; the mean is lower in {lower} of {total} cells; on \
-                 its own {surely_lower} are significantly lower, {surely_higher} higher",
+                "ratio of geometric mean errors on {maps} maps: {}; the mean is lower in {lower} of \
+                 {total} cells; cell by cell, {surely_lower} significantly lower, {surely_higher} \
+                 higher",
                 ratios.join(", ")
             ),
         })
@@ -68,12 +67,12 @@ fn most_on_small(data: &LocalizationResults) -> Claim {
                from 1 % on; p: the larger of both initializations",
     };
     statement.decide(&data.place, || {
-        let rows = data.sampled()?;
-        let mut largest_p: f64 = 0.0;
+        let runs = data.sampled()?;
+        let (mut largest_p, mut maps): (f64, usize) = (0.0, 0);
         let mut told = Vec::new();
         for builder in Builder::ALL {
-            let small = before_and_after(&rows, builder, |size| size < SMALL_BELOW)?;
-            let large = before_and_after(&rows, builder, |size| size >= SMALL_BELOW)?;
+            let small = before_and_after(&runs, builder, &Sizes::SMALL)?;
+            let large = before_and_after(&runs, builder, &Sizes::NOT_SMALL)?;
             let [initial_small, improved_small, initial_large, improved_large] =
                 log_errors([&small[0], &small[1], &large[0], &large[1]])?;
             let gain = |improved: &[f64], initial: &[f64]| -> Vec<f64> {
@@ -81,7 +80,9 @@ fn most_on_small(data: &LocalizationResults) -> Claim {
             };
             let small = gain(&improved_small, &initial_small);
             let large = gain(&improved_large, &initial_large);
-            largest_p = largest_p.max(paired_t_test(&small, &large)?.p_less);
+            let test = paired_t_test(&small, &large)?;
+            largest_p = largest_p.max(test.p_less);
+            maps = pairs(&test);
             told.push(format!(
                 "{} {} below 1 %, {} from 1 % on",
                 builder.label(false),
@@ -92,7 +93,7 @@ fn most_on_small(data: &LocalizationResults) -> Claim {
         Ok(Finding {
             holds: largest_p < ALPHA,
             p: Some(largest_p),
-            measured: format!("ratio of geometric mean errors: {}", told.join("; ")),
+            measured: format!("ratio of geometric mean errors on {maps} maps: {}", told.join("; ")),
         })
     })
 }
@@ -105,21 +106,22 @@ fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
         test: "paired t test over maps of ln error, sizes below 1 %: gbs below rnd",
     };
     statement.decide(&data.place, || {
-        let rows = data.sampled()?;
+        let runs = data.sampled()?;
         let [grid, grid_improved] =
-            before_and_after(&rows, Builder::Grid, |size| size < SMALL_BELOW)?;
+            before_and_after(&runs, Builder::Grid, &Sizes::SMALL)?;
         let [random, random_improved] =
-            before_and_after(&rows, Builder::Random, |size| size < SMALL_BELOW)?;
+            before_and_after(&runs, Builder::Random, &Sizes::SMALL)?;
         let test = compare(&grid, &random)?;
         let after = compare(&grid_improved, &random_improved)?;
         let diverged = |cells: &[Cell]| -> usize { cells.iter().map(Cell::diverged).sum() };
-        let runs: usize = grid.iter().map(|cell| cell.runs.len()).sum();
+        let count: usize = grid.iter().map(|cell| cell.runs.len()).sum();
         Ok(Finding {
             holds: test.p_less < ALPHA,
             p: Some(test.p_less),
             measured: format!(
-                "ratio of geometric mean errors {}, after fuzzy k-means {} ({}); diverged in {} \
-                 against {} of {runs} runs, after fuzzy k-means in {} against {}",
+                "ratio of geometric mean errors on {} maps: {}, after fuzzy k-means {} ({}); diverged \
+                 in {} against {} of {count} runs, after fuzzy k-means in {} against {}",
+                pairs(&test),
                 ratio(test.mean_difference),
                 ratio(after.mean_difference),
                 p_value(after.p_less),
@@ -142,7 +144,7 @@ fn no_gain(data: &LocalizationResults) -> Claim {
     };
     statement.decide(&data.place, || {
         let cells = against_one_percent(&data.sampled()?)?;
-        let mut smallest_p: f64 = 1.0;
+        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
         let mut within = 0;
         let mut told: Vec<(f64, String)> = Vec::new();
         for (larger, one) in &cells {
@@ -152,6 +154,7 @@ fn no_gain(data: &LocalizationResults) -> Claim {
                 one_errors.iter().map(|error| error + (1.0 - SAME_ERROR).ln()).collect();
             let test = paired_t_test(&larger_errors, &limit)?;
             smallest_p = smallest_p.min(test.p_greater);
+            maps = pairs(&test);
             within += usize::from(test.mean_difference > 0.0);
             let log_ratio = mean(&larger_errors) - mean(&one_errors);
             told.push((log_ratio, format!("{} ({})", ratio(log_ratio), larger.name())));
@@ -166,8 +169,8 @@ fn no_gain(data: &LocalizationResults) -> Claim {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "{within} of {} cells gain less than 5 % over 1 %; ratio of geometric mean errors \
-                 {ends}",
+                "{within} of {} cells are not lower by 5 %; ratio of geometric mean errors on {maps} \
+                 maps {ends}",
                 cells.len()
             ),
         })
@@ -184,10 +187,11 @@ fn slightly_worse(data: &LocalizationResults) -> Claim {
     };
     statement.decide(&data.place, || {
         let cells = against_one_percent(&data.sampled()?)?;
-        let mut smallest_p: f64 = 1.0;
+        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
         let mut higher = Vec::new();
         for (larger, one) in &cells {
             let test = compare(std::slice::from_ref(larger), std::slice::from_ref(one))?;
+            maps = pairs(&test);
             let (error, error_at_one) = (larger.mean_error(), one.mean_error());
             if error > error_at_one {
                 smallest_p = smallest_p.min(test.p_greater);
@@ -209,7 +213,7 @@ fn slightly_worse(data: &LocalizationResults) -> Claim {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "the mean error is higher in {} of {} cells{worst}",
+                "on {maps} maps the mean error is higher in {} of {} cells{worst}",
                 higher.len(),
                 cells.len()
             ),
@@ -222,10 +226,10 @@ fn recovers(data: &LocalizationResults) -> Claim {
         id: "localization-recovers",
         section: Section::Localization,
         text: "From 0.25 % of the points on, the filter is never lost for good",
-        test: "none: holds if no run diverged (ended more than 1 m off)",
+        test: "no test: holds if no run diverged (ended more than 1 m off)",
     };
     statement.decide(&data.place, || {
-        let cells = sampled_cells(&data.sampled()?, |size| size >= DIVERGED_BELOW)?;
+        let cells = data.sampled()?.all_cells(&Sizes::NOT_TINY)?;
         let rate = divergence(&cells)?;
         let bound = rate.upper_bound(1.0 - ALPHA)?;
         let mut told = format!("{} of {} runs diverged", rate.hits(), rate.trials());
@@ -257,13 +261,11 @@ fn diverges_below(data: &LocalizationResults) -> Claim {
                there on, if runs are independent",
     };
     statement.decide(&data.place, || {
-        let rows = data.sampled()?;
-        let below = sampled_cells(&rows, |size| size < DIVERGED_BELOW)?;
+        let runs = data.sampled()?;
+        let below = runs.all_cells(&Sizes::TINY)?;
         let rate = divergence(&below)?;
         // Without larger maps there is nothing to compare with, but runs have diverged or not.
-        let above = sampled_cells(&rows, |size| size >= DIVERGED_BELOW)
-            .and_then(|cells| divergence(&cells))
-            .ok();
+        let above = runs.all_cells(&Sizes::NOT_TINY).and_then(|cells| divergence(&cells)).ok();
         let told = match above {
             Some(above) => format!(", from 0.25 % on {} of {}", above.hits(), above.trials()),
             None => String::new(),
@@ -276,54 +278,23 @@ fn diverges_below(data: &LocalizationResults) -> Claim {
     })
 }
 
-/// The cells of a builder's maps before and after fuzzy k-means, at all sizes that `among` accepts.
+/// The cells of a builder's maps before and after fuzzy k-means.
 fn before_and_after<'a>(
-    rows: &[&'a LocalizationRow],
+    runs: &Sampled<'a>,
     builder: Builder,
-    among: impl Fn(f64) -> bool,
+    of: &Sizes,
 ) -> Result<[Vec<Cell<'a>>; 2], Untestable> {
-    let of_strategy = |is_improved: bool| {
-        let strategy = MapStrategy::of(builder, is_improved);
-        cells(rows, strategy, &among)
-    };
-    Ok([of_strategy(false)?, of_strategy(true)?])
-}
-
-/// The cells of a strategy at all sizes that `among` accepts, at least one.
-fn cells<'a>(
-    rows: &[&'a LocalizationRow],
-    strategy: MapStrategy,
-    among: impl Fn(f64) -> bool,
-) -> Result<Vec<Cell<'a>>, Untestable> {
-    let all = sizes(rows);
-    let chosen: Vec<f64> = all.iter().copied().filter(|&size| among(size)).collect();
-    if chosen.is_empty() {
-        let all: Vec<String> = all.iter().map(f64::to_string).collect();
-        return Err(Untestable(format!("there is no such size, only {} %", all.join(", "))));
-    }
-    chosen.into_iter().map(|size| Cell::of(rows, strategy, size)).collect()
-}
-
-/// The cells of all four strategies.
-fn sampled_cells<'a>(
-    rows: &[&'a LocalizationRow],
-    among: impl Fn(f64) -> bool,
-) -> Result<Vec<Cell<'a>>, Untestable> {
-    let of_strategies: Result<Vec<_>, _> =
-        MapStrategy::SAMPLED.iter().map(|&strategy| cells(rows, strategy, &among)).collect();
-    Ok(of_strategies?.concat())
+    let cells = |improved| runs.cells(MapStrategy::of(builder, improved), of);
+    Ok([cells(false)?, cells(true)?])
 }
 
 /// The cells of all four strategies above 1 %, each beside that of its strategy at 1 %.
-fn against_one_percent<'a>(
-    rows: &[&'a LocalizationRow],
-) -> Result<Vec<(Cell<'a>, Cell<'a>)>, Untestable> {
-    let larger = sampled_cells(rows, |size| size > 1.0)?;
+fn against_one_percent<'a>(runs: &Sampled<'a>) -> Result<Vec<(Cell<'a>, Cell<'a>)>, Untestable> {
     let beside = |larger: Cell<'a>| {
-        let one = Cell::of(rows, larger.strategy, 1.0)?;
+        let one = runs.cell(larger.strategy, 1.0)?;
         Ok((larger, one))
     };
-    larger.into_iter().map(beside).collect()
+    runs.all_cells(&Sizes::ABOVE_SMALL)?.into_iter().map(beside).collect()
 }
 
 /// How often runs diverged.
@@ -331,6 +302,11 @@ fn divergence(cells: &[Cell]) -> Result<Rate, Untestable> {
     let diverged = cells.iter().map(Cell::diverged).sum();
     let runs = cells.iter().map(|cell| cell.runs.len()).sum();
     Ok(Rate::new(diverged, runs)?)
+}
+
+/// How many pairs a paired test had: maps with their runs.
+fn pairs(test: &TTest) -> usize {
+    test.degrees_of_freedom as usize + 1
 }
 
 fn ratio(log_ratio: f64) -> String {
@@ -346,28 +322,31 @@ pub(super) use tests::planted;
 
 #[cfg(test)]
 mod tests {
+    use mcl_core::Seed;
+    use rand::RngExt;
+
     use super::super::Place;
     use super::super::Verdict::{self, *};
     use super::*;
-    use crate::experiment::Split;
+    use crate::experiment::{LocalizationRow, Split};
 
     const RUNS: u32 = 8;
     const MAPS: u32 = 4;
 
     /// Eight runs on four maps of every strategy and size, with errors chosen by the truth that a test
-    /// plants: a function of strategy, size, run, and a scatter of a few per cent about 1. Errors above 1
-    /// are divergences.
+    /// plants: a function of strategy, size, run, and a random scatter of up to 1 % about 1. Errors above
+    /// 1 are divergences.
     pub(in super::super) fn planted(
         sizes: &[f64],
         truth: impl Fn(MapStrategy, f64, u32, f64) -> f64,
     ) -> LocalizationResults {
         let mut rows = Vec::new();
-        for (number, &strategy) in MapStrategy::SAMPLED.iter().enumerate() {
-            for (index, &size_percent) in sizes.iter().enumerate() {
+        let mut rng = Seed::new(1).derive("scatter").rng();
+        for strategy in MapStrategy::SAMPLED {
+            for &size_percent in sizes {
                 for run in 0..RUNS {
-                    let step = (7 * run + 3 * index as u32 + 5 * number as u32) % 11;
-                    let weighted =
-                        truth(strategy, size_percent, run, 1.0 + 0.002 * (f64::from(step) - 5.0));
+                    let scatter = rng.random_range(0.99..1.01);
+                    let weighted = truth(strategy, size_percent, run, scatter);
                     rows.push(LocalizationRow {
                         dataset: "office".into(),
                         split: Split::Same,
@@ -399,7 +378,7 @@ mod tests {
             experiment: Some("localization".into()),
             split: Some(Split::Same),
         };
-        LocalizationResults { place, rows: Ok(rows) }
+        LocalizationResults { place, planned_sizes: sizes.to_vec(), rows: Ok(rows) }
     }
 
     const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
@@ -426,8 +405,9 @@ mod tests {
             if size == 5.0 {
                 error *= 1.1;
             }
-            if size == 0.1 && strategy == MapStrategy::Random && run == 2 {
-                error = 5.0;
+            // Lost on all maps.
+            if size == 0.1 && run == 2 {
+                error *= 40.0;
             }
             error
         })
@@ -444,10 +424,11 @@ mod tests {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
         let claim = slightly_worse(&data);
-        assert!(claim.measured.contains("4 of 8 cells"), "{}", claim.measured);
+        assert!(claim.measured.contains(" 5 % with 0.03"), "{}", claim.measured);
         let claim = diverges_below(&data);
-        assert_eq!(claim.measured, "1 of 32 runs diverged, from 0.25 % on 0 of 128");
-        assert!((claim.p.unwrap() - 0.2).abs() < 1e-9);
+        assert_eq!(claim.measured, "4 of 32 runs diverged, from 0.25 % on 0 of 128");
+        // All four of the 160 are among the 32: (32·31·30·29) / (160·159·158·157).
+        assert!((claim.p.unwrap() - 863_040.0 / 631_064_640.0).abs() < 1e-9, "{:?}", claim.p);
     }
 
     #[test]
@@ -471,7 +452,7 @@ mod tests {
             assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
         }
         let claim = recovers(&data);
-        assert!(claim.measured.contains("4 of 96 runs diverged (4 of 8 on gbs 1 %)"), "{claim:?}");
+        assert!(claim.measured.contains("4 of 128 runs diverged (4 of 8 on gbs 1 %)"), "{claim:?}");
     }
 
     #[test]
@@ -490,14 +471,17 @@ mod tests {
             claim.measured
         };
         let large = planted(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
-        assert_eq!(reason(most_on_small(&large)), "there is no such size, only 1, 2 %");
-        assert_eq!(reason(gbs_over_rnd(&large)), "there is no such size, only 1, 2 %");
-        assert_eq!(reason(diverges_below(&large)), "there is no such size, only 1, 2 %");
+        assert_eq!(reason(most_on_small(&large)), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(reason(gbs_over_rnd(&large)), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(
+            reason(diverges_below(&large)),
+            "there are no maps below 0.25 %, only of 1, 2 %"
+        );
         assert_eq!(recovers(&large).verdict, Reproduced);
         let small = planted(&[0.1], |_, _, _, scatter| 2.0 * scatter);
-        assert_eq!(reason(recovers(&small)), "there is no such size, only 0.1 %");
-        assert_eq!(reason(no_gain(&small)), "there is no such size, only 0.1 %");
-        assert_eq!(reason(slightly_worse(&small)), "there is no such size, only 0.1 %");
+        assert_eq!(reason(recovers(&small)), "there are no maps from 0.25 % on, only of 0.1 %");
+        assert_eq!(reason(no_gain(&small)), "there are no maps above 1 %, only of 0.1 %");
+        assert_eq!(reason(slightly_worse(&small)), "there are no maps above 1 %, only of 0.1 %");
         assert_eq!((diverges_below(&small).verdict, diverges_below(&small).p), (Reproduced, None));
 
         let mut data = as_in_the_paper();

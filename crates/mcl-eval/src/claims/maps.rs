@@ -15,7 +15,7 @@ fn even_spread(data: &LikelihoodResults) -> Claim {
         section: Section::InitialMap,
         text: "Grid-based maps spread their points more evenly than random maps of the same size \
                (figure 2)",
-        test: "none, one map of each kind: the distances from map points to their nearest map point \
+        test: "no test, one map of each kind: the distances from map points to their nearest map point \
                vary less (coefficient of variation)",
     };
     statement.decide(&data.place, || {
@@ -40,8 +40,8 @@ fn size_not_exact(data: &LikelihoodResults) -> Claim {
         id: "size-not-exact",
         section: Section::InitialMap,
         text: "The number of points of a grid-based map cannot be asked for exactly",
-        test: "none: holds if a map that was asked for by its number of points, met by a search for \
-               the cell size, has another number",
+        test: "no test: holds if a map of the experiment, whose cell size is searched for, has not the \
+               number of points that was asked for",
     };
     statement.decide(&data.place, || {
         let maps: Vec<_> = data.rows()?.iter().filter(|row| row.builder == Builder::Grid).collect();
@@ -79,7 +79,7 @@ fn cost_of_grid(data: &LikelihoodResults) -> Claim {
         section: Section::InitialMap,
         text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in each \
                of K cells",
-        test: "none",
+        test: "no test",
     };
     statement.decide(&data.place, || {
         let reason = "saved times are of a search over many grids; `make bench` times one";

@@ -22,23 +22,7 @@ pub(super) struct Cell<'a> {
     pub runs: Vec<&'a LocalizationRow>,
 }
 
-impl<'a> Cell<'a> {
-    /// Of one split's rows.
-    pub fn of(
-        rows: &[&'a LocalizationRow],
-        strategy: MapStrategy,
-        size_percent: f64,
-    ) -> Result<Self, Untestable> {
-        let of_cell =
-            |row: &&LocalizationRow| row.strategy == strategy && row.size_percent == size_percent;
-        let cell =
-            Cell { strategy, size_percent, runs: rows.iter().copied().filter(of_cell).collect() };
-        match cell.runs.is_empty() {
-            true => Err(Untestable(format!("there is no run on {}", cell.name()))),
-            false => Ok(cell),
-        }
-    }
-
+impl Cell<'_> {
     /// "gbs 0.25 %"
     pub fn name(&self) -> String {
         format!("{} {} %", self.strategy.label(), self.size_percent)
@@ -54,12 +38,72 @@ impl<'a> Cell<'a> {
     }
 }
 
-/// The sizes of all cells, ascending.
-pub(super) fn sizes(rows: &[&LocalizationRow]) -> Vec<f64> {
-    let mut sizes: Vec<f64> = rows.iter().map(|row| row.size_percent).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    sizes.dedup();
-    sizes
+/// Which map sizes a claim is about.
+pub(super) struct Sizes {
+    /// "below 1 %"
+    pub name: &'static str,
+    /// Whether a size in percent is one of them.
+    pub among: fn(f64) -> bool,
+}
+
+impl Sizes {
+    pub const ALL: Sizes = Sizes { name: "of any kind", among: |_| true };
+    /// Small maps: figure 5's lower plot.
+    pub const SMALL: Sizes = Sizes { name: "below 1 %", among: |percent| percent < 1.0 };
+    pub const NOT_SMALL: Sizes = Sizes { name: "from 1 % on", among: |percent| percent >= 1.0 };
+    pub const ABOVE_SMALL: Sizes = Sizes { name: "above 1 %", among: |percent| percent > 1.0 };
+    /// On these the paper's filter diverged in some runs.
+    pub const TINY: Sizes = Sizes { name: "below 0.25 %", among: |percent| percent < 0.25 };
+    pub const NOT_TINY: Sizes = Sizes { name: "from 0.25 % on", among: |percent| percent >= 0.25 };
+}
+
+/// The runs of one split on maps of the paper's four strategies.
+pub(super) struct Sampled<'a> {
+    rows: Vec<&'a LocalizationRow>,
+    /// Ascending, in percent.
+    sizes: Vec<f64>,
+}
+
+impl<'a> Sampled<'a> {
+    /// Of a split's rows; sizes are those of the rows and those that are planned.
+    pub fn new(rows: &'a [LocalizationRow], planned_sizes: &[f64]) -> Self {
+        let rows: Vec<_> = rows.iter().filter(|row| row.strategy != MapStrategy::All).collect();
+        let measured = rows.iter().map(|row| row.size_percent);
+        let mut sizes: Vec<f64> = planned_sizes.iter().copied().chain(measured).collect();
+        sizes.sort_unstable_by(f64::total_cmp);
+        sizes.dedup();
+        Sampled { rows, sizes }
+    }
+
+    /// The runs on the maps of a strategy and size.
+    pub fn cell(&self, strategy: MapStrategy, size_percent: f64) -> Result<Cell<'a>, Untestable> {
+        let of_cell =
+            |row: &&LocalizationRow| row.strategy == strategy && row.size_percent == size_percent;
+        let runs = self.rows.iter().copied().filter(of_cell).collect();
+        let cell = Cell { strategy, size_percent, runs };
+        match cell.runs.is_empty() {
+            true => Err(Untestable(format!("there is no run on {}", cell.name()))),
+            false => Ok(cell),
+        }
+    }
+
+    /// The cells of a strategy at these sizes, at least one, sizes ascending.
+    pub fn cells(&self, strategy: MapStrategy, of: &Sizes) -> Result<Vec<Cell<'a>>, Untestable> {
+        let sizes: Vec<f64> = self.sizes.iter().copied().filter(|&size| (of.among)(size)).collect();
+        if sizes.is_empty() {
+            let found: Vec<String> = self.sizes.iter().map(f64::to_string).collect();
+            let reason = format!("there are no maps {}, only of {} %", of.name, found.join(", "));
+            return Err(Untestable(reason));
+        }
+        sizes.into_iter().map(|size| self.cell(strategy, size)).collect()
+    }
+
+    /// The cells of all four strategies at these sizes.
+    pub fn all_cells(&self, of: &Sizes) -> Result<Vec<Cell<'a>>, Untestable> {
+        let of_strategies: Result<Vec<_>, _> =
+            MapStrategy::SAMPLED.iter().map(|&strategy| self.cells(strategy, of)).collect();
+        Ok(of_strategies?.concat())
+    }
 }
 
 /// For each group of cells the mean of ln error per map number, over the group's cells and the runs on
@@ -124,8 +168,8 @@ mod tests {
                 row.weighted = (-f64::from(row.map + 1)).exp();
             }
         }
-        let rows = data.sampled().unwrap();
-        let cell = |strategy| vec![Cell::of(&rows, strategy, 1.0).unwrap()];
+        let runs = data.sampled().unwrap();
+        let cell = |strategy| vec![runs.cell(strategy, 1.0).unwrap()];
         let (improved, initial) = (cell(MapStrategy::GridImproved), cell(MapStrategy::Grid));
         let test = compare(&improved, &initial).unwrap();
         assert!((test.mean_difference + 2.5).abs() < 1e-12);
@@ -142,8 +186,8 @@ mod tests {
         });
         let rows = data.rows.as_mut().unwrap();
         rows.retain(|row| row.strategy != MapStrategy::Random || row.run != 7);
-        let rows = data.sampled().unwrap();
-        let cell = |strategy| vec![Cell::of(&rows, strategy, 1.0).unwrap()];
+        let runs = data.sampled().unwrap();
+        let cell = |strategy| vec![runs.cell(strategy, 1.0).unwrap()];
         let test = compare(&cell(MapStrategy::Grid), &cell(MapStrategy::Random)).unwrap();
         assert_eq!(test.mean_difference, 0.0);
     }
@@ -159,12 +203,12 @@ mod tests {
                 row.weighted = 0.0;
             }
         }
-        let rows = data.sampled().unwrap();
-        let cell = |strategy| vec![Cell::of(&rows, strategy, 1.0).unwrap()];
+        let runs = data.sampled().unwrap();
+        let cell = |strategy| vec![runs.cell(strategy, 1.0).unwrap()];
         let (grid, random) = (cell(MapStrategy::Grid), cell(MapStrategy::Random));
         assert_eq!(reason(compare(&grid, &random)), "no run is on all maps that are compared");
         assert!(reason(compare(&grid, &cell(MapStrategy::RandomImproved))).starts_with("run 3 on"));
-        assert_eq!(reason(Cell::of(&rows, MapStrategy::Grid, 2.0)), "there is no run on gbs 2 %");
+        assert_eq!(reason(runs.cell(MapStrategy::Grid, 2.0)), "there is no run on gbs 2 %");
         assert!(reason(compare(&[], &[])).contains("no such maps"));
         let on_one = |cell: &[Cell<'_>]| -> String {
             let runs = cell[0].runs.iter().copied().filter(|row| row.map == 0).collect();

@@ -1,6 +1,6 @@
 //! Claims as tables: for the terminal and as Markdown.
 
-use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
+use comfy_table::presets::{NOTHING, UTF8_HORIZONTAL_ONLY};
 use comfy_table::{ColumnConstraint, ContentArrangement, Table, Width};
 
 use super::text::p_value;
@@ -12,17 +12,20 @@ const WIDE: u16 = 80;
 /// Lines longer than this are hard to follow; below the least, words would be broken.
 const WIDTHS: (u16, u16) = (40, 160);
 
+/// "reproduced" fits, "not reproduced" has two lines.
+const VERDICT: u16 = 10;
+/// From one column's content to the next: a space of padding each, and the place of a line.
+const BETWEEN: u16 = 3;
+
 /// A table per data set, `width` columns wide, and a line that sums it up.
 pub fn text(datasets: &[DatasetClaims], width: u16) -> String {
     let width = width.clamp(WIDTHS.0, WIDTHS.1);
     let mut text = String::new();
     for dataset in datasets {
         let table = if width >= WIDE { wide(dataset, width) } else { narrow(dataset, width) };
-        text += &format!("{}\n{}\n", heading(dataset), table.trim_fmt());
-        for line in summary(dataset) {
-            text += &format!("{line}\n");
-        }
-        text.push('\n');
+        let heading = wrapped(&[heading(dataset)], width);
+        let summary = wrapped(&summary(dataset), width);
+        text += &format!("{heading}\n{}\n{summary}\n\n", table.trim_fmt());
     }
     text
 }
@@ -69,9 +72,8 @@ fn wide(dataset: &DatasetClaims, width: u16) -> Table {
             claim.verdict.name().to_owned(),
         ]);
     }
-    // "reproduced" fits, "not reproduced" has two lines. A space on either side of each column.
-    let verdict = 10;
-    let rest = width - verdict - 8;
+    let verdict = VERDICT;
+    let rest = width - verdict - 3 * BETWEEN - 2;
     let (statement, tested) = (rest * 30 / 100, rest * 32 / 100);
     set_widths(&mut table, &[statement, rest - statement - tested, tested, verdict]);
     table
@@ -88,8 +90,7 @@ fn narrow(dataset: &DatasetClaims, width: u16) -> Table {
             format!("{statement}\nMeasured: {}\nTest: {}", claim.measured, test(claim)),
         ]);
     }
-    let verdict = 10;
-    set_widths(&mut table, &[verdict, width - verdict - 4]);
+    set_widths(&mut table, &[VERDICT, width - VERDICT - BETWEEN - 2]);
     table
 }
 
@@ -107,6 +108,16 @@ fn set_widths(table: &mut Table, widths: &[u16]) {
     for (column, &width) in table.column_iter_mut().zip(widths) {
         column.set_constraint(ColumnConstraint::Absolute(Width::Fixed(width + 2)));
     }
+}
+
+/// Lines of text, broken between words.
+fn wrapped(lines: &[String], width: u16) -> String {
+    let mut table = empty(width);
+    table.load_style(NOTHING).add_row([lines.join("\n")]);
+    for column in table.column_iter_mut() {
+        column.set_padding((0, 0));
+    }
+    table.trim_fmt()
 }
 
 fn test(claim: &Claim) -> String {
@@ -132,7 +143,7 @@ fn place(claim: &Claim, dataset: &DatasetClaims) -> String {
     place
 }
 
-/// "intel-lab: Intel Research Lab, Seattle: 910 scans, …"
+/// "intel-lab – Intel Research Lab, Seattle: 910 scans, …"
 fn heading(dataset: &DatasetClaims) -> String {
     format!("{} – {}", dataset.name, dataset.description)
 }
@@ -183,7 +194,8 @@ mod tests {
     fn datasets() -> Vec<DatasetClaims> {
         vec![DatasetClaims {
             name: "office".into(),
-            description: "Simulated office: 916 scans".into(),
+            description: "Simulated office: 916 scans, 157,537 points with 0 < r ≤ 10 m, and so on"
+                .into(),
             claims: vec![
                 claim("a", Some(Split::Same), Verdict::Reproduced),
                 claim("b", Some(Split::Same), Verdict::NotReproduced),
@@ -195,7 +207,7 @@ mod tests {
     #[test]
     fn tables_keep_to_the_width_and_break_no_words() {
         let words: Vec<&str> =
-            "initialization, reproduced testable p = 3.1e-5 initial cells".split(' ').collect();
+            "initialization reproduced testable p = 3.1e-5 initial cells".split(' ').collect();
         for width in [60, 79, 80, 100, 140] {
             let text = text(&datasets(), width);
             for line in text.lines() {

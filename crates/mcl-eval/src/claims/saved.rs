@@ -8,8 +8,10 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::claim::{Place, Untestable};
+use super::paired::Sampled;
 use crate::experiment::{
-    DatasetFacts, LikelihoodRow, LocalizationRow, Manifest, MapStrategy, Split, read_rows,
+    DatasetFacts, LikelihoodExperiment, LikelihoodRow, LocalizationExperiment, LocalizationRow,
+    Manifest, Split, read_rows,
 };
 use crate::results::{ComparisonMaps, MANIFEST, TRIALS};
 
@@ -25,6 +27,8 @@ pub(super) struct Dataset {
 /// A likelihood experiment on a data set.
 pub(super) struct LikelihoodResults {
     pub place: Place,
+    /// Sizes of the experiment's definition in percent, whether they have rows yet or not.
+    pub planned_sizes: Vec<f64>,
     /// At least one.
     pub rows: Result<Vec<LikelihoodRow>, Untestable>,
     /// The maps of figure 2.
@@ -34,6 +38,8 @@ pub(super) struct LikelihoodResults {
 /// A localization experiment on a data set, one split.
 pub(super) struct LocalizationResults {
     pub place: Place,
+    /// Sizes of the experiment's definition in percent, whether they have rows yet or not.
+    pub planned_sizes: Vec<f64>,
     /// At least one.
     pub rows: Result<Vec<LocalizationRow>, Untestable>,
 }
@@ -57,17 +63,19 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<Dataset>> {
         if matches!(kind, Kind::Other) {
             continue;
         }
-        let Manifest { experiment, dataset: facts, .. } = Manifest::read(&folder.join(MANIFEST))?;
+        let manifest = Manifest::read(&folder.join(MANIFEST))?;
+        let facts = &manifest.dataset;
         let data = (facts.name.clone(), facts.sha256.clone(), facts.points);
         let dataset = datasets.entry(data).or_insert_with(|| Dataset {
             facts: facts.clone(),
             likelihood: Vec::new(),
             localization: Vec::new(),
         });
-        let place = Place { dataset: facts.name, experiment: Some(experiment), split: None };
         match kind {
-            Kind::Likelihood => dataset.likelihood.push(read_likelihood(folder, place)?),
-            Kind::Localization => dataset.localization.extend(read_localization(folder, &place)?),
+            Kind::Likelihood => dataset.likelihood.push(read_likelihood(folder, &manifest)?),
+            Kind::Localization => {
+                dataset.localization.extend(read_localization(folder, &manifest)?);
+            }
             Kind::Other => {}
         }
     }
@@ -97,7 +105,15 @@ fn kind_of(manifest: &Path) -> Result<Kind> {
     Ok(head.kind)
 }
 
-fn read_likelihood(folder: &Path, place: Place) -> Result<LikelihoodResults> {
+fn place(manifest: &Manifest, split: Option<Split>) -> Place {
+    let experiment = Some(manifest.experiment.clone());
+    Place { dataset: manifest.dataset.name.clone(), experiment, split }
+}
+
+fn read_likelihood(folder: &Path, manifest: &Manifest) -> Result<LikelihoodResults> {
+    let definition: LikelihoodExperiment = manifest.definition()?;
+    let groups = definition.sizes_for(&manifest.dataset.name);
+    let planned_sizes = groups.iter().flat_map(|group| group.percent.clone()).collect();
     let rows = read_trials(folder, |row: &LikelihoodRow| {
         [
             ("initial_log_likelihood", row.initial_log_likelihood),
@@ -106,10 +122,11 @@ fn read_likelihood(folder: &Path, place: Place) -> Result<LikelihoodResults> {
     })?;
     let maps = ComparisonMaps::read(folder)?;
     let maps = maps.ok_or_else(|| Untestable("the maps of figure 2 are not saved".to_owned()));
-    Ok(LikelihoodResults { place, rows, maps })
+    Ok(LikelihoodResults { place: place(manifest, None), planned_sizes, rows, maps })
 }
 
-fn read_localization(folder: &Path, place: &Place) -> Result<Vec<LocalizationResults>> {
+fn read_localization(folder: &Path, manifest: &Manifest) -> Result<Vec<LocalizationResults>> {
+    let definition: LocalizationExperiment = manifest.definition()?;
     let rows = read_trials(folder, |row: &LocalizationRow| [("weighted", row.weighted)])?;
     let of_split = |split| {
         let rows = rows.clone().and_then(|rows| {
@@ -120,12 +137,13 @@ fn read_localization(folder: &Path, place: &Place) -> Result<Vec<LocalizationRes
                 false => Ok(rows),
             }
         });
-        LocalizationResults { place: Place { split: Some(split), ..place.clone() }, rows }
+        let planned_sizes = definition.sizes_for(&manifest.dataset.name).to_vec();
+        LocalizationResults { place: place(manifest, Some(split)), planned_sizes, rows }
     };
     // The paper's split always has its rows, if only to say that nothing was measured.
     let mut splits = vec![of_split(Split::Same)];
     let held_out = of_split(Split::HeldOut);
-    if held_out.rows.is_ok() {
+    if held_out.rows.is_ok() || definition.splits.contains(&Split::HeldOut) {
         splits.push(held_out);
     }
     Ok(splits)
@@ -164,6 +182,7 @@ impl LikelihoodResults {
         let reason = Untestable("no likelihood experiment was run on this data set".to_owned());
         LikelihoodResults {
             place: Place { dataset: dataset.to_owned(), experiment: None, split: None },
+            planned_sizes: Vec::new(),
             rows: Err(reason.clone()),
             maps: Err(reason),
         }
@@ -179,12 +198,16 @@ impl LocalizationResults {
         let reason = "no localization experiment was run on this data set";
         let place =
             Place { dataset: dataset.to_owned(), experiment: None, split: Some(Split::Same) };
-        LocalizationResults { place, rows: Err(Untestable(reason.to_owned())) }
+        LocalizationResults {
+            place,
+            planned_sizes: Vec::new(),
+            rows: Err(Untestable(reason.to_owned())),
+        }
     }
 
-    /// Rows of the paper's four strategies.
-    pub fn sampled(&self) -> Result<Vec<&LocalizationRow>, Untestable> {
+    /// The runs on maps of the paper's four strategies, and their sizes.
+    pub fn sampled(&self) -> Result<Sampled<'_>, Untestable> {
         let rows = self.rows.as_deref().map_err(Untestable::clone)?;
-        Ok(rows.iter().filter(|row| row.strategy != MapStrategy::All).collect())
+        Ok(Sampled::new(rows, &self.planned_sizes))
     }
 }
