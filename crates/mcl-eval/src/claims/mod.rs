@@ -1,9 +1,10 @@
 //! What the paper says in numbers and comparisons, beside what was measured: `mcl-eval claims`.
 //!
-//! Everything is decided from saved result folders ([`saved`]): data sets ([`facts`]), maps
-//! ([`maps`]), likelihoods ([`likelihood`], section V-A) and localization ([`localization`], section
-//! V-B). Every claim is a function of what is saved and comes out as a [`Claim`]; where something is
-//! missing its verdict says so. How each claim is decided, and why so, stands in docs/claims.md.
+//! Everything is decided from saved result folders, and only from them. Every claim is a function of
+//! what is saved and comes out as a [`Claim`]; where something is missing its verdict says so. How each
+//! claim is decided, and why so, stands in docs/claims.md. Modules: `saved` reads; `facts`, `maps`,
+//! `likelihood` (section V-A) and `localization` (section V-B, on the pairs of `paired`) decide;
+//! [`render`] tells.
 
 mod claim;
 mod facts;

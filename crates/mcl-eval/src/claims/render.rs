@@ -17,6 +17,9 @@ const VERDICT: u16 = 10;
 /// From one column's content to the next: a space of padding each, and the place of a line.
 const BETWEEN: u16 = 3;
 
+/// In place of spaces at which no line may end, until lines are made.
+const GLUE: &str = "\u{a0}";
+
 /// A table per data set, `width` columns wide, and a line that sums it up.
 pub fn text(datasets: &[DatasetClaims], width: u16) -> String {
     let width = width.clamp(WIDTHS.0, WIDTHS.1);
@@ -27,7 +30,7 @@ pub fn text(datasets: &[DatasetClaims], width: u16) -> String {
         let summary = wrapped(&summary(dataset), width);
         text += &format!("{heading}\n{}\n{summary}\n\n", table.trim_fmt());
     }
-    text
+    text.replace(GLUE, " ")
 }
 
 /// The same as a Markdown document, with the claims' names.
@@ -66,9 +69,9 @@ fn wide(dataset: &DatasetClaims, width: u16) -> Table {
     table.set_header(["statement", "measured", "test", "verdict"]);
     for claim in &dataset.claims {
         table.add_row([
-            format!("{}: {}", place(claim, dataset), claim.statement.text),
-            claim.measured.clone(),
-            test(claim),
+            glued(&format!("{}: {}", place(claim, dataset), claim.statement.text)),
+            glued(&claim.measured),
+            glued(&test(claim)),
             claim.verdict.name().to_owned(),
         ]);
     }
@@ -87,7 +90,7 @@ fn narrow(dataset: &DatasetClaims, width: u16) -> Table {
         let statement = format!("{}: {}", place(claim, dataset), claim.statement.text);
         table.add_row([
             claim.verdict.name().to_owned(),
-            format!("{statement}\nMeasured: {}\nTest: {}", claim.measured, test(claim)),
+            glued(&format!("{statement}\nMeasured: {}\nTest: {}", claim.measured, test(claim))),
         ]);
     }
     set_widths(&mut table, &[VERDICT, width - VERDICT - BETWEEN - 2]);
@@ -108,6 +111,12 @@ fn set_widths(table: &mut Table, widths: &[u16]) {
     for (column, &width) in table.column_iter_mut().zip(widths) {
         column.set_constraint(ColumnConstraint::Absolute(Width::Fixed(width + 2)));
     }
+}
+
+/// Text whose numbers keep their percent signs and equations stay whole.
+fn glued(text: &str) -> String {
+    let [percent, equals] = [format!("{GLUE}%"), format!("{GLUE}={GLUE}")];
+    text.replace(" %", &percent).replace(" = ", &equals)
 }
 
 /// Lines of text, broken between words.
@@ -212,6 +221,7 @@ mod tests {
             let text = text(&datasets(), width);
             for line in text.lines() {
                 assert!(line.chars().count() <= usize::from(width), "{width}: {line}");
+                assert!(!line.trim_start().starts_with('%'), "{width}: {line}");
             }
             for word in &words {
                 assert!(text.contains(word), "{width}: {word}\n{text}");
