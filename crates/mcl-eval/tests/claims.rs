@@ -30,8 +30,8 @@ const CLAIMS: [&str; 17] = [
 
 const VERDICTS: [&str; 3] = ["reproduced", "not reproduced", "not testable"];
 
-/// A likelihood experiment on two data sets, a localization experiment on one of them, and one of a kind
-/// that claims are not about.
+/// A likelihood experiment on two data sets, a localization experiment on one of them, and one of a
+/// kind that claims are not about.
 fn results() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     for dataset in ["intel-lab", "office"] {
@@ -96,8 +96,8 @@ fn likelihood_rows(dataset: &str) -> String {
                 let improved = initial + gain;
                 writeln!(
                     text,
-                    "{dataset},{builder},{size},{repeat},1,155648,1556,,,,1556,{initial},0.1,10,true,\
-                     {improved},1556,{improved},0.1"
+                    "{dataset},{builder},{size},{repeat},1,155648,1556,,,,1556,{initial},0.1,10,\
+                     true,{improved},1556,{improved},0.1"
                 )
                 .unwrap();
             }
@@ -120,8 +120,8 @@ fn localization_rows(dataset: &str) -> String {
                 let error = if diverged { 4.0 } else { 0.03 + 0.001 * f64::from(run) };
                 writeln!(
                     text,
-                    "{dataset},same,{strategy},{size},{},1,{run},155648,155,910,1000,{error},{error},0,\
-                     {error},{diverged},0,0,250,10,1",
+                    "{dataset},same,{strategy},{size},{},1,{run},155648,155,910,1000,{error},\
+                     {error},0,{error},{diverged},0,0,250,10,1",
                     run % 2
                 )
                 .unwrap();

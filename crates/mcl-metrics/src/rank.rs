@@ -21,8 +21,8 @@ pub struct RankCorrelation {
 /// degrees of freedom, an approximation that is good from about ten pairs.
 ///
 /// # Errors
-/// When the numbers of values differ or are below three, a value is not finite, or all values of a side
-/// are the same.
+/// When the numbers of values differ or are below three, a value is not finite, or all values of a
+/// side are the same.
 ///
 /// # Example
 /// ```

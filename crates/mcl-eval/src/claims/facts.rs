@@ -21,8 +21,8 @@ fn figure_1_size(facts: &DatasetFacts) -> Claim {
     let statement = Statement {
         id: "figure-1-size",
         section: Section::Introduction,
-        text: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 are \
-               less than 1 % of them",
+        text: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
+               are less than 1 % of them",
         test: EXACT,
     };
     statement.decide(&place(facts), || {
@@ -33,8 +33,8 @@ fn figure_1_size(facts: &DatasetFacts) -> Claim {
             p: None,
             measured: format!(
                 "{} points with 0 < r ≤ {} m; 5,749 are {share:.2} % of them. The paper gives two \
-                 numbers itself, 706,628 under figure 1 and 706,528 in the text, and no limit of the \
-                 range",
+                 numbers itself, 706,628 under figure 1 and 706,528 in the text, and no limit of \
+                 the range",
                 thousands(facts.points),
                 facts.max_range
             ),

@@ -2,10 +2,10 @@
 
 use mcl_metrics::{spearman, welch_equivalence_p, welch_t_test};
 
-use super::ALPHA;
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
 use super::saved::LikelihoodResults;
 use super::text::{list, number};
+use super::{ALPHA, mean};
 use crate::experiment::{Builder, LikelihoodRow};
 
 pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 4] =
@@ -14,16 +14,16 @@ pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 4] =
 /// Above this size (percent) it is said not to matter how points are chosen.
 const LARGE_ABOVE: f64 = 10.0;
 
-/// What counts as equally likely, as a share of the range of figure 4: about the width of a line in a
-/// figure of 100 line widths' height, in which the paper sees no difference.
+/// What counts as equally likely, as a share of the range of figure 4: about the width of a line in
+/// a figure of 100 line widths' height, in which the paper sees no difference.
 const LINE_WIDTH: f64 = 0.01;
 
-/// That range is of sizes from here on (percent), the smallest that the paper names as selected: still
-/// smaller random maps are so unlikely that beside them nothing else would matter.
+/// That range is of sizes from here on (percent), the smallest that the paper names as selected:
+/// still smaller random maps are so unlikely that beside them nothing else would matter.
 const FIGURE_FROM: f64 = 0.25;
 
-/// The maps of one initialization and size: log-likelihoods in nats per point, before and after fuzzy
-/// k-means.
+/// The maps of one initialization and size: log-likelihoods in nats per point, before and after
+/// fuzzy k-means.
 struct Cell {
     builder: Builder,
     size_percent: f64,
@@ -51,7 +51,8 @@ impl Cell {
     }
 }
 
-/// The cells of all sizes and both initializations, sizes ascending; each has maps enough to be tested.
+/// The cells of all sizes and both initializations, sizes ascending; each has maps enough to be
+/// tested.
 fn cells(data: &LikelihoodResults) -> Result<[Vec<Cell>; 2], Untestable> {
     let rows = data.rows()?;
     let measured = rows.iter().map(|row| row.size_percent);
@@ -85,8 +86,8 @@ fn improvement(data: &LikelihoodResults) -> Claim {
     let statement = Statement {
         id: "improvement",
         section: Section::Likelihood,
-        text: "Fuzzy k-means raises the likelihood significantly, for both initializations at every \
-               size",
+        text: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
+               every size",
         test: "Welch's t test per initialization and size: improved above initial; p: the largest",
     };
     statement.decide(&data.place, || {
@@ -221,8 +222,8 @@ fn strategy_above_10(data: &LikelihoodResults) -> Claim {
             holds: largest_p < ALPHA,
             p: Some(largest_p),
             measured: format!(
-                "largest difference {} nats per point ({furthest}), margin {}; nevertheless {significant} \
-                 of {pairs} pairs differ significantly",
+                "largest difference {} nats per point ({furthest}), margin {}; nevertheless \
+                 {significant} of {pairs} pairs differ significantly",
                 number(largest_difference),
                 number(margin)
             ),
@@ -234,10 +235,10 @@ fn rnd_fkm_below_gbs(data: &LikelihoodResults) -> Claim {
     let statement = Statement {
         id: "rnd-fkm-below-gbs",
         section: Section::Likelihood,
-        text: "Improved random maps are sometimes less likely than grid-based maps of the same size \
-               that were not improved",
-        test: "Welch's t test per size: rnd+f-km below gbs; p: the smallest times the number of sizes \
-               (Bonferroni)",
+        text: "Improved random maps are sometimes less likely than grid-based maps of the same \
+               size that were not improved",
+        test: "Welch's t test per size: rnd+f-km below gbs; p: the smallest times the number of \
+               sizes (Bonferroni)",
     };
     statement.decide(&data.place, || {
         let [grid, random] = cells(data)?;
@@ -267,8 +268,8 @@ fn rnd_fkm_below_gbs(data: &LikelihoodResults) -> Claim {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "the mean is lower at {} of {} sizes{sizes}; of all pairs of one map each, the random \
-                 one is less likely in {:.1} %",
+                "the mean is lower at {} of {} sizes{sizes}; of all pairs of one map each, the \
+                 random one is less likely in {:.1} %",
                 below.len(),
                 grid.len(),
                 100.0 * pairs_below as f64 / pairs as f64
@@ -277,72 +278,18 @@ fn rnd_fkm_below_gbs(data: &LikelihoodResults) -> Claim {
     })
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// Five maps per initialization and size, with likelihoods (initial, improved) chosen by the truth that
-/// a test plants: a function of initialization, size and a scatter of about ±1 that sums to 0.
-#[cfg(test)]
-pub(super) fn planted(
-    sizes: &[f64],
-    truth: impl Fn(Builder, f64, f64) -> (f64, f64),
-) -> LikelihoodResults {
-    use super::Place;
-
-    let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
-    let mut rows = Vec::new();
-    for builder in Builder::ALL {
-        for &size_percent in sizes {
-            for (repeat, &scatter) in scatter.iter().enumerate() {
-                let (initial, improved) = truth(builder, size_percent, scatter);
-                rows.push(LikelihoodRow {
-                    dataset: "office".into(),
-                    builder,
-                    size_percent,
-                    repeat: repeat as u32,
-                    seed: 1,
-                    data_points: 10_000,
-                    requested_points: (100.0 * size_percent) as usize,
-                    cell_m: None,
-                    offset_x_m: None,
-                    offset_y_m: None,
-                    initial_points: (100.0 * size_percent) as usize,
-                    initial_log_likelihood: initial,
-                    initial_seconds: 0.1,
-                    iterations: 10,
-                    converged: true,
-                    fitted_log_likelihood: improved,
-                    improved_points: (100.0 * size_percent) as usize,
-                    improved_log_likelihood: improved,
-                    improved_seconds: 0.1,
-                });
-            }
-        }
-    }
-    LikelihoodResults {
-        place: Place {
-            dataset: "office".into(),
-            experiment: Some("likelihood".into()),
-            split: None,
-        },
-        planned_sizes: sizes.to_vec(),
-        rows: Ok(rows),
-        maps: Err(Untestable("no maps".into())),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::Verdict::{self, *};
+    use super::super::planted;
     use super::*;
 
     const SIZES: [f64; 4] = [1.0, 5.0, 20.0, 50.0];
 
-    /// What the paper sees: gains that fall with the size, random maps far below, no difference in the
-    /// end.
+    /// What the paper sees: gains that fall with the size, random maps far below, no difference in
+    /// the end.
     fn as_in_the_paper() -> LikelihoodResults {
-        planted(&SIZES, |builder, size, scatter| {
+        planted::likelihood(&SIZES, |builder, size, scatter| {
             let random = if builder == Builder::Random { 100.0 / (size * size) } else { 0.0 };
             let initial = -4.0 - 20.0 / size - 2.0 * random + 0.01 * scatter;
             (initial, initial + 1.0 / size + 0.9 * random)
@@ -365,7 +312,7 @@ mod tests {
     #[test]
     fn its_opposite_is_not() {
         // Gains that grow, strategies that part at large sizes, random maps above grid-based ones.
-        let data = planted(&SIZES, |builder, size, scatter| {
+        let data = planted::likelihood(&SIZES, |builder, size, scatter| {
             let random = if builder == Builder::Random { 1.0 } else { 0.0 };
             let initial = -10.0 + random + 0.01 * scatter;
             (initial, initial + 0.05 * size)
@@ -376,8 +323,9 @@ mod tests {
 
     #[test]
     fn tiny_maps_do_not_widen_the_margin() {
-        // At 20 % strategies differ by 0.3: more than 1 % of the range above 0.25 %, less than that of all.
-        let data = planted(&[0.1, 1.0, 20.0], |builder, size, scatter| {
+        // At 20 % strategies differ by 0.3: more than 1 % of the range above 0.25 %, less than that
+        // of all.
+        let data = planted::likelihood(&[0.1, 1.0, 20.0], |builder, size, scatter| {
             let random = if builder == Builder::Random && size == 20.0 { 0.3 } else { 0.0 };
             let initial = -4.0 - 20.0 / (size * size) + random + 0.01 * scatter;
             (initial, initial)
@@ -433,7 +381,9 @@ mod tests {
         assert_eq!(reason(&data), "there is only one map gbs 1 %");
         data.rows = Err(Untestable("no trials".into()));
         assert_eq!(reason(&data), "no trials");
-        let small = planted(&[1.0], |_, _, scatter| (-5.0 + 0.1 * scatter, -4.0 + 0.1 * scatter));
+        let small = planted::likelihood(&[1.0], |_, _, scatter| {
+            (-5.0 + 0.1 * scatter, -4.0 + 0.1 * scatter)
+        });
         assert_eq!(improvement(&small).verdict, Reproduced);
         assert_eq!(verdicts(&small)[1..], [NotTestable, NotTestable, NotReproduced]);
     }

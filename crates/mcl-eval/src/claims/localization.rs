@@ -1,20 +1,20 @@
 //! Section V-B: how well a robot localizes itself, by equation 7's weighted error. How errors are
 //! compared: [`super::paired`].
 
-use mcl_metrics::{Rate, TTest, fisher_exact_greater, paired_t_test};
+use mcl_metrics::{TTest, paired_t_test};
 
-use super::ALPHA;
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
 use super::paired::{Cell, Sampled, Sizes, compare, log_errors};
 use super::saved::LocalizationResults;
-use super::text::{list, number, p_value};
+use super::text::{number, p_value};
+use super::{ALPHA, mean};
 use crate::experiment::{Builder, MapStrategy};
 
-pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 7] =
-    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, recovers, diverges_below];
+pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 5] =
+    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse];
 
-/// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a tracked
-/// robot is off.
+/// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a
+/// tracked robot is off.
 const SAME_ERROR: f64 = 0.05;
 
 fn improved(data: &LocalizationResults) -> Claim {
@@ -22,8 +22,9 @@ fn improved(data: &LocalizationResults) -> Claim {
         id: "localization-improved",
         section: Section::Localization,
         text: "The localization error is in general smaller on improved maps",
-        test: "paired t test over maps of ln error, all sizes: improved below initial, p: the larger \
-               of both initializations; and the mean error is lower in more than half of the cells",
+        test: "paired t test over maps of ln error, all sizes: improved below initial, p: the \
+               larger of both initializations; and the mean error is lower in more than half of \
+               the cells",
     };
     statement.decide(&data.place, || {
         let runs = data.sampled()?;
@@ -49,9 +50,9 @@ fn improved(data: &LocalizationResults) -> Claim {
             holds: largest_p < ALPHA && 2 * lower > total,
             p: Some(largest_p),
             measured: format!(
-                "ratio of geometric mean errors on {maps} maps: {}; the mean is lower in {lower} of \
-                 {total} cells; cell by cell, {surely_lower} significantly lower, {surely_higher} \
-                 higher",
+                "ratio of geometric mean errors on {maps} maps: {}; the mean is lower in {lower} \
+                 of {total} cells; cell by cell, {surely_lower} significantly lower, \
+                 {surely_higher} higher",
                 ratios.join(", ")
             ),
         })
@@ -107,10 +108,8 @@ fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
     };
     statement.decide(&data.place, || {
         let runs = data.sampled()?;
-        let [grid, grid_improved] =
-            before_and_after(&runs, Builder::Grid, &Sizes::SMALL)?;
-        let [random, random_improved] =
-            before_and_after(&runs, Builder::Random, &Sizes::SMALL)?;
+        let [grid, grid_improved] = before_and_after(&runs, Builder::Grid, &Sizes::SMALL)?;
+        let [random, random_improved] = before_and_after(&runs, Builder::Random, &Sizes::SMALL)?;
         let test = compare(&grid, &random)?;
         let after = compare(&grid_improved, &random_improved)?;
         let diverged = |cells: &[Cell]| -> usize { cells.iter().map(Cell::diverged).sum() };
@@ -119,8 +118,8 @@ fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
             holds: test.p_less < ALPHA,
             p: Some(test.p_less),
             measured: format!(
-                "ratio of geometric mean errors on {} maps: {}, after fuzzy k-means {} ({}); diverged \
-                 in {} against {} of {count} runs, after fuzzy k-means in {} against {}",
+                "ratio of geometric mean errors on {} maps: {}, after fuzzy k-means {} ({}); \
+                 diverged in {} against {} of {count} runs, after fuzzy k-means in {} against {}",
                 pairs(&test),
                 ratio(test.mean_difference),
                 ratio(after.mean_difference),
@@ -139,8 +138,8 @@ fn no_gain(data: &LocalizationResults) -> Claim {
         id: "localization-no-gain",
         section: Section::Localization,
         text: "More than 1 % of the points do not always lower the error",
-        test: "paired t test over maps of ln error, per strategy and size above 1 %: above 95 % of the \
-               error at 1 %; p: the smallest times the number of cells (Bonferroni)",
+        test: "paired t test over maps of ln error, per strategy and size above 1 %: above 95 % of \
+               the error at 1 %; p: the smallest times the number of cells (Bonferroni)",
     };
     statement.decide(&data.place, || {
         let cells = against_one_percent(&data.sampled()?)?;
@@ -169,8 +168,8 @@ fn no_gain(data: &LocalizationResults) -> Claim {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "{within} of {} cells are not lower by 5 %; ratio of geometric mean errors on {maps} \
-                 maps {ends}",
+                "{within} of {} cells are not lower by 5 %; ratio of geometric mean errors on \
+                 {maps} maps {ends}",
                 cells.len()
             ),
         })
@@ -182,8 +181,9 @@ fn slightly_worse(data: &LocalizationResults) -> Claim {
         id: "localization-slightly-worse",
         section: Section::Localization,
         text: "In some cases more than 1 % of the points make localization slightly worse",
-        test: "paired t test over maps of ln error, per strategy and size above 1 %: above the error \
-               at 1 %, and the mean error too; p: the smallest times the number of cells (Bonferroni)",
+        test: "paired t test over maps of ln error, per strategy and size above 1 %: above the \
+               error at 1 %, and the mean error too; p: the smallest times the number of cells \
+               (Bonferroni)",
     };
     statement.decide(&data.place, || {
         let cells = against_one_percent(&data.sampled()?)?;
@@ -221,63 +221,6 @@ fn slightly_worse(data: &LocalizationResults) -> Claim {
     })
 }
 
-fn recovers(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-recovers",
-        section: Section::Localization,
-        text: "From 0.25 % of the points on, the filter is never lost for good",
-        test: "no test: holds if no run diverged (ended more than 1 m off)",
-    };
-    statement.decide(&data.place, || {
-        let cells = data.sampled()?.all_cells(&Sizes::NOT_TINY)?;
-        let rate = divergence(&cells)?;
-        let bound = rate.upper_bound(1.0 - ALPHA)?;
-        let mut told = format!("{} of {} runs diverged", rate.hits(), rate.trials());
-        let diverged: Vec<String> = cells
-            .iter()
-            .filter(|cell| cell.diverged() > 0)
-            .map(|cell| format!("{} of {} on {}", cell.diverged(), cell.runs.len(), cell.name()))
-            .collect();
-        if !diverged.is_empty() {
-            told += &format!(" ({})", list(&diverged));
-        }
-        Ok(Finding {
-            holds: rate.hits() == 0,
-            p: None,
-            measured: format!(
-                "{told}; the rate is below {:.1} % with 99 % confidence if runs are independent",
-                100.0 * bound
-            ),
-        })
-    })
-}
-
-fn diverges_below(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-diverges-below",
-        section: Section::Localization,
-        text: "Below 0.25 % of the points the filter diverges in some runs",
-        test: "holds if a run diverged; p: Fisher's exact test, more often below 0.25 % than from \
-               there on, if runs are independent",
-    };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let below = runs.all_cells(&Sizes::TINY)?;
-        let rate = divergence(&below)?;
-        // Without larger maps there is nothing to compare with, but runs have diverged or not.
-        let above = runs.all_cells(&Sizes::NOT_TINY).and_then(|cells| divergence(&cells)).ok();
-        let told = match above {
-            Some(above) => format!(", from 0.25 % on {} of {}", above.hits(), above.trials()),
-            None => String::new(),
-        };
-        Ok(Finding {
-            holds: rate.hits() > 0,
-            p: above.map(|above| fisher_exact_greater(rate, above)),
-            measured: format!("{} of {} runs diverged{told}", rate.hits(), rate.trials()),
-        })
-    })
-}
-
 /// The cells of a builder's maps before and after fuzzy k-means.
 fn before_and_after<'a>(
     runs: &Sampled<'a>,
@@ -297,13 +240,6 @@ fn against_one_percent<'a>(runs: &Sampled<'a>) -> Result<Vec<(Cell<'a>, Cell<'a>
     runs.all_cells(&Sizes::ABOVE_SMALL)?.into_iter().map(beside).collect()
 }
 
-/// How often runs diverged.
-fn divergence(cells: &[Cell]) -> Result<Rate, Untestable> {
-    let diverged = cells.iter().map(Cell::diverged).sum();
-    let runs = cells.iter().map(|cell| cell.runs.len()).sum();
-    Ok(Rate::new(diverged, runs)?)
-}
-
 /// How many pairs a paired test had: maps with their runs.
 fn pairs(test: &TTest) -> usize {
     test.degrees_of_freedom as usize + 1
@@ -313,73 +249,12 @@ fn ratio(log_ratio: f64) -> String {
     number(log_ratio.exp())
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-#[cfg(test)]
-pub(super) use tests::planted;
-
 #[cfg(test)]
 mod tests {
-    use mcl_core::Seed;
-    use rand::RngExt;
-
-    use super::super::Place;
-    use super::super::Verdict::{self, *};
+    use super::super::Verdict::*;
+    use super::super::divergence::{self, diverges_below, recovers};
+    use super::super::planted;
     use super::*;
-    use crate::experiment::{LocalizationRow, Split};
-
-    const RUNS: u32 = 8;
-    const MAPS: u32 = 4;
-
-    /// Eight runs on four maps of every strategy and size, with errors chosen by the truth that a test
-    /// plants: a function of strategy, size, run, and a random scatter of up to 1 % about 1. Errors above
-    /// 1 are divergences.
-    pub(in super::super) fn planted(
-        sizes: &[f64],
-        truth: impl Fn(MapStrategy, f64, u32, f64) -> f64,
-    ) -> LocalizationResults {
-        let mut rows = Vec::new();
-        let mut rng = Seed::new(1).derive("scatter").rng();
-        for strategy in MapStrategy::SAMPLED {
-            for &size_percent in sizes {
-                for run in 0..RUNS {
-                    let scatter = rng.random_range(0.99..1.01);
-                    let weighted = truth(strategy, size_percent, run, scatter);
-                    rows.push(LocalizationRow {
-                        dataset: "office".into(),
-                        split: Split::Same,
-                        strategy,
-                        size_percent,
-                        map: run % MAPS,
-                        map_seed: 1,
-                        run,
-                        data_points: 10_000,
-                        map_points: 100,
-                        scans: 50,
-                        used_beams: 9000,
-                        weighted,
-                        translation: weighted,
-                        heading: 0.0,
-                        translation_max: weighted,
-                        diverged: weighted > 1.0,
-                        lost_episodes: 0,
-                        recovered_episodes: 0,
-                        mean_effective_sample_size: 250.0,
-                        resamplings: 2,
-                        seconds: 0.1,
-                    });
-                }
-            }
-        }
-        let place = Place {
-            dataset: "office".into(),
-            experiment: Some("localization".into()),
-            split: Some(Split::Same),
-        };
-        LocalizationResults { place, planned_sizes: sizes.to_vec(), rows: Ok(rows) }
-    }
 
     const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
 
@@ -393,7 +268,7 @@ mod tests {
 
     /// What the paper sees.
     fn as_in_the_paper() -> LocalizationResults {
-        planted(&SIZES, |strategy, size, run, scatter| {
+        planted::localization(&SIZES, |strategy, size, run, scatter| {
             let small = size < 1.0;
             let mut error = 0.03 * scatter;
             if small {
@@ -413,14 +288,15 @@ mod tests {
         })
     }
 
-    fn verdicts(data: &LocalizationResults) -> [Verdict; 7] {
-        CLAIMS.map(|claim| claim(data).verdict)
+    /// All claims of section V-B.
+    fn claims(data: &LocalizationResults) -> Vec<Claim> {
+        CLAIMS.iter().chain(&divergence::CLAIMS).map(|claim| claim(data)).collect()
     }
 
     #[test]
     fn the_papers_picture_is_reproduced() {
         let data = as_in_the_paper();
-        for claim in CLAIMS.map(|claim| claim(&data)) {
+        for claim in claims(&data) {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
         let claim = slightly_worse(&data);
@@ -435,7 +311,7 @@ mod tests {
     fn its_opposite_is_not() {
         // Improved maps are worse, most of all small ones; random beats grid-based; more points are
         // always better; the filter is lost on large maps only.
-        let data = planted(&SIZES, |strategy, size, run, scatter| {
+        let data = planted::localization(&SIZES, |strategy, size, run, scatter| {
             let mut error = 0.3 / size.sqrt() * scatter;
             if is_improved(strategy) {
                 error *= if size < 1.0 { 2.0 } else { 1.2 };
@@ -448,7 +324,7 @@ mod tests {
             }
             error.min(if size < 1.0 { 0.99 } else { 9.0 })
         });
-        for claim in CLAIMS.map(|claim| claim(&data)) {
+        for claim in claims(&data) {
             assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
         }
         let claim = recovers(&data);
@@ -457,11 +333,12 @@ mod tests {
 
     #[test]
     fn chance_is_no_difference() {
-        let data = planted(&SIZES, |_, _, _, scatter| 0.03 * scatter);
-        let [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, ..] = verdicts(&data);
-        assert_eq!([improved, most_on_small, gbs_over_rnd, slightly_worse], [NotReproduced; 4]);
+        let data = planted::localization(&SIZES, |_, _, _, scatter| 0.03 * scatter);
+        for claim in [improved, most_on_small, gbs_over_rnd, slightly_worse] {
+            assert_eq!(claim(&data).verdict, NotReproduced);
+        }
         // The same error at all sizes surely is no gain of 5 %.
-        assert_eq!(no_gain, Reproduced);
+        assert_eq!(no_gain(&data).verdict, Reproduced);
     }
 
     #[test]
@@ -470,7 +347,7 @@ mod tests {
             assert_eq!((claim.verdict, claim.p), (NotTestable, None), "{claim:?}");
             claim.measured
         };
-        let large = planted(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
+        let large = planted::localization(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
         assert_eq!(reason(most_on_small(&large)), "there are no maps below 1 %, only of 1, 2 %");
         assert_eq!(reason(gbs_over_rnd(&large)), "there are no maps below 1 %, only of 1, 2 %");
         assert_eq!(
@@ -478,7 +355,7 @@ mod tests {
             "there are no maps below 0.25 %, only of 1, 2 %"
         );
         assert_eq!(recovers(&large).verdict, Reproduced);
-        let small = planted(&[0.1], |_, _, _, scatter| 2.0 * scatter);
+        let small = planted::localization(&[0.1], |_, _, _, scatter| 2.0 * scatter);
         assert_eq!(reason(recovers(&small)), "there are no maps from 0.25 % on, only of 0.1 %");
         assert_eq!(reason(no_gain(&small)), "there are no maps above 1 %, only of 0.1 %");
         assert_eq!(reason(slightly_worse(&small)), "there are no maps above 1 %, only of 0.1 %");
@@ -493,8 +370,8 @@ mod tests {
         assert_eq!(reason(no_gain(&data)), "there is no run on gbs 1 %");
         let mut data = as_in_the_paper();
         data.rows = Err(Untestable("nothing was run".into()));
-        for claim in CLAIMS {
-            assert_eq!(reason(claim(&data)), "nothing was run");
+        for claim in claims(&data) {
+            assert_eq!(reason(claim), "nothing was run");
         }
     }
 }

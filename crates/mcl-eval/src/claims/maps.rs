@@ -15,8 +15,8 @@ fn even_spread(data: &LikelihoodResults) -> Claim {
         section: Section::InitialMap,
         text: "Grid-based maps spread their points more evenly than random maps of the same size \
                (figure 2)",
-        test: "no test, one map of each kind: the distances from map points to their nearest map point \
-               vary less (coefficient of variation)",
+        test: "no test, one map of each kind: the distances from map points to their nearest map \
+               point vary less (coefficient of variation)",
     };
     statement.decide(&data.place, || {
         let maps = data.maps.as_ref().map_err(Untestable::clone)?;
@@ -40,8 +40,8 @@ fn size_not_exact(data: &LikelihoodResults) -> Claim {
         id: "size-not-exact",
         section: Section::InitialMap,
         text: "The number of points of a grid-based map cannot be asked for exactly",
-        test: "no test: holds if a map of the experiment, whose cell size is searched for, has not the \
-               number of points that was asked for",
+        test: "no test: holds if a map of the experiment, whose cell size is searched for, has not \
+               the number of points that was asked for",
     };
     statement.decide(&data.place, || {
         let maps: Vec<_> = data.rows()?.iter().filter(|row| row.builder == Builder::Grid).collect();
@@ -77,8 +77,8 @@ fn cost_of_grid(data: &LikelihoodResults) -> Claim {
     let statement = Statement {
         id: "cost-of-grid",
         section: Section::InitialMap,
-        text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in each \
-               of K cells",
+        text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
+               each of K cells",
         test: "no test",
     };
     statement.decide(&data.place, || {
@@ -87,8 +87,8 @@ fn cost_of_grid(data: &LikelihoodResults) -> Claim {
     })
 }
 
-/// Coefficient of variation of the distances from each point to the nearest other one: 0 on a regular
-/// lattice, about 0.52 for random points that are equally likely everywhere in the plane.
+/// Coefficient of variation of the distances from each point to the nearest other one: 0 on a
+/// regular lattice, about 0.52 for random points that are equally likely everywhere in the plane.
 fn spread(map: &PointMap<2>) -> Result<f64, Untestable> {
     let distances = nearest_other_distances(map)?;
     let count = distances.len() as f64;
@@ -110,7 +110,8 @@ fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
     let bounds = map.bounds();
     let extent = bounds.extent(0).max(bounds.extent(1));
     let distance_of = |(number, point)| {
-        // Some other point is within a radius that is doubled often enough, and then so is the nearest.
+        // Some other point is within a radius that is doubled often enough, and then so is the
+        // nearest.
         let mut radius = extent / (points.len() as f64).sqrt();
         loop {
             let mut nearest = f64::INFINITY;
@@ -131,7 +132,7 @@ fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
 #[cfg(test)]
 mod tests {
     use super::super::Verdict;
-    use super::super::likelihood::planted;
+    use super::super::planted;
     use super::*;
     use crate::results::ComparisonMaps;
 
@@ -166,7 +167,7 @@ mod tests {
     fn the_lattice_is_even() {
         let [random, grid] = maps();
         assert!(spread(&grid).unwrap() < 1e-12);
-        let mut data = planted(&[1.0], |_, _, _| (-5.0, -4.0));
+        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
         assert_eq!(even_spread(&data).verdict, Verdict::NotTestable);
         data.maps = Ok(ComparisonMaps { random: random.clone(), grid: grid.clone() });
         assert_eq!(even_spread(&data).verdict, Verdict::Reproduced);
@@ -176,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_size_that_is_missed_is_told() {
-        let mut data = planted(&[1.0], |_, _, _| (-5.0, -4.0));
+        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
         let claim = size_not_exact(&data);
         assert_eq!(claim.verdict, Verdict::NotReproduced);
         assert!(claim.measured.contains("5 of 5"), "{}", claim.measured);

@@ -1,17 +1,20 @@
 //! What the paper says in numbers and comparisons, beside what was measured: `mcl-eval claims`.
 //!
-//! Everything is decided from saved result folders, and only from them. Every claim is a function of
-//! what is saved and comes out as a [`Claim`]; where something is missing its verdict says so. How each
-//! claim is decided, and why so, stands in docs/claims.md. Modules: `saved` reads; `facts`, `maps`,
-//! `likelihood` (section V-A) and `localization` (section V-B, on the pairs of `paired`) decide;
-//! [`render`] tells.
+//! Everything is decided from saved result folders, and only from them. Every claim is a function
+//! of what is saved and comes out as a [`Claim`]; where something is missing its verdict says so.
+//! How each claim is decided, and why so, stands in docs/claims.md. Modules: `saved` reads;
+//! `facts`, `maps`, `likelihood` (section V-A), `localization` and `divergence` (section V-B, on
+//! the cells of `paired`) decide; [`render`] tells.
 
 mod claim;
+mod divergence;
 mod facts;
 mod likelihood;
 mod localization;
 mod maps;
 mod paired;
+#[cfg(test)]
+mod planted;
 pub mod render;
 mod saved;
 mod text;
@@ -37,8 +40,8 @@ pub struct DatasetClaims {
     pub claims: Vec<Claim>,
 }
 
-/// Decides every claim for every data set that has a likelihood or a localization experiment among the
-/// result folders; folders of other kinds are left alone.
+/// Decides every claim for every data set that has a likelihood or a localization experiment among
+/// the result folders; folders of other kinds are left alone.
 ///
 /// # Errors
 /// When a file that is there cannot be read or is damaged; the message names it, and the line.
@@ -53,7 +56,9 @@ fn decide_dataset(dataset: &saved::Dataset) -> DatasetClaims {
         claims.extend(of_experiment.map(|claim| claim(results)));
     }
     for results in &dataset.localization {
-        claims.extend(localization::CLAIMS.iter().map(|claim| claim(results)));
+        claims.extend(
+            localization::CLAIMS.iter().chain(&divergence::CLAIMS).map(|claim| claim(results)),
+        );
     }
     claims.sort_by_key(|claim| claim.statement.section);
     DatasetClaims {
@@ -61,4 +66,8 @@ fn decide_dataset(dataset: &saved::Dataset) -> DatasetClaims {
         description: dataset.facts.describe(),
         claims,
     }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }

@@ -1,10 +1,11 @@
 //! Errors of the same runs on different maps, compared in pairs.
 //!
-//! Run r has the same noise whatever the map, and is on map r mod `maps` of every strategy and size. So
-//! runs are paired, and logarithms of their errors are subtracted: a ratio of errors, on which a lost
-//! run does not drown all others as it does in a difference. Runs on the same map share that map's luck.
-//! What is independent is a map with its runs, and only that: errors are averaged over the runs on a
-//! map before they are tested, and a test has as many pairs as there are maps.
+//! Run r has the same noise whatever the map, and is on map r mod `maps` of every strategy and
+//! size. So runs are paired, and logarithms of their errors are subtracted: a ratio of errors, on
+//! which a lost run does not drown all others as it does in a difference. Runs on the same map
+//! share that map's luck. What is independent is a map with its runs, and only that: errors are
+//! averaged over the runs on a map before they are tested, and a test has as many pairs as there
+//! are maps.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -106,8 +107,8 @@ impl<'a> Sampled<'a> {
     }
 }
 
-/// For each group of cells the mean of ln error per map number, over the group's cells and the runs on
-/// the maps of that number. Only runs that are in every cell of every group count.
+/// For each group of cells the mean of ln error per map number, over the group's cells and the runs
+/// on the maps of that number. Only runs that are in every cell of every group count.
 pub(super) fn log_errors<const N: usize>(
     groups: [&[Cell]; N],
 ) -> Result<[Vec<f64>; N], Untestable> {
@@ -143,8 +144,8 @@ pub(super) fn log_errors<const N: usize>(
     Ok(groups.map(|cells| maps.iter().map(|&map| on_map(cells, map)).collect()))
 }
 
-/// Tests ln error in cells `a` against `b`, paired by map; the mean difference is the logarithm of the
-/// ratio of geometric means.
+/// Tests ln error in cells `a` against `b`, paired by map; the mean difference is the logarithm of
+/// the ratio of geometric means.
 pub(super) fn compare(a: &[Cell], b: &[Cell]) -> Result<TTest, Untestable> {
     let [a, b] = log_errors([a, b])?;
     Ok(paired_t_test(&a, &b)?)
@@ -152,7 +153,7 @@ pub(super) fn compare(a: &[Cell], b: &[Cell]) -> Result<TTest, Untestable> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::localization::planted;
+    use super::super::planted;
     use super::*;
 
     fn reason<T>(result: Result<T, Untestable>) -> String {
@@ -161,8 +162,9 @@ mod tests {
 
     #[test]
     fn runs_on_a_map_are_one_sample() {
-        // Eight runs on four maps: map by map the improved error is e^-1, e^-2, e^-3, e^-4 of the other.
-        let mut data = planted(&[1.0], |_, _, _, _| 1.0);
+        // Eight runs on four maps: map by map the improved error is e^-1, e^-2, e^-3, e^-4 of the
+        // other.
+        let mut data = planted::localization(&[1.0], |_, _, _, _| 1.0);
         for row in data.rows.as_mut().unwrap() {
             if row.strategy == MapStrategy::GridImproved {
                 row.weighted = (-f64::from(row.map + 1)).exp();
@@ -180,7 +182,7 @@ mod tests {
 
     #[test]
     fn runs_that_are_not_everywhere_do_not_count() {
-        let mut data = planted(&[1.0], |strategy, _, run, _| match (strategy, run) {
+        let mut data = planted::localization(&[1.0], |strategy, _, run, _| match (strategy, run) {
             (MapStrategy::Grid, 7) => 1000.0,
             _ => 1.0,
         });
@@ -194,7 +196,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_compared_says_why() {
-        let mut data = planted(&[1.0], |_, _, _, _| 1.0);
+        let mut data = planted::localization(&[1.0], |_, _, _, _| 1.0);
         for row in data.rows.as_mut().unwrap() {
             if row.strategy == MapStrategy::Random {
                 row.run += 8;
