@@ -111,7 +111,8 @@ fn place(manifest: &Manifest, split: Option<Split>) -> Place {
 }
 
 fn read_likelihood(folder: &Path, manifest: &Manifest) -> Result<LikelihoodResults> {
-    let definition: LikelihoodExperiment = manifest.definition()?;
+    let definition: LikelihoodExperiment =
+        manifest.definition().with_context(|| folder.display().to_string())?;
     let groups = definition.sizes_for(&manifest.dataset.name);
     let planned_sizes = groups.iter().flat_map(|group| group.percent.clone()).collect();
     let rows = read_trials(folder, |row: &LikelihoodRow| {
@@ -126,7 +127,8 @@ fn read_likelihood(folder: &Path, manifest: &Manifest) -> Result<LikelihoodResul
 }
 
 fn read_localization(folder: &Path, manifest: &Manifest) -> Result<Vec<LocalizationResults>> {
-    let definition: LocalizationExperiment = manifest.definition()?;
+    let definition: LocalizationExperiment =
+        manifest.definition().with_context(|| folder.display().to_string())?;
     let rows = read_trials(folder, |row: &LocalizationRow| [("weighted", row.weighted)])?;
     let of_split = |split| {
         let rows = rows.clone().and_then(|rows| {
