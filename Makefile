@@ -9,10 +9,12 @@ RESULTS ?= results
 build:
 	$(CARGO) build --release --locked -p mcl-eval
 
-# The paper's experiments on those of their data sets that are at hand. An interrupted run goes on.
+# The paper's experiments on those of their data sets that are at hand, and its claims beside what came
+# out. An interrupted run goes on.
 experiments: build
 	$(MCL_EVAL) run experiments/likelihood.toml -o $(RESULTS)
 	$(MCL_EVAL) run experiments/localization.toml -o $(RESULTS)
+	$(MCL_EVAL) claims $(RESULTS) -o $(RESULTS)/claims.md
 
 # Download and check the public logs.
 datasets: build

@@ -1,8 +1,9 @@
 //! The library behind the `mcl-eval` program: glue from log to figure. It opens logs and data sets
-//! ([`source`]), runs experiments ([`experiment`]), draws what came out ([`figures`]), and offers all of
-//! it on the command line ([`cli`]). The work itself is done by the crates below it: `mcl-datasets`,
-//! `mcl-maps`, `mcl-filter` and `mcl-metrics`.
+//! ([`source`]), runs experiments ([`experiment`]), draws what came out ([`figures`]) and holds it
+//! against the paper ([`claims`]), and offers all of it on the command line ([`cli`]). The work itself
+//! is done by the crates below it: `mcl-datasets`, `mcl-maps`, `mcl-filter` and `mcl-metrics`.
 
+pub mod claims;
 pub mod cli;
 pub mod experiment;
 pub mod figures;

@@ -31,6 +31,12 @@ pub enum MetricsError {
         /// The sample.
         value: f64,
     },
+    /// Samples that are all the same, where their spread is needed.
+    #[error("all values are {value}, expected at least two different ones")]
+    NoSpread {
+        /// The value.
+        value: f64,
+    },
     /// An error in one of several sets of samples.
     #[error("{part}: {source}")]
     Within {

@@ -79,6 +79,34 @@ pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
     Ok(t_test(moments.mean, standard_error, moments.count - 1.0))
 }
 
+/// Two one-sided Welch tests of "the means of a and b differ by less than `margin`" (Schuirmann 1987):
+/// the larger p of "the mean of a is above that of b − margin" and "below that of b + margin". Small
+/// when the means are surely as good as equal; a large p of a t test does not say that.
+///
+/// # Errors
+/// When the margin is not a positive number, a side has fewer than two samples, or a sample is not
+/// finite.
+///
+/// # Example
+/// ```
+/// use mcl_metrics::welch_equivalence_p;
+///
+/// let (a, b) = ([4.10, 4.11, 4.09, 4.10], [4.12, 4.13, 4.12, 4.14]);
+/// assert!(welch_equivalence_p(&a, &b, 0.1)? < 0.001);
+/// assert!(welch_equivalence_p(&a, &b, 0.01)? > 0.5);
+/// # Ok::<(), mcl_metrics::MetricsError>(())
+/// ```
+pub fn welch_equivalence_p(a: &[f64], b: &[f64], margin: f64) -> Result<f64, MetricsError> {
+    if !(margin.is_finite() && margin > 0.0) {
+        let expected = "a positive number";
+        return Err(MetricsError::Setting { name: "margin", found: margin, expected });
+    }
+    let moved = |by: f64| -> Vec<f64> { a.iter().map(|sample| sample + by).collect() };
+    let above = welch_t_test(&moved(margin), b)?.p_greater;
+    let below = welch_t_test(&moved(-margin), b)?.p_less;
+    Ok(above.max(below))
+}
+
 fn check_both(a: &[f64], b: &[f64]) -> Result<(), MetricsError> {
     check_samples(a, 2).map_err(|error| error.within("a"))?;
     check_samples(b, 2).map_err(|error| error.within("b"))
@@ -180,6 +208,24 @@ mod tests {
                 1.0, -1.0431951489432991, -1.0079048510567008,
             ],
         );
+    }
+
+    /// Source: SciPy 1.17.1, the larger p of `ttest_ind(a + margin, b, equal_var=False,
+    /// alternative='greater')` and `ttest_ind(a - margin, b, equal_var=False, alternative='less')`.
+    #[test]
+    fn equivalence_agrees_with_scipy() {
+        for (margin, expected) in [
+            (0.02, 0.030592757726872925),
+            (0.01, 0.9999269085379129),
+            (0.1, 1.8123543910883694e-12),
+        ] {
+            let found = welch_equivalence_p(&A, &B, margin).unwrap();
+            assert!((found / expected - 1.0).abs() < 1e-9, "{margin}: {found:e}");
+            let swapped = welch_equivalence_p(&B, &A, margin).unwrap();
+            assert!((swapped / expected - 1.0).abs() < 1e-9, "{margin}: {swapped:e}");
+        }
+        assert!(welch_equivalence_p(&A, &B, 0.0).is_err());
+        assert!(welch_equivalence_p(&A, &[1.0], 0.1).is_err());
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! The way through: [`tum::read_file`] two trajectories, [`associate`] them by stamp, take
 //! [`pose_errors`], [`ate()`] or [`rpe()`] of the matched poses, and [`Summary::of`] the samples. Over
 //! runs, samples are pooled ([`Summary::pooled`]), never averages averaged; [`bootstrap_mean`],
-//! [`mean_interval`], [`welch_t_test`] and [`paired_t_test`] say how sure a mean is.
+//! [`mean_interval`], [`welch_t_test`] and [`paired_t_test`] say how sure a mean is, [`Rate`] how sure a
+//! share of runs, and [`spearman`] whether one value falls as another rises.
 //!
 //! Metres and radians throughout. Nothing here changes its inputs, and samples that are no finite
 //! numbers are errors that name the sample.
@@ -32,6 +33,8 @@ mod hypothesis;
 mod interval;
 mod outcome;
 mod pose_error;
+mod rank;
+mod rate;
 mod rpe;
 mod student_t;
 mod summary;
@@ -40,9 +43,11 @@ pub mod tum;
 pub use association::{DEFAULT_TOLERANCE_S, Matched, associate};
 pub use ate::{Alignment, Ate, ate};
 pub use error::MetricsError;
-pub use hypothesis::{TTest, paired_t_test, welch_t_test};
+pub use hypothesis::{TTest, paired_t_test, welch_equivalence_p, welch_t_test};
 pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use outcome::{DivergenceSettings, LossSettings, LostEpisode, diverged, lost_episodes};
 pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
+pub use rank::{RankCorrelation, spearman};
+pub use rate::{Rate, fisher_exact_greater};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};
 pub use summary::Summary;

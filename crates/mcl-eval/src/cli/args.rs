@@ -47,6 +47,8 @@ pub enum Command {
     Run(RunArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
+    /// Each claim of the paper beside what was measured, with its test.
+    Claims(ClaimsArgs),
     /// Write the simulated office, with exact ground truth, as a CARMEN log.
     Simulate(SimulateArgs),
     /// The registry of public data sets.
@@ -302,6 +304,19 @@ pub struct PlotArgs {
     /// Folder that holds <experiment>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct ClaimsArgs {
+    /// Folder that holds <experiment>/<data set>/.
+    #[arg(default_value = "results", value_name = "ROOT")]
+    pub root: PathBuf,
+    /// Write the tables into this file, too, as Markdown.
+    #[arg(long, short, value_name = "FILE.md")]
+    pub output: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Args)]

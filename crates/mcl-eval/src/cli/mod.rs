@@ -1,6 +1,7 @@
 //! The command line: what can be asked for, and the glue from there to the libraries.
 
 mod args;
+mod claims;
 mod datasets;
 mod errors;
 mod evaluate;
@@ -47,6 +48,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(&args, &cli.global),
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
+        Command::Claims(args) => claims::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Datasets(args) => datasets::run(&args, &cli.global),
     });

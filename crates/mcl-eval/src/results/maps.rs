@@ -2,13 +2,14 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use mcl_core::{PointMap, Seed};
-use mcl_maps::files::{Encoding, write_map};
+use mcl_maps::files::{Encoding, read_map, write_map};
 use mcl_maps::{
     BuiltMap, GridOffset, InitialMap, MapSize, PointSet, fuzzy_k_means, initial_map,
     mixture_log_likelihood,
 };
 use serde::{Deserialize, Serialize};
 
+use super::MAPS;
 use crate::experiment::{LikelihoodExperiment, write_rows};
 
 /// About the maps beside it.
@@ -36,6 +37,24 @@ pub(super) struct MapRow {
     pub seed: Option<u64>,
     /// Nats per point.
     pub log_likelihood: Option<f64>,
+}
+
+/// The maps of figure 2: random and grid-based, of the same requested size.
+pub(crate) struct ComparisonMaps {
+    pub random: PointMap<2>,
+    pub grid: PointMap<2>,
+}
+
+impl ComparisonMaps {
+    /// Of a result folder; `None` when not both maps are there.
+    pub(crate) fn read(folder: &Path) -> Result<Option<Self>> {
+        let [random, grid] = [COMPARISON_RANDOM, COMPARISON_GRID]
+            .map(|name| folder.join(MAPS).join(file_name(name)));
+        if !(random.exists() && grid.exists()) {
+            return Ok(None);
+        }
+        Ok(Some(ComparisonMaps { random: read_map(random)?, grid: read_map(grid)? }))
+    }
 }
 
 /// The file of a map of this name.

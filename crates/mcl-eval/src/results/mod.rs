@@ -32,8 +32,10 @@ use crate::experiment::{Experiment, Kind, Manifest, Trial, TrialOutcome, TrialSt
 use crate::progress;
 use crate::source::LogSource;
 
+pub(crate) use maps::ComparisonMaps;
+
 pub(crate) const MANIFEST: &str = "manifest.json";
-const TRIALS: &str = "trials.csv";
+pub(crate) const TRIALS: &str = "trials.csv";
 pub(crate) const SUMMARY: &str = "summary.csv";
 pub(crate) const TESTS: &str = "tests.csv";
 const MAPS: &str = "maps";
@@ -174,16 +176,25 @@ fn forget(folder: &Path) -> Result<()> {
 /// The result folders below a root, sorted: all `<experiment>/<data set>/` with a manifest.
 ///
 /// # Errors
-/// When a folder cannot be read.
-pub fn folders(root: &Path) -> io::Result<Vec<PathBuf>> {
-    let subfolders = |folder: &Path| -> io::Result<Vec<PathBuf>> {
-        let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
+/// When a folder cannot be read, or there are none.
+pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
+    let subfolders = |folder: &Path| -> Result<Vec<PathBuf>> {
+        let entries = fs::read_dir(folder)
+            .and_then(Iterator::collect::<io::Result<Vec<_>>>)
+            .with_context(|| format!("cannot look for results in {}", folder.display()))?;
         Ok(entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_dir()).collect())
     };
     let mut found = Vec::new();
     for experiment in subfolders(root)? {
         found.extend(
             subfolders(&experiment)?.into_iter().filter(|path| path.join(MANIFEST).exists()),
+        );
+    }
+    if found.is_empty() {
+        bail!(
+            "{}: no results, expected <experiment>/<data set>/manifest.json below it; \
+             `mcl-eval run experiments/likelihood.toml` makes some",
+            root.display()
         );
     }
     found.sort();

@@ -1,0 +1,52 @@
+//! Numbers and lists as the tables tell them.
+
+/// "p = 0.012", "p = 3.1e-5"; below the smallest number that is told, "p < 1e-300".
+pub(super) fn p_value(p: f64) -> String {
+    match p {
+        p if p >= 0.001 => format!("p = {p:.3}"),
+        p if p >= 1e-300 => format!("p = {p:.1e}"),
+        _ => "p < 1e-300".to_owned(),
+    }
+}
+
+/// At least two significant digits, a minus sign that is one: "31.52", "0.088", "−0.0063".
+pub(super) fn number(value: f64) -> String {
+    let decimals = match value.abs() {
+        magnitude if magnitude >= 100.0 || magnitude == 0.0 => 0,
+        magnitude if magnitude >= 1.0 => 2,
+        magnitude if magnitude >= 0.01 => 3,
+        magnitude if magnitude >= 1e-4 => 5,
+        _ => return format!("{value:.1e}").replace('-', "−"),
+    };
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+/// The names, four of them at most: "gbs 1 %, rnd 1 % and 3 more".
+pub(super) fn list<S: AsRef<str>>(names: &[S]) -> String {
+    const SHOWN: usize = 4;
+    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    let mut text = shown.join(", ");
+    if names.len() > SHOWN {
+        text += &format!(" and {} more", names.len() - SHOWN);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_what_matters() {
+        let values = [178.07, -31.5212, 0.0881, -0.00632, 0.0, 1.5e-7];
+        let texts = ["178", "−31.52", "0.088", "−0.00632", "0", "1.5e−7"];
+        assert_eq!(values.map(number), texts);
+        assert_eq!([0.5, 3.14e-5, 0.0].map(p_value), ["p = 0.500", "p = 3.1e-5", "p < 1e-300"]);
+    }
+
+    #[test]
+    fn long_lists_are_cut() {
+        assert_eq!(list(&["a", "b"]), "a, b");
+        assert_eq!(list(&["a", "b", "c", "d", "e", "f"]), "a, b, c, d and 2 more");
+    }
+}
