@@ -4,7 +4,6 @@ use mcl_core::Rng;
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
-
 /// Fewer particles than this in the first half say too little about where the scan is likely.
 const LEAST_PILOTS: usize = 20;
 /// Effective sample size of the pilots that the fit asks for, as a fraction of their number. At a

@@ -4,22 +4,29 @@ use anyhow::Result;
 
 use super::{FIGURES, TRIALS};
 use crate::experiment::{
-    Manifest, SensitivityCell, SensitivityExperiment, SensitivityRow, Setting, Sweep, SweptMap,
-    read_rows, summarize_sensitivity,
+    Manifest, MapStrategy, SensitivityCell, SensitivityExperiment, SensitivityRow, Setting, Sweep,
+    SweptMap, read_rows, summarize_sensitivity,
 };
 use crate::figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
 
-/// Draws a figure per sweep: error over the setting with the most values, a curve per value of the
-/// second, a panel per map and value of the others.
+/// Draws a figure per sweep. Maps of one size: error over the setting with the most values, a curve per
+/// value of the second, a panel per map and value of the others. Maps of several sizes: error over the
+/// size, a curve per strategy and a panel per setting, like figure 5.
 pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let definition: SensitivityExperiment = manifest.definition()?;
     let rows: Vec<SensitivityRow> = read_rows(&folder.join(TRIALS))?;
     let cells = summarize_sensitivity(&rows)?;
     let mut drawn = Vec::new();
     for sweep in definition.sweeps.iter().filter(|sweep| sweep.covers(&manifest.dataset.name)) {
-        let figure = figure(&manifest, &definition, sweep, &cells);
+        let sizes = sweep.maps.iter().any(|map| map.percent != sweep.maps[0].percent);
+        let panels = match sizes {
+            true => panels_by_setting(&definition, sweep, &cells),
+            false => panels_by_map(&definition, sweep, &cells),
+        };
+        let caption = vec![caption(&manifest, &definition, sweep)];
+        let figure = CurveFigure { panels, interval: Interval::Bars, caption };
         drawn.extend(draw_curves(&folder.join(FIGURES).join(&sweep.name), &figure)?);
     }
     Ok(drawn)
@@ -63,12 +70,11 @@ fn values(axis: &Axis, settings: &[Setting]) -> Vec<String> {
     values
 }
 
-fn figure(
-    manifest: &Manifest,
+fn panels_by_map(
     definition: &SensitivityExperiment,
     sweep: &Sweep,
     cells: &[(Setting, SensitivityCell)],
-) -> CurveFigure {
+) -> Vec<CurvePanel> {
     let settings = sweep.settings(definition);
     let mut varied: Vec<&Axis> =
         AXES.iter().filter(|axis| values(axis, &settings).len() > 1).collect();
@@ -111,41 +117,80 @@ fn figure(
             let curves = curves.collect();
             let title = [vec![map_name(map)], fixed].concat().join(", ");
             let log = x.number.is_some_and(|number| settings.iter().all(|s| number(s) > 0.0));
-            panels.push(CurvePanel {
-                title,
-                x: AxisSpec {
-                    label: match x.number {
-                        Some(_) => x.name.to_owned(),
-                        None => format!("{}: {}", x.name, numbered(&x_values)),
-                    },
-                    scale: if log { Scale::Log } else { Scale::Linear },
-                    range: None,
-                },
-                y: AxisSpec {
-                    label: "mean weighted error d [–]".to_owned(),
-                    scale: Scale::Log,
-                    range: None,
-                },
-                curves,
-            });
+            let label = match x.number {
+                Some(_) => x.name.to_owned(),
+                None => format!("{}: {}", x.name, numbered(&x_values)),
+            };
+            let scale = if log { Scale::Log } else { Scale::Linear };
+            panels.push(panel(title, label, scale, curves));
         }
     }
-    let base = &definition.filter;
-    let caption = format!(
+    panels
+}
+
+fn panels_by_setting(
+    definition: &SensitivityExperiment,
+    sweep: &Sweep,
+    cells: &[(Setting, SensitivityCell)],
+) -> Vec<CurvePanel> {
+    let settings = sweep.settings(definition);
+    let varied: Vec<&Axis> = AXES.iter().filter(|axis| values(axis, &settings).len() > 1).collect();
+    let mut strategies: Vec<MapStrategy> = Vec::new();
+    for map in &sweep.maps {
+        if !strategies.contains(&map.strategy) {
+            strategies.push(map.strategy);
+        }
+    }
+    let of_setting = |setting: &Setting| {
+        let title = varied.iter().map(|axis| format!("{} = {}", axis.name, (axis.text)(setting)));
+        let curves = strategies.iter().enumerate().map(|(index, &strategy)| Curve {
+            label: strategy.label().to_owned(),
+            style: CurveStyle::nth(index),
+            points: sweep
+                .maps
+                .iter()
+                .filter(|map| map.strategy == strategy)
+                .filter_map(|map| Some(mark(map.percent, find(setting, map, cells)?)))
+                .collect(),
+        });
+        let label = "requested map size [% of the points]".to_owned();
+        panel(title.collect::<Vec<_>>().join(", "), label, Scale::Log, curves.collect())
+    };
+    settings.iter().map(of_setting).collect()
+}
+
+fn panel(title: String, x: String, scale: Scale, curves: Vec<Curve>) -> CurvePanel {
+    CurvePanel {
+        title,
+        x: AxisSpec { label: x, scale, range: None },
+        y: AxisSpec {
+            label: "mean weighted error d [–]".to_owned(),
+            // Lost runs err by metres, tracked ones by centimetres.
+            scale: Scale::Log,
+            range: None,
+        },
+        curves,
+    }
+}
+
+fn caption(manifest: &Manifest, definition: &SensitivityExperiment, sweep: &Sweep) -> String {
+    let fixed: Vec<String> = sweep
+        .settings(definition)
+        .first()
+        .map(|first| {
+            let settings = sweep.settings(definition);
+            let fixed = AXES.iter().filter(|axis| values(axis, &settings).len() == 1);
+            fixed.map(|axis| format!("{} = {}", axis.name, (axis.text)(first))).collect()
+        })
+        .unwrap_or_default();
+    format!(
         "{}. Error of equation 7 with ξ = 0.8, mean over {} runs with {} particles on as many maps, \
-         and 95 % bootstrap intervals over runs; open symbols: diverged runs of all. What is not varied: \
-         σ_hit = {} m, z_rand = {}, α = {:?}, exponent {}, noise added to the odometry {} m and {} rad.",
+         and 95 % bootstrap intervals over runs; open symbols: diverged runs of all. {}.",
         manifest.dataset.describe(),
         sweep.runs.unwrap_or(definition.runs),
-        base.particles,
-        base.sigma_hit,
-        base.z_rand,
-        base.alpha,
-        base.likelihood_exponent,
-        definition.odometry_noise.xy,
-        definition.odometry_noise.theta,
-    );
-    CurveFigure { panels, interval: Interval::Bars, caption: vec![caption] }
+        definition.filter.particles,
+        fixed.join("; "),
+    )
 }
 
 /// "1 = (0, 0), 2 = (0.01, 0.01)": values that are no numbers stand at their places in the list.
@@ -166,19 +211,31 @@ fn point(
     x_values: &[String],
     cells: &[(Setting, SensitivityCell)],
 ) -> Option<CurvePoint> {
-    let (_, cell) = cells.iter().find(|(other, cell)| {
-        other == setting && cell.strategy == map.strategy && cell.size_percent == map.percent
-    })?;
     let place = || x_values.iter().position(|value| *value == (x.text)(setting));
-    let x = match x.number {
+    let position = match x.number {
         Some(number) => number(setting),
         None => place()? as f64 + 1.0,
     };
-    Some(CurvePoint {
+    Some(mark(position, find(setting, map, cells)?))
+}
+
+fn find<'a>(
+    setting: &Setting,
+    map: &SweptMap,
+    cells: &'a [(Setting, SensitivityCell)],
+) -> Option<&'a SensitivityCell> {
+    let found = cells.iter().find(|(other, cell)| {
+        other == setting && cell.strategy == map.strategy && cell.size_percent == map.percent
+    });
+    found.map(|(_, cell)| cell)
+}
+
+fn mark(x: f64, cell: &SensitivityCell) -> CurvePoint {
+    CurvePoint {
         x,
         mean: cell.weighted,
         low: cell.weighted_low.unwrap_or(f64::NAN),
         high: cell.weighted_high.unwrap_or(f64::NAN),
         mark: (cell.diverged > 0).then(|| format!("{}/{}", cell.diverged, cell.runs)),
-    })
+    }
 }
