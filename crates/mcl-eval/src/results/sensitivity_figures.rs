@@ -11,8 +11,8 @@ use crate::figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
 
-/// Draws a figure per sweep. Maps of one size: error over the setting with the most values, a curve per
-/// value of the second, a panel per map and value of the others. Maps of several sizes: error over the
+/// Draws a figure per sweep. Maps of one size: error over the number with the most values, a curve per
+/// value of the setting that comes next, a panel per map and value of the others. Maps of several sizes: error over the
 /// size, a curve per strategy and a panel per setting, like figure 5.
 pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let definition: SensitivityExperiment = manifest.definition()?;
@@ -21,10 +21,11 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let mut drawn = Vec::new();
     for sweep in definition.sweeps.iter().filter(|sweep| sweep.covers(&manifest.dataset.name)) {
         let sizes = sweep.maps.iter().any(|map| map.percent != sweep.maps[0].percent);
-        let panels = match sizes {
+        let mut panels = match sizes {
             true => panels_by_setting(&definition, sweep, &cells),
             false => panels_by_map(&definition, sweep, &cells),
         };
+        share_range(&mut panels);
         let caption = vec![caption(&manifest, &definition, sweep)];
         let figure = CurveFigure { panels, interval: Interval::Bars, caption };
         drawn.extend(draw_curves(&folder.join(FIGURES).join(&sweep.name), &figure)?);
@@ -78,8 +79,11 @@ fn panels_by_map(
     let settings = sweep.settings(definition);
     let mut varied: Vec<&Axis> =
         AXES.iter().filter(|axis| values(axis, &settings).len() > 1).collect();
-    // Numbers make an axis; what is none makes curves. The most values first.
-    varied.sort_by_key(|axis| (axis.number.is_none(), usize::MAX - values(axis, &settings).len()));
+    // The most values first, and a number in front, as it makes an axis.
+    varied.sort_by_key(|axis| usize::MAX - values(axis, &settings).len());
+    if let Some(number) = varied.iter().position(|axis| axis.number.is_some()) {
+        varied[..=number].rotate_right(1);
+    }
     let x = varied.first().copied().unwrap_or(&AXES[0]);
     let curve = varied.get(1).copied();
     let others = varied.get(2..).unwrap_or_default();
@@ -157,6 +161,19 @@ fn panels_by_setting(
         panel(title.collect::<Vec<_>>().join(", "), label, Scale::Log, curves.collect())
     };
     settings.iter().map(of_setting).collect()
+}
+
+/// Gives all panels the vertical range of all points, so that they can be compared.
+fn share_range(panels: &mut [CurvePanel]) {
+    let points = panels.iter().flat_map(|panel| &panel.curves).flat_map(|curve| &curve.points);
+    // `min` and `max` pass over the NaN of a point without an interval.
+    let (low, high) = points.fold((f64::INFINITY, 0.0f64), |(low, high), point| {
+        (low.min(point.mean).min(point.low), high.max(point.mean).max(point.high))
+    });
+    if low > 0.0 && low < high {
+        const ROOM: f64 = 1.1;
+        panels.iter_mut().for_each(|panel| panel.y.range = Some([low / ROOM, high * ROOM]));
+    }
 }
 
 fn panel(title: String, x: String, scale: Scale, curves: Vec<Curve>) -> CurvePanel {
