@@ -2,9 +2,11 @@ use mcl_core::Point;
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::kernel::{self, Components, LeafScratch, Pull};
+use super::components::{Components, Filter};
+use super::kernel::{Leaf, Pull, inverse_unit};
+use super::log_product::LogProduct;
 use crate::PointSet;
-use crate::point_set::{NodeKind, Tree, padded};
+use crate::point_set::{LEAF_POINTS, Node, NodeKind, Tree};
 
 /// ε: what a point's sum leaves out is below this part of it.
 const TRUNCATION: f64 = 1e-12;
@@ -32,7 +34,7 @@ pub(crate) fn expectation<const D: usize>(
     let walk = Walk {
         arch: Arch::new(),
         tree,
-        inverse_two_variance: 0.5 / (sigma * sigma),
+        inverse_unit: inverse_unit(sigma),
         reach: 2.0 * sigma * sigma * (means.len() as f64 / TRUNCATION).ln(),
     };
     let all = Components {
@@ -66,21 +68,22 @@ struct Task<const D: usize> {
 struct Walk<'a, const D: usize> {
     arch: Arch,
     tree: &'a Tree<D>,
-    inverse_two_variance: f64,
+    inverse_unit: f64,
     /// 2σ²·ln(K/ε): how much further (m²) than the nearest a component still matters.
     reach: f64,
 }
 
+/// Working memory of a thread.
 struct Scratch<const D: usize> {
     distances: Vec<f64>,
-    leaf: LeafScratch,
+    rows: Vec<[f64; LEAF_POINTS]>,
     /// Component lists of the path from a task's node down to the current one.
     levels: Vec<Components<D>>,
 }
 
 impl<const D: usize> Default for Scratch<D> {
     fn default() -> Self {
-        Scratch { distances: Vec::new(), leaf: LeafScratch::default(), levels: Vec::new() }
+        Scratch { distances: Vec::new(), rows: Vec::new(), levels: Vec::new() }
     }
 }
 
@@ -104,18 +107,17 @@ impl<const D: usize> Walk<'_, D> {
         }
     }
 
+    /// Keeps the components that the points of a node may need. Returns the squared distance within
+    /// which each of them has a component.
     fn filter(
         &self,
         node: usize,
         components: &Components<D>,
         distances: &mut Vec<f64>,
         kept: &mut Components<D>,
-    ) {
+    ) -> f64 {
         let bounds = &self.tree.nodes[node].bounds;
-        self.arch.dispatch(
-            #[inline(always)]
-            || kernel::filter(components, bounds, self.reach, distances, kept),
-        );
+        self.arch.dispatch(Filter { components, bounds, reach: self.reach, distances, kept })
     }
 
     fn run(
@@ -129,8 +131,10 @@ impl<const D: usize> Walk<'_, D> {
         // Within a task, components are known by their place in the task's list.
         let mut local = task.components.clone();
         local.places = (0..len as u32).collect();
-        let log_sum = self.descend(task.node, &local, 0, scratch, with_pulls.then_some(&mut pulls));
-        (log_sum, pulls)
+        let mut sums = LogProduct::ONE;
+        let pulls_of = with_pulls.then_some(pulls.as_mut_slice());
+        self.descend(task.node, &local, 0, scratch, &mut sums, pulls_of);
+        (sums.ln(), pulls)
     }
 
     fn descend(
@@ -139,39 +143,33 @@ impl<const D: usize> Walk<'_, D> {
         components: &Components<D>,
         level: usize,
         scratch: &mut Scratch<D>,
-        mut pulls: Option<&mut Vec<Pull<D>>>,
-    ) -> f64 {
-        let count = self.tree.nodes[node].points;
-        match self.tree.nodes[node].kind {
-            NodeKind::Leaf(offset) => {
-                let coordinates = &self.tree.coordinates[offset..offset + D * padded(count)];
-                self.arch.dispatch(
-                    #[inline(always)]
-                    || {
-                        kernel::leaf(
-                            coordinates,
-                            count,
-                            components,
-                            self.inverse_two_variance,
-                            &mut scratch.leaf,
-                            pulls.map(Vec::as_mut_slice),
-                        )
-                    },
-                )
-            }
+        sums: &mut LogProduct,
+        mut pulls: Option<&mut [Pull<D>]>,
+    ) {
+        if scratch.levels.len() <= level {
+            scratch.levels.push(Components::default());
+        }
+        let mut kept = std::mem::take(&mut scratch.levels[level]);
+        let covered = self.filter(node, components, &mut scratch.distances, &mut kept);
+        let Node { bounds, points: count, kind } = &self.tree.nodes[node];
+        match *kind {
+            NodeKind::Leaf(index) => self.arch.dispatch(Leaf {
+                points: &self.tree.leaves[index],
+                count: *count,
+                center: bounds.center(),
+                components: &kept,
+                covered,
+                inverse_unit: self.inverse_unit,
+                rows: &mut scratch.rows,
+                sums,
+                pulls,
+            }),
             NodeKind::Split(left, right) => {
-                if scratch.levels.len() <= level {
-                    scratch.levels.push(Components::default());
-                }
-                let mut log_sum = 0.0;
                 for child in [left, right] {
-                    let mut kept = std::mem::take(&mut scratch.levels[level]);
-                    self.filter(child, components, &mut scratch.distances, &mut kept);
-                    log_sum += self.descend(child, &kept, level + 1, scratch, pulls.as_deref_mut());
-                    scratch.levels[level] = kept;
+                    self.descend(child, &kept, level + 1, scratch, sums, pulls.as_deref_mut());
                 }
-                log_sum
             }
         }
+        scratch.levels[level] = kept;
     }
 }

@@ -8,9 +8,11 @@
 //! exp(−U²/2σ²). The list of components shrinks on the way down, so no index over components is
 //! needed, and the distribution of neither matters.
 
+mod components;
 mod exp;
 mod expectation;
 mod kernel;
+mod log_product;
 
 pub(crate) use expectation::expectation;
 
