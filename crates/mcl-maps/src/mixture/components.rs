@@ -20,11 +20,13 @@ impl<const D: usize> Components<D> {
     pub fn len(&self) -> usize {
         self.places.len()
     }
+}
 
-    fn resize(&mut self, len: usize) {
-        self.coordinates.iter_mut().for_each(|axis| axis.resize(len, 0.0));
-        self.places.resize(len, 0);
-    }
+/// Working memory of [`Filter`].
+#[derive(Default)]
+pub(super) struct FilterScratch {
+    distances: Vec<f64>,
+    chosen: Vec<u32>,
 }
 
 /// Keeps the components that a point in the box may need: those whose squared distance to the box is
@@ -34,8 +36,7 @@ pub(super) struct Filter<'a, const D: usize> {
     pub components: &'a Components<D>,
     pub bounds: &'a Bounds<D>,
     pub reach: f64,
-    /// Working memory.
-    pub distances: &'a mut Vec<f64>,
+    pub scratch: &'a mut FilterScratch,
     pub kept: &'a mut Components<D>,
 }
 
@@ -46,7 +47,8 @@ impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
 
     #[inline(always)]
     fn call(self) -> f64 {
-        let Filter { components, bounds, reach, distances, kept } = self;
+        let Filter { components, bounds, reach, scratch, kept } = self;
+        let FilterScratch { distances, chosen } = scratch;
         let len = components.len();
         if distances.len() < 2 * len {
             distances.resize(2 * len, 0.0);
@@ -57,18 +59,22 @@ impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
         let covered = smallest(far);
         // A hair of slack for the rounding of the distances themselves.
         let limit = (covered + reach) * (1.0 + 1e-12);
-        kept.resize(len);
-        let coordinates: [&[f64]; D] =
-            std::array::from_fn(|axis| &components.coordinates[axis][..len]);
+        // Without branches, which would be hard to predict.
+        chosen.resize(len.max(chosen.len()), 0);
         let mut count = 0;
-        for j in 0..len {
-            for axis in 0..D {
-                kept.coordinates[axis][count] = coordinates[axis][j];
-            }
-            kept.places[count] = components.places[j];
-            count += usize::from(near[j] <= limit);
+        for (j, near) in near.iter().enumerate() {
+            chosen[count] = j as u32;
+            count += usize::from(*near <= limit);
         }
-        kept.resize(count);
+        let chosen = &chosen[..count];
+        for axis in 0..D {
+            let coordinates = &components.coordinates[axis][..len];
+            kept.coordinates[axis].clear();
+            kept.coordinates[axis].extend(chosen.iter().map(|&j| coordinates[j as usize]));
+        }
+        let places = &components.places[..len];
+        kept.places.clear();
+        kept.places.extend(chosen.iter().map(|&j| places[j as usize]));
         covered
     }
 }

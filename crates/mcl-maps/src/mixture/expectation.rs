@@ -2,8 +2,8 @@ use mcl_core::Point;
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::components::{Components, Filter};
-use super::kernel::{Leaf, Pull, inverse_unit};
+use super::components::{Components, Filter, FilterScratch};
+use super::kernel::{Leaf, Pull, PullLanes, inverse_unit};
 use super::log_product::LogProduct;
 use crate::PointSet;
 use crate::point_set::{LEAF_POINTS, Node, NodeKind, Tree};
@@ -42,7 +42,7 @@ pub(crate) fn expectation<const D: usize>(
         places: (0..means.len() as u32).collect(),
     };
     let mut tasks = Vec::new();
-    walk.collect_tasks(0, all, &mut Vec::new(), &mut tasks);
+    walk.collect_tasks(0, all, &mut FilterScratch::default(), &mut tasks);
     let results: Vec<(f64, Vec<Pull<D>>)> = tasks
         .par_iter()
         .map_init(Scratch::default, |scratch, task| walk.run(task, with_pulls, scratch))
@@ -75,7 +75,7 @@ struct Walk<'a, const D: usize> {
 
 /// Working memory of a thread.
 struct Scratch<const D: usize> {
-    distances: Vec<f64>,
+    filter: FilterScratch,
     rows: Vec<[f64; LEAF_POINTS]>,
     /// Component lists of the path from a task's node down to the current one.
     levels: Vec<Components<D>>,
@@ -83,7 +83,7 @@ struct Scratch<const D: usize> {
 
 impl<const D: usize> Default for Scratch<D> {
     fn default() -> Self {
-        Scratch { distances: Vec::new(), rows: Vec::new(), levels: Vec::new() }
+        Scratch { filter: FilterScratch::default(), rows: Vec::new(), levels: Vec::new() }
     }
 }
 
@@ -92,15 +92,15 @@ impl<const D: usize> Walk<'_, D> {
         &self,
         node: usize,
         components: Components<D>,
-        distances: &mut Vec<f64>,
+        scratch: &mut FilterScratch,
         tasks: &mut Vec<Task<D>>,
     ) {
         match self.tree.nodes[node].kind {
             NodeKind::Split(left, right) if self.tree.nodes[node].points > TASK_POINTS => {
                 for child in [left, right] {
                     let mut kept = Components::default();
-                    self.filter(child, &components, distances, &mut kept);
-                    self.collect_tasks(child, kept, distances, tasks);
+                    self.filter(child, &components, scratch, &mut kept);
+                    self.collect_tasks(child, kept, scratch, tasks);
                 }
             }
             _ => tasks.push(Task { node, components }),
@@ -113,11 +113,11 @@ impl<const D: usize> Walk<'_, D> {
         &self,
         node: usize,
         components: &Components<D>,
-        distances: &mut Vec<f64>,
+        scratch: &mut FilterScratch,
         kept: &mut Components<D>,
     ) -> f64 {
         let bounds = &self.tree.nodes[node].bounds;
-        self.arch.dispatch(Filter { components, bounds, reach: self.reach, distances, kept })
+        self.arch.dispatch(Filter { components, bounds, reach: self.reach, scratch, kept })
     }
 
     fn run(
@@ -127,14 +127,14 @@ impl<const D: usize> Walk<'_, D> {
         scratch: &mut Scratch<D>,
     ) -> (f64, Vec<Pull<D>>) {
         let len = task.components.len();
-        let mut pulls = vec![Pull::NONE; if with_pulls { len } else { 0 }];
+        let mut pulls = vec![PullLanes::NONE; if with_pulls { len } else { 0 }];
         // Within a task, components are known by their place in the task's list.
         let mut local = task.components.clone();
         local.places = (0..len as u32).collect();
         let mut sums = LogProduct::ONE;
         let pulls_of = with_pulls.then_some(pulls.as_mut_slice());
         self.descend(task.node, &local, 0, scratch, &mut sums, pulls_of);
-        (sums.ln(), pulls)
+        (sums.ln(), pulls.iter().map(PullLanes::total).collect())
     }
 
     fn descend(
@@ -144,13 +144,13 @@ impl<const D: usize> Walk<'_, D> {
         level: usize,
         scratch: &mut Scratch<D>,
         sums: &mut LogProduct,
-        mut pulls: Option<&mut [Pull<D>]>,
+        mut pulls: Option<&mut [PullLanes<D>]>,
     ) {
         if scratch.levels.len() <= level {
             scratch.levels.push(Components::default());
         }
         let mut kept = std::mem::take(&mut scratch.levels[level]);
-        let covered = self.filter(node, components, &mut scratch.distances, &mut kept);
+        let covered = self.filter(node, components, &mut scratch.filter, &mut kept);
         let Node { bounds, points: count, kind } = &self.tree.nodes[node];
         match *kind {
             NodeKind::Leaf(index) => self.arch.dispatch(Leaf {

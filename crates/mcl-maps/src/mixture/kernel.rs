@@ -15,6 +15,10 @@ const UNSHIFTED: f64 = 600.0;
 
 type Row = [f64; LEAF_POINTS];
 
+/// A sum in parts, each its own lane of a vector.
+type Lanes = [f64; LANES];
+const LANES: usize = 4;
+
 /// Weight and weighted displacement that points give to a component: Σᵢ pᵢⱼ and Σᵢ pᵢⱼ·(xᵢ − μⱼ), with
 /// pᵢⱼ of equation 4.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +35,22 @@ impl<const D: usize> Pull<D> {
         for axis in 0..D {
             self.displacement[axis] += other.displacement[axis];
         }
+    }
+}
+
+/// A [`Pull`] while it is summed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PullLanes<const D: usize> {
+    weight: Lanes,
+    displacement: [Lanes; D],
+}
+
+impl<const D: usize> PullLanes<D> {
+    pub const NONE: Self = PullLanes { weight: [0.0; LANES], displacement: [[0.0; LANES]; D] };
+
+    pub fn total(&self) -> Pull<D> {
+        let total = |[a, b, c, d]: Lanes| (a + c) + (b + d);
+        Pull { weight: total(self.weight), displacement: self.displacement.map(total) }
     }
 }
 
@@ -54,7 +74,7 @@ pub(super) struct Leaf<'a, const D: usize> {
     /// Working memory.
     pub rows: &'a mut Vec<Row>,
     pub sums: &'a mut LogProduct,
-    pub pulls: Option<&'a mut [Pull<D>]>,
+    pub pulls: Option<&'a mut [PullLanes<D>]>,
 }
 
 /// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
@@ -125,30 +145,29 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         let unit = 1.0 / scale;
         for (j, row) in rows.iter().enumerate() {
             let mean = mean(j);
+            let pull = &mut pulls[components.places[j] as usize];
             let weight = dot(row, &inverse);
-            let displacement =
-                std::array::from_fn(|axis| (dot(row, &points[axis]) - mean[axis] * weight) * unit);
-            pulls[components.places[j] as usize].add(&Pull { weight, displacement });
+            for lane in 0..LANES {
+                pull.weight[lane] += weight[lane];
+            }
+            for axis in 0..D {
+                let sum = dot(row, &points[axis]);
+                for lane in 0..LANES {
+                    pull.displacement[axis][lane] += (sum[lane] - mean[axis] * weight[lane]) * unit;
+                }
+            }
         }
     }
 }
 
-/// Σ aᵢ·bᵢ, always in the same order.
+/// Σ aᵢ·bᵢ in parts: lane l sums i = l, l + 4, l + 8, ...
 #[inline(always)]
-fn dot(a: &Row, b: &Row) -> f64 {
-    const HALF: usize = LEAF_POINTS / 2;
-    const QUARTER: usize = LEAF_POINTS / 4;
-    let mut half = [0.0; HALF];
-    for i in 0..HALF {
-        half[i] = a[i] * b[i] + a[i + HALF] * b[i + HALF];
+fn dot(a: &Row, b: &Row) -> Lanes {
+    let mut sums = [0.0; LANES];
+    for first in (0..LEAF_POINTS).step_by(LANES) {
+        for lane in 0..LANES {
+            sums[lane] += a[first + lane] * b[first + lane];
+        }
     }
-    let mut quarter = [0.0; QUARTER];
-    for i in 0..QUARTER {
-        quarter[i] = half[i] + half[i + QUARTER];
-    }
-    let mut lanes = [0.0; 4];
-    for i in 0..QUARTER {
-        lanes[i % 4] += quarter[i];
-    }
-    (lanes[0] + lanes[2]) + (lanes[1] + lanes[3])
+    sums
 }
