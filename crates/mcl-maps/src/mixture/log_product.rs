@@ -2,6 +2,7 @@ use std::f64::consts::LN_2;
 
 use crate::point_set::LEAF_POINTS;
 
+const LANES: usize = 4;
 const MANTISSA: u64 = (1 << 52) - 1;
 const ONE: u64 = 1023 << 52;
 
@@ -35,20 +36,21 @@ impl LogProduct {
         let exponents: u64 = exponents.iter().sum();
         self.exponent += exponents as i64 - 1023 * LEAF_POINTS as i64;
         // Each mantissa is below 2.
-        let mut lanes = [1.0; 4];
-        for chunk in mantissas.chunks_exact(4) {
-            for lane in 0..4 {
-                lanes[lane] *= chunk[lane];
+        let mut product = [1.0; LANES];
+        let mut shift_sum = [0.0; LANES];
+        for first in (0..LEAF_POINTS).step_by(LANES) {
+            for lane in 0..LANES {
+                product[lane] *= mantissas[first + lane];
+                let counts = first + lane < count;
+                shift_sum[lane] += if counts { shift[first + lane] } else { 0.0 };
             }
         }
-        let bits = (self.mantissa * ((lanes[0] * lanes[2]) * (lanes[1] * lanes[3]))).to_bits();
+        let [a, b, c, d] = product;
+        let bits = (self.mantissa * ((a * c) * (b * d))).to_bits();
         self.mantissa = f64::from_bits(bits & MANTISSA | ONE);
         self.exponent += (bits >> 52) as i64 - 1023;
-        let mut lanes = [0.0; 4];
-        for (i, shift) in shift.iter().enumerate() {
-            lanes[i % 4] += if i < count { *shift } else { 0.0 };
-        }
-        self.shift += (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
+        let [a, b, c, d] = shift_sum;
+        self.shift += (a + c) + (b + d);
     }
 
     /// The natural logarithm.
