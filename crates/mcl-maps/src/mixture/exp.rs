@@ -26,11 +26,12 @@ pub(super) fn exp2_nonpositive(x: f64) -> f64 {
     let shifted = x + ROUND;
     let r = x - (shifted - ROUND);
     let r2 = r * r;
-    // Even and odd powers apart: two short chains of dependent operations instead of a long one.
+    let r4 = r2 * r2;
+    // Estrin's scheme: short chains of dependent operations keep the units busy.
     let c = &COEFFICIENTS;
-    let even = c[0] + r2 * (c[2] + r2 * (c[4] + r2 * (c[6] + r2 * c[8])));
-    let odd = c[1] + r2 * (c[3] + r2 * (c[5] + r2 * (c[7] + r2 * c[9])));
-    let mantissa = 1.0 + r * (even + r * odd);
+    let low = (c[0] + c[1] * r) + (c[2] + c[3] * r) * r2;
+    let high = ((c[4] + c[5] * r) + (c[6] + c[7] * r) * r2) + (c[8] + c[9] * r) * r4;
+    let mantissa = 1.0 + r * (low + high * r4);
     f64::from_bits(mantissa.to_bits().wrapping_add(shifted.to_bits() << 52))
 }
 
