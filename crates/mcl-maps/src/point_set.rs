@@ -71,6 +71,10 @@ pub(crate) struct Node<const D: usize> {
     pub bounds: Bounds<D>,
     /// Number of points below the node.
     pub points: usize,
+    /// Their mean, relative to [`Tree::origin`].
+    pub mean: Point<D>,
+    /// The sum of their squared distances (m²) from the mean.
+    pub scatter: f64,
     pub kind: NodeKind,
 }
 
@@ -108,7 +112,9 @@ impl<const D: usize> Tree<D> {
         let bounds = Bounds::of(part).expect("a node has points");
         let index = self.nodes.len();
         let count = part.len();
-        self.nodes.push(Node { bounds, points: count, kind: NodeKind::Leaf(self.leaves.len()) });
+        let (mean, scatter) = moments(part);
+        let kind = NodeKind::Leaf(self.leaves.len());
+        self.nodes.push(Node { bounds, points: count, mean, scatter, kind });
         if count <= LEAF_POINTS {
             self.leaves.push(std::array::from_fn(|axis| {
                 std::array::from_fn(|i| part[i.min(count - 1)][axis])
@@ -134,6 +140,17 @@ impl<const D: usize> Tree<D> {
         self.nodes[index].kind = NodeKind::Split(left, right);
         index
     }
+}
+
+/// The mean of points, one or more, and the sum of their squared distances from it.
+fn moments<const D: usize>(points: &[Point<D>]) -> (Point<D>, f64) {
+    let mut mean = [0.0; D];
+    let mut scatter = 0.0;
+    for axis in 0..D {
+        mean[axis] = points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
+        scatter += points.iter().map(|p| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
+    }
+    (mean, scatter)
 }
 
 /// Moves the items that satisfy `below` to the front and returns their number.

@@ -1,12 +1,16 @@
 //! Which components a box of points may need.
 
-use mcl_core::Bounds;
+use mcl_core::{Bounds, Point};
 use pulp::NullaryFnOnce;
 
-/// Components by coordinate: `coordinates[axis][j]`, and the place of each in the caller's list.
+/// How many components are looked at together.
+const CHUNK: usize = 16;
+
+/// Components by coordinate: `coordinates[axis]`, in chunks, and the place of each in the caller's list. After
+/// the last component, coordinates are infinite.
 #[derive(Clone)]
 pub(super) struct Components<const D: usize> {
-    pub coordinates: [Vec<f64>; D],
+    coordinates: [Vec<[f64; CHUNK]>; D],
     pub places: Vec<u32>,
 }
 
@@ -17,16 +21,43 @@ impl<const D: usize> Default for Components<D> {
 }
 
 impl<const D: usize> Components<D> {
+    pub fn new(means: &[Point<D>]) -> Self {
+        let mut components = Self::default();
+        components.fill(means.len(), |j, axis| means[j][axis], |j| j as u32);
+        components
+    }
+
     pub fn len(&self) -> usize {
         self.places.len()
     }
-}
 
-/// Working memory of [`Filter`].
-#[derive(Default)]
-pub(super) struct FilterScratch {
-    distances: Vec<f64>,
-    chosen: Vec<u32>,
+    /// A coordinate of each component.
+    #[inline(always)]
+    pub fn coordinates(&self, axis: usize) -> &[f64] {
+        &self.coordinates[axis].as_flattened()[..self.len()]
+    }
+
+    #[inline(always)]
+    fn fill(
+        &mut self,
+        len: usize,
+        coordinate: impl Fn(usize, usize) -> f64,
+        place: impl Fn(usize) -> u32,
+    ) {
+        let chunks = len.div_ceil(CHUNK);
+        for axis in 0..D {
+            let chunked = &mut self.coordinates[axis];
+            chunked.resize(chunks, [f64::INFINITY; CHUNK]);
+            if let Some(last) = chunked.last_mut() {
+                *last = [f64::INFINITY; CHUNK];
+            }
+            for (j, to) in chunked.as_flattened_mut()[..len].iter_mut().enumerate() {
+                *to = coordinate(j, axis);
+            }
+        }
+        self.places.clear();
+        self.places.extend((0..len).map(place));
+    }
 }
 
 /// Keeps the components that a point in the box may need: those whose squared distance to the box is
@@ -40,6 +71,14 @@ pub(super) struct Filter<'a, const D: usize> {
     pub kept: &'a mut Components<D>,
 }
 
+/// Working memory of [`Filter`].
+#[derive(Default)]
+pub(super) struct FilterScratch {
+    /// Squared distances from each component to the nearest place in the box.
+    near: Vec<[f64; CHUNK]>,
+    chosen: Vec<u32>,
+}
+
 /// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
 /// would be the narrow ones.
 impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
@@ -48,75 +87,69 @@ impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
     #[inline(always)]
     fn call(self) -> f64 {
         let Filter { components, bounds, reach, scratch, kept } = self;
-        let FilterScratch { distances, chosen } = scratch;
+        let FilterScratch { near, chosen } = scratch;
         let len = components.len();
-        if distances.len() < 2 * len {
-            distances.resize(2 * len, 0.0);
+        let chunks = len.div_ceil(CHUNK);
+        if near.len() < chunks {
+            near.resize(chunks, [0.0; CHUNK]);
+            chosen.resize(chunks * CHUNK, 0);
         }
-        let (near, far) = distances.split_at_mut(len);
-        let far = &mut far[..len];
-        box_distances(components, bounds, near, far);
-        let covered = smallest(far);
+        let near = &mut near[..chunks];
+        let covered = box_distances(components, bounds, near);
         // A hair of slack for the rounding of the distances themselves.
         let limit = (covered + reach) * (1.0 + 1e-12);
         // Without branches, which would be hard to predict.
-        chosen.resize(len.max(chosen.len()), 0);
         let mut count = 0;
-        for (j, near) in near.iter().enumerate() {
+        for (j, &near) in near.as_flattened()[..len].iter().enumerate() {
             chosen[count] = j as u32;
-            count += usize::from(*near <= limit);
+            count += usize::from(near <= limit);
         }
         let chosen = &chosen[..count];
+        let mut from: [&[f64]; D] = [&[]; D];
         for axis in 0..D {
-            let coordinates = &components.coordinates[axis][..len];
-            kept.coordinates[axis].clear();
-            kept.coordinates[axis].extend(chosen.iter().map(|&j| coordinates[j as usize]));
+            from[axis] = components.coordinates(axis);
         }
-        let places = &components.places[..len];
-        kept.places.clear();
-        kept.places.extend(chosen.iter().map(|&j| places[j as usize]));
+        kept.fill(
+            count,
+            |j, axis| from[axis][chosen[j] as usize],
+            |j| components.places[chosen[j] as usize],
+        );
         covered
     }
 }
 
-/// Squared distances from each component to the nearest and to the furthest place in a box.
+/// Squared distances from each component to the nearest place in a box; returns the smallest of the
+/// squared distances to the furthest place.
 #[inline(always)]
 fn box_distances<const D: usize>(
     components: &Components<D>,
     bounds: &Bounds<D>,
-    near: &mut [f64],
-    far: &mut [f64],
-) {
-    let len = near.len();
-    let far = &mut far[..len];
-    let coordinates: [&[f64]; D] = std::array::from_fn(|axis| &components.coordinates[axis][..len]);
+    near: &mut [[f64; CHUNK]],
+) -> f64 {
     let center = bounds.center();
-    let half: [f64; D] = std::array::from_fn(|axis| 0.5 * bounds.extent(axis));
-    for j in 0..len {
-        let (mut to_near, mut to_far) = (0.0, 0.0);
+    let mut half = [0.0; D];
+    for axis in 0..D {
+        half[axis] = 0.5 * bounds.extent(axis);
+    }
+    let mut covered = [f64::INFINITY; CHUNK];
+    for (chunk, near) in near.iter_mut().enumerate() {
+        let mut coordinates = [[0.0; CHUNK]; D];
         for axis in 0..D {
-            let from_center = (coordinates[axis][j] - center[axis]).abs();
-            let outside = from_center - half[axis];
-            let outside = if outside > 0.0 { outside } else { 0.0 };
-            let across = from_center + half[axis];
-            to_near += outside * outside;
-            to_far += across * across;
+            coordinates[axis] = components.coordinates[axis][chunk];
         }
-        near[j] = to_near;
-        far[j] = to_far;
-    }
-}
-
-/// The smallest number, infinity for none.
-#[inline(always)]
-fn smallest(numbers: &[f64]) -> f64 {
-    let min = |a: f64, b: f64| if b < a { b } else { a };
-    let mut lanes = [f64::INFINITY; 8];
-    let (chunks, rest) = numbers.as_chunks::<8>();
-    for chunk in chunks {
-        for lane in 0..8 {
-            lanes[lane] = min(lanes[lane], chunk[lane]);
+        for lane in 0..CHUNK {
+            let (mut to_near, mut to_far) = (0.0, 0.0);
+            for axis in 0..D {
+                let from_center = (coordinates[axis][lane] - center[axis]).abs();
+                let outside = from_center - half[axis];
+                let outside = if outside > 0.0 { outside } else { 0.0 };
+                let across = from_center + half[axis];
+                to_near += outside * outside;
+                to_far += across * across;
+            }
+            near[lane] = to_near;
+            covered[lane] = if to_far < covered[lane] { to_far } else { covered[lane] };
         }
     }
-    lanes.iter().chain(rest).copied().fold(f64::INFINITY, min)
+    covered.into_iter().fold(f64::INFINITY, |a, b| if b < a { b } else { a })
 }

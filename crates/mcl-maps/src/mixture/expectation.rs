@@ -1,3 +1,5 @@
+use std::f64::consts::LN_2;
+
 use mcl_core::Point;
 use pulp::Arch;
 use rayon::prelude::*;
@@ -35,12 +37,12 @@ pub(crate) fn expectation<const D: usize>(
         arch: Arch::new(),
         tree,
         inverse_unit: inverse_unit(sigma),
-        reach: 2.0 * sigma * sigma * (means.len() as f64 / TRUNCATION).ln(),
+        reach: 2.0 * sigma * sigma * (2.0 * means.len() as f64 / TRUNCATION).ln(),
+        reach_among: std::array::from_fn(|log2| {
+            2.0 * sigma * sigma * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
+        }),
     };
-    let all = Components {
-        coordinates: std::array::from_fn(|axis| means.iter().map(|mean| mean[axis]).collect()),
-        places: (0..means.len() as u32).collect(),
-    };
+    let all = Components::new(means);
     let mut tasks = Vec::new();
     walk.collect_tasks(0, all, &mut FilterScratch::default(), &mut tasks);
     let results: Vec<(f64, Vec<Pull<D>>)> = tasks
@@ -69,8 +71,10 @@ struct Walk<'a, const D: usize> {
     arch: Arch,
     tree: &'a Tree<D>,
     inverse_unit: f64,
-    /// 2σ²·ln(K/ε): how much further (m²) than the nearest a component still matters.
+    /// 2σ²·ln(2K/ε): how much further (m²) than the nearest a component still matters.
     reach: f64,
+    /// 2σ²·ln(2⁰/(ε/2)), 2σ²·ln(2¹/(ε/2)), ...: the same among up to 2⁰, 2¹, ... components.
+    reach_among: [f64; 33],
 }
 
 /// Working memory of a thread.
@@ -116,8 +120,16 @@ impl<const D: usize> Walk<'_, D> {
         scratch: &mut FilterScratch,
         kept: &mut Components<D>,
     ) -> f64 {
-        let bounds = &self.tree.nodes[node].bounds;
-        self.arch.dispatch(Filter { components, bounds, reach: self.reach, scratch, kept })
+        let Node { bounds, kind, .. } = &self.tree.nodes[node];
+        // Half of ε is for what is left out on the way to a leaf, in all at most K components; half is
+        // for what is left out at the leaf, fewer than the list has.
+        let reach = match kind {
+            NodeKind::Split(..) => self.reach,
+            NodeKind::Leaf(_) => {
+                self.reach_among[components.len().next_power_of_two().trailing_zeros() as usize]
+            }
+        };
+        self.arch.dispatch(Filter { components, bounds, reach, scratch, kept })
     }
 
     fn run(
@@ -149,9 +161,29 @@ impl<const D: usize> Walk<'_, D> {
         if scratch.levels.len() <= level {
             scratch.levels.push(Components::default());
         }
+        let Node { bounds, points: count, mean, scatter, kind } = &self.tree.nodes[node];
+        if let NodeKind::Split(left, right) = *kind
+            && level % 2 == 1
+        {
+            // Lists shrink little from one level to the next.
+            for child in [left, right] {
+                self.descend(child, components, level + 1, scratch, sums, pulls.as_deref_mut());
+            }
+            return;
+        }
         let mut kept = std::mem::take(&mut scratch.levels[level]);
         let covered = self.filter(node, components, &mut scratch.filter, &mut kept);
-        let Node { bounds, points: count, kind } = &self.tree.nodes[node];
+        if let [place] = kept.places[..] {
+            let displacement = std::array::from_fn(|axis| mean[axis] - kept.coordinates(axis)[0]);
+            let squared: f64 = displacement.iter().map(|d| d * d).sum();
+            let count = *count as f64;
+            sums.divide((scatter + count * squared) * self.inverse_unit * self.inverse_unit);
+            if let Some(pulls) = pulls {
+                pulls[place as usize].add(count, displacement);
+            }
+            scratch.levels[level] = kept;
+            return;
+        }
         match *kind {
             NodeKind::Leaf(index) => self.arch.dispatch(Leaf {
                 points: &self.tree.leaves[index],

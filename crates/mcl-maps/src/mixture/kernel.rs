@@ -48,6 +48,14 @@ pub(super) struct PullLanes<const D: usize> {
 impl<const D: usize> PullLanes<D> {
     pub const NONE: Self = PullLanes { weight: [0.0; LANES], displacement: [[0.0; LANES]; D] };
 
+    /// Adds `count` points at a mean distance from the component for which it alone is responsible.
+    pub fn add(&mut self, count: f64, displacement: [f64; D]) {
+        self.weight[0] += count;
+        for axis in 0..D {
+            self.displacement[axis][0] += count * displacement[axis];
+        }
+    }
+
     pub fn total(&self) -> Pull<D> {
         let total = |[a, b, c, d]: Lanes| (a + c) + (b + d);
         Pull { weight: total(self.weight), displacement: self.displacement.map(total) }
@@ -93,7 +101,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
             }
         }
         let mean = |j: usize| -> [f64; D] {
-            std::array::from_fn(|axis| (components.coordinates[axis][j] - center[axis]) * scale)
+            std::array::from_fn(|axis| (components.coordinates(axis)[j] - center[axis]) * scale)
         };
         let len = components.len();
 

@@ -53,6 +53,11 @@ impl LogProduct {
         self.shift += (a + c) + (b + d);
     }
 
+    /// Multiplies by `2^−exponent`.
+    pub fn divide(&mut self, exponent: f64) {
+        self.shift += exponent;
+    }
+
     /// The natural logarithm.
     pub fn ln(&self) -> f64 {
         self.mantissa.ln() + LN_2 * (self.exponent as f64 - self.shift)
