@@ -32,10 +32,20 @@ pub(crate) fn expectation<const D: usize>(
     sigma: f64,
     with_pulls: bool,
 ) -> Expectation<D> {
-    let tree = &data.tree;
+    expectation_on(Arch::new(), data, means, sigma, with_pulls)
+}
+
+/// [`expectation`] with the instructions of `arch`.
+fn expectation_on<const D: usize>(
+    arch: Arch,
+    data: &PointSet<D>,
+    means: &[Point<D>],
+    sigma: f64,
+    with_pulls: bool,
+) -> Expectation<D> {
     let walk = Walk {
-        arch: Arch::new(),
-        tree,
+        arch,
+        tree: &data.tree,
         inverse_unit: inverse_unit(sigma),
         reach: 2.0 * sigma * sigma * (2.0 * means.len() as f64 / TRUNCATION).ln(),
         reach_among: std::array::from_fn(|log2| {
@@ -54,17 +64,19 @@ pub(crate) fn expectation<const D: usize>(
     let mut pulls = vec![Pull::NONE; if with_pulls { means.len() } else { 0 }];
     for (task, (task_log_sum, task_pulls)) in tasks.iter().zip(&results) {
         log_sum += task_log_sum;
-        for (&place, pull) in task.components.places.iter().zip(task_pulls) {
+        for (&place, pull) in task.places.iter().zip(task_pulls) {
             pulls[place as usize].add(pull);
         }
     }
     Expectation { log_sum, pulls }
 }
 
-/// A subtree and the components that its points may need.
+/// A subtree and the components that its points may need, known by their place in this list.
 struct Task<const D: usize> {
     node: usize,
     components: Components<D>,
+    /// The places of these components among all.
+    places: Vec<u32>,
 }
 
 struct Walk<'a, const D: usize> {
@@ -95,7 +107,7 @@ impl<const D: usize> Walk<'_, D> {
     fn collect_tasks(
         &self,
         node: usize,
-        components: Components<D>,
+        mut components: Components<D>,
         scratch: &mut FilterScratch,
         tasks: &mut Vec<Task<D>>,
     ) {
@@ -107,7 +119,11 @@ impl<const D: usize> Walk<'_, D> {
                     self.collect_tasks(child, kept, scratch, tasks);
                 }
             }
-            _ => tasks.push(Task { node, components }),
+            _ => {
+                let local = (0..components.len() as u32).collect();
+                let places = std::mem::replace(&mut components.places, local);
+                tasks.push(Task { node, components, places });
+            }
         }
     }
 
@@ -138,17 +154,15 @@ impl<const D: usize> Walk<'_, D> {
         with_pulls: bool,
         scratch: &mut Scratch<D>,
     ) -> (f64, Vec<Pull<D>>) {
-        let len = task.components.len();
-        let mut pulls = vec![PullLanes::NONE; if with_pulls { len } else { 0 }];
-        // Within a task, components are known by their place in the task's list.
-        let mut local = task.components.clone();
-        local.places = (0..len as u32).collect();
+        let mut pulls = vec![PullLanes::NONE; if with_pulls { task.components.len() } else { 0 }];
         let mut sums = LogProduct::ONE;
         let pulls_of = with_pulls.then_some(pulls.as_mut_slice());
-        self.descend(task.node, &local, 0, scratch, &mut sums, pulls_of);
+        self.descend(task.node, &task.components, 0, scratch, &mut sums, pulls_of);
         (sums.ln(), pulls.iter().map(PullLanes::total).collect())
     }
 
+    /// Multiplies `sums` by those of the points of a node, and adds to `pulls`. The node is `level`
+    /// below its task's, and its points need no other `components` than these.
     fn descend(
         &self,
         node: usize,
@@ -158,33 +172,23 @@ impl<const D: usize> Walk<'_, D> {
         sums: &mut LogProduct,
         mut pulls: Option<&mut [PullLanes<D>]>,
     ) {
-        if scratch.levels.len() <= level {
-            scratch.levels.push(Components::default());
-        }
-        let Node { bounds, points: count, mean, scatter, kind } = &self.tree.nodes[node];
+        let Node { bounds, points: count, kind, .. } = &self.tree.nodes[node];
+        // Lists shrink little from one level to the next: every second one is enough.
         if let NodeKind::Split(left, right) = *kind
-            && level % 2 == 1
+            && level.is_multiple_of(2)
         {
-            // Lists shrink little from one level to the next.
             for child in [left, right] {
                 self.descend(child, components, level + 1, scratch, sums, pulls.as_deref_mut());
             }
             return;
         }
+        if scratch.levels.len() <= level {
+            scratch.levels.resize(level + 1, Components::default());
+        }
         let mut kept = std::mem::take(&mut scratch.levels[level]);
         let covered = self.filter(node, components, &mut scratch.filter, &mut kept);
-        if let [place] = kept.places[..] {
-            let displacement = std::array::from_fn(|axis| mean[axis] - kept.coordinates(axis)[0]);
-            let squared: f64 = displacement.iter().map(|d| d * d).sum();
-            let count = *count as f64;
-            sums.divide((scatter + count * squared) * self.inverse_unit * self.inverse_unit);
-            if let Some(pulls) = pulls {
-                pulls[place as usize].add(count, displacement);
-            }
-            scratch.levels[level] = kept;
-            return;
-        }
         match *kind {
+            _ if kept.len() == 1 => self.alone(node, &kept, sums, pulls),
             NodeKind::Leaf(index) => self.arch.dispatch(Leaf {
                 points: &self.tree.leaves[index],
                 count: *count,
@@ -203,5 +207,49 @@ impl<const D: usize> Walk<'_, D> {
             }
         }
         scratch.levels[level] = kept;
+    }
+
+    /// One component has all the responsibility: its sums need no more than the points' moments.
+    fn alone(
+        &self,
+        node: usize,
+        component: &Components<D>,
+        sums: &mut LogProduct,
+        pulls: Option<&mut [PullLanes<D>]>,
+    ) {
+        let Node { points, mean, scatter, .. } = &self.tree.nodes[node];
+        let count = *points as f64;
+        let displacement: [f64; D] =
+            std::array::from_fn(|axis| mean[axis] - component.coordinates(axis)[0]);
+        let squared: f64 = displacement.iter().map(|d| d * d).sum();
+        sums.divide((scatter + count * squared) * self.inverse_unit * self.inverse_unit);
+        if let Some(pulls) = pulls {
+            pulls[component.places[0] as usize].add(count, displacement);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use rand::RngExt;
+
+    /// With lone and crowded components, short and long lists, near and far points.
+    #[test]
+    fn the_same_bits_for_every_instruction_set() {
+        let mut rng = Seed::new(1).rng();
+        let mut points: Vec<Point<2>> = (0..5000)
+            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
+            .collect();
+        points.push([1e4, 0.0]);
+        let data = PointSet::new(points).unwrap();
+        for count in [1, 7, 40, 5001] {
+            let means = data.centred(&data.points()[..count]);
+            let [plain, wide] = [Arch::Scalar, Arch::new()]
+                .map(|arch| expectation_on(arch, &data, &means, 0.05, true));
+            assert_eq!(plain.log_sum.to_bits(), wide.log_sum.to_bits());
+            assert_eq!(plain.pulls, wide.pulls);
+        }
     }
 }
