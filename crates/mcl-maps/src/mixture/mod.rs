@@ -16,7 +16,8 @@ mod expectation;
 mod kernel;
 mod log_product;
 
-pub(crate) use expectation::expectation;
+pub(crate) use expectation::{Expectation, expectation};
+pub(crate) use kernel::Pull;
 
 use std::f64::consts::TAU;
 
