@@ -209,6 +209,23 @@ fn far_points_have_a_finite_likelihood() {
     check_against_brute_force(points, vec![[0.0, 0.0], [3.0, 4.0]], 0.05);
 }
 
+/// Squared distances of 10²⁴ units, whose rounding errors are themselves thousands of units: the
+/// exponent of the nearest component is exactly 0 all the same.
+#[test]
+fn far_points_of_a_sharp_mixture_have_a_finite_likelihood() {
+    let points: Vec<Point<2>> = (0..40).map(|i| [1e4 + f64::from(i) * 0.1, 777.7]).collect();
+    let data = PointSet::new(points.clone()).unwrap();
+    let (sigma, means) = (1e-8, vec![[0.1, 0.3], [0.1, 0.7]]);
+    let map = PointMap::new(means.clone()).unwrap();
+    let found = mixture_log_likelihood(&data, &map, sigma).unwrap();
+    let (expected, _) = brute_force(&points, &means, sigma);
+    assert!(close(found.total, expected), "{} instead of {expected}", found.total);
+    let settings = FkmSettings { sigma, tolerance: 0.0, max_iterations: 3 };
+    let (means, report) = fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+    assert!(means.iter().flatten().all(|c| c.is_finite()), "{means:?}");
+    assert!(report.log_likelihood_trace.iter().all(|ll| ll.is_finite()), "{report:?}");
+}
+
 #[test]
 fn one_component_moves_to_the_mean_and_all_points_stay() {
     let (points, _) = problem::<2>(3, 100, 1);

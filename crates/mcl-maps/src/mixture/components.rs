@@ -3,11 +3,12 @@
 use mcl_core::{Bounds, Point};
 use pulp::NullaryFnOnce;
 
-/// How many components are looked at together.
+/// How many components are looked at together: many enough that the compiler does not unroll the loop
+/// over them before it can make vector instructions of it.
 const CHUNK: usize = 16;
 
-/// Components by coordinate: `coordinates[axis]`, in chunks, and the place of each in the caller's list. After
-/// the last component, coordinates are infinite.
+/// Components by coordinate: `coordinates[axis]`, in chunks, and the place of each in the caller's list.
+/// After the last component, coordinates are infinite.
 #[derive(Clone)]
 pub(super) struct Components<const D: usize> {
     coordinates: [Vec<[f64; CHUNK]>; D],
@@ -37,6 +38,7 @@ impl<const D: usize> Components<D> {
         &self.coordinates[axis].as_flattened()[..self.len()]
     }
 
+    /// Becomes `len` components; `coordinate` takes the number of one and an axis.
     #[inline(always)]
     fn fill(
         &mut self,

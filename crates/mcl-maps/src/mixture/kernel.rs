@@ -112,11 +112,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
             for j in 0..len {
                 let mean = mean(j);
                 for i in 0..LEAF_POINTS {
-                    let mut squared = 0.0;
-                    for axis in 0..D {
-                        let difference = points[axis][i] - mean[axis];
-                        squared += difference * difference;
-                    }
+                    let squared = squared_distance(&points, i, &mean);
                     shift[i] = if squared < shift[i] { squared } else { shift[i] };
                 }
             }
@@ -130,12 +126,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         for (j, row) in rows.iter_mut().enumerate() {
             let mean = mean(j);
             for i in 0..LEAF_POINTS {
-                let mut exponent = shift[i];
-                for axis in 0..D {
-                    let difference = points[axis][i] - mean[axis];
-                    exponent -= difference * difference;
-                }
-                row[i] = exp2_nonpositive(exponent);
+                row[i] = exp2_nonpositive(shift[i] - squared_distance(&points, i, &mean));
                 sums[i] += row[i];
             }
         }
@@ -166,6 +157,19 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
             }
         }
     }
+}
+
+/// From one of the points. With the same rounding wherever it is used: the exponent of the nearest
+/// component, counted from itself, is 0.
+#[inline(always)]
+fn squared_distance<const D: usize>(points: &LeafPoints<D>, i: usize, mean: &[f64; D]) -> f64 {
+    let first = points[0][i] - mean[0];
+    let mut squared = first * first;
+    for axis in 1..D {
+        let difference = points[axis][i] - mean[axis];
+        squared += difference * difference;
+    }
+    squared
 }
 
 /// Σ aᵢ·bᵢ in parts: lane l sums i = l, l + 4, l + 8, ...
