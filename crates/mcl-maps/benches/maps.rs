@@ -2,8 +2,9 @@
 //!
 //! `cargo bench -p mcl-maps`; rayon's threads are those of the machine, `RAYON_NUM_THREADS=1` for one.
 
+use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use mcl_core::{Point, Seed};
+use mcl_core::{NearestNeighbors, Point, PointMap, Seed};
 use mcl_maps::sampling::{GridOffset, sample_grid, sample_grid_of_size};
 use mcl_maps::{
     FkmSettings, InitialMap, MapSize, PointSet, fuzzy_k_means, initial_map, mixture_log_likelihood,
@@ -11,7 +12,8 @@ use mcl_maps::{
 use rand::RngExt;
 
 const POINTS: usize = 155_648;
-const PERCENT: [f64; 4] = [0.1, 1.0, 10.0, 50.0];
+const PERCENT: [f64; 4] = [0.25, 1.0, 10.0, 50.0];
+const SIGMA: f64 = 0.05;
 
 fn main() {
     divan::main();
@@ -29,7 +31,7 @@ fn walls(count: usize) -> Vec<Point<2>> {
         .collect()
 }
 
-fn grid_map(data: &PointSet<2>, percent: f64) -> mcl_core::PointMap<2> {
+fn grid_map(data: &PointSet<2>, percent: f64) -> PointMap<2> {
     let initial =
         InitialMap::GridSize { size: MapSize::Percent(percent), offset: GridOffset::ORIGIN };
     initial_map(data, &initial).unwrap().map
@@ -54,18 +56,52 @@ fn sample_by_size(bencher: Bencher, percent: f64) {
     bencher.bench(|| sample_grid_of_size(black_box(&points), size, GridOffset::ORIGIN).unwrap());
 }
 
-/// One update of fuzzy k-means: two evaluations of all points, of which the first is shared by a run.
-#[divan::bench(args = PERCENT, sample_count = 5)]
+/// How many pairs of a point and a component matter: those with d² ≤ d₁² + 2σ²·ln(K/ε), d₁ the
+/// distance to the nearest component and ε = 10⁻¹². The program itself evaluates somewhat more.
+fn pairs(data: &PointSet<2>, map: &PointMap<2>) -> usize {
+    let reach = 2.0 * SIGMA * SIGMA * (map.len() as f64 / 1e-12).ln();
+    let components = NearestNeighbors::new(map.points()).unwrap();
+    let mut count = 0;
+    for point in data.points() {
+        let nearest = components.nearest(point).distance_squared;
+        components.for_each_within(point, (nearest + reach).sqrt(), |_| count += 1);
+    }
+    count
+}
+
+/// One update of fuzzy k-means: two E steps with their sums for the M step, of which the first is
+/// shared by a run, and one M step. Counts pairs that matter.
+#[divan::bench(args = PERCENT, sample_count = 10)]
 fn one_update(bencher: Bencher, percent: f64) {
     let data = PointSet::new(walls(POINTS)).unwrap();
     let map = grid_map(&data, percent);
-    let settings = FkmSettings { max_iterations: 1, ..FkmSettings::default() };
-    bencher.bench(|| fuzzy_k_means(&data, black_box(&map), &settings, |_, _| {}).unwrap());
+    let settings = FkmSettings { sigma: SIGMA, max_iterations: 1, ..FkmSettings::default() };
+    bencher
+        .counter(ItemsCount::new(2 * pairs(&data, &map)))
+        .bench(|| fuzzy_k_means(&data, black_box(&map), &settings, |_, _| {}).unwrap());
 }
 
-#[divan::bench(args = PERCENT, sample_count = 5)]
+/// An E step without the sums for the M step. Counts pairs that matter.
+#[divan::bench(args = PERCENT, sample_count = 10)]
 fn likelihood(bencher: Bencher, percent: f64) {
     let data = PointSet::new(walls(POINTS)).unwrap();
     let map = grid_map(&data, percent);
-    bencher.bench(|| mixture_log_likelihood(&data, black_box(&map), 0.05).unwrap());
+    bencher
+        .counter(ItemsCount::new(pairs(&data, &map)))
+        .bench(|| mixture_log_likelihood(&data, black_box(&map), SIGMA).unwrap());
+}
+
+/// An E step at 1 % of a building that grows with the data.
+#[divan::bench(args = [1, 4, 16], sample_count = 10)]
+fn likelihood_of_buildings(bencher: Bencher, buildings: usize) {
+    let points = (0..buildings)
+        .flat_map(|building| {
+            walls(POINTS / 4).into_iter().map(move |[x, y]| [x + 40.0 * building as f64, y])
+        })
+        .collect();
+    let data = PointSet::new(points).unwrap();
+    let map = grid_map(&data, 1.0);
+    bencher
+        .counter(ItemsCount::new(data.len()))
+        .bench(|| mixture_log_likelihood(&data, black_box(&map), SIGMA).unwrap());
 }

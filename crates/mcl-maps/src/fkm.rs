@@ -1,7 +1,7 @@
 use mcl_core::{Point, PointMap};
 use serde::{Deserialize, Serialize};
 
-use crate::mixture::{check_sigma, expectation, log_likelihood};
+use crate::mixture::{Expectation, Pull, check_sigma, expectation, log_likelihood};
 use crate::{MapError, PointSet};
 
 /// A component whose points give it less than this in all (the bound on what sums leave out) has no
@@ -74,30 +74,51 @@ pub fn fuzzy_k_means<const D: usize>(
     mut observe: impl FnMut(usize, f64),
 ) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
     settings.check()?;
-    // Relative to the middle of the data until the end: adding to UTM coordinates would lose digits.
-    let mut means = data.centred(initial.points());
-    let mut trace: Vec<f64> = Vec::new();
-    loop {
-        let updates = trace.len();
-        let expectation = expectation(data, &means, settings.sigma, true);
-        let per_point =
-            log_likelihood(data.len(), expectation.log_sum, D, means.len(), settings.sigma)
-                .per_point;
-        let gain = trace.last().map_or(f64::INFINITY, |before| per_point - before);
-        trace.push(per_point);
-        observe(updates, per_point);
-        let converged = gain < settings.tolerance;
-        if converged || updates >= settings.max_iterations {
-            let report = FkmReport { iterations: updates, converged, log_likelihood_trace: trace };
-            return Ok((data.absolute(&means), report));
-        }
-        for (mean, pull) in means.iter_mut().zip(&expectation.pulls) {
-            if pull.weight >= NO_RESPONSIBILITY {
-                for axis in 0..D {
-                    mean[axis] += pull.displacement[axis] / pull.weight;
-                }
+    let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
+    let mut trace = vec![model.per_point];
+    observe(0, model.per_point);
+    let mut converged = false;
+    while !converged && trace.len() <= settings.max_iterations {
+        let updated = model.update(data, settings.sigma);
+        converged = updated.per_point - model.per_point < settings.tolerance;
+        observe(trace.len(), updated.per_point);
+        trace.push(updated.per_point);
+        model = updated;
+    }
+    let report = FkmReport { iterations: trace.len() - 1, converged, log_likelihood_trace: trace };
+    Ok((data.absolute(&model.means), report))
+}
+
+/// Means, what the E step says of them, and where the M step takes them.
+pub(crate) struct Model<const D: usize> {
+    /// Relative to the middle of the data: adding to UTM coordinates would lose digits.
+    pub means: Vec<Point<D>>,
+    /// Log-likelihood per point in nats.
+    pub per_point: f64,
+    /// The displacement of each mean in an update (m).
+    pub steps: Vec<Point<D>>,
+}
+
+impl<const D: usize> Model<D> {
+    pub fn new(data: &PointSet<D>, means: Vec<Point<D>>, sigma: f64) -> Self {
+        let Expectation { log_sum, pulls } = expectation(data, &means, sigma, true);
+        let per_point = log_likelihood(data.len(), log_sum, D, means.len(), sigma).per_point;
+        let step = |pull: &Pull<D>| match pull.weight >= NO_RESPONSIBILITY {
+            true => pull.displacement.map(|sum| sum / pull.weight),
+            false => [0.0; D],
+        };
+        Model { means, per_point, steps: pulls.iter().map(step).collect() }
+    }
+
+    /// The model after one update of EM.
+    pub fn update(&self, data: &PointSet<D>, sigma: f64) -> Self {
+        let mut means = self.means.clone();
+        for (mean, step) in means.iter_mut().zip(&self.steps) {
+            for axis in 0..D {
+                mean[axis] += step[axis];
             }
         }
+        Model::new(data, means, sigma)
     }
 }
 

@@ -5,10 +5,11 @@ use mcl_core::{Bounds, NearestNeighbors, Point, check_finite};
 
 use crate::MapError;
 
-/// Points per leaf of the tree, at most; a multiple of [`LANES`].
-const LEAF_POINTS: usize = 48;
-/// Width of the vectors that the inner loops are written in.
-pub(crate) const LANES: usize = 8;
+/// Points per leaf of the tree, at most. A fixed number, so that the compiler makes loops over a leaf
+/// vector instructions without a remainder; a power of two.
+pub(crate) const LEAF_POINTS: usize = 32;
+/// The coordinates of a leaf's points, `[axis][point]`.
+pub(crate) type LeafPoints<const D: usize> = [[f64; LEAF_POINTS]; D];
 
 /// The measured points D, arranged once for all the maps that are built from them: a bounding-box tree
 /// whose leaves hold a few dozen neighbouring points each, coordinate by coordinate.
@@ -70,6 +71,10 @@ pub(crate) struct Node<const D: usize> {
     pub bounds: Bounds<D>,
     /// Number of points below the node.
     pub points: usize,
+    /// Their mean, relative to [`Tree::origin`].
+    pub mean: Point<D>,
+    /// The sum of their squared distances (m²) from the mean.
+    pub scatter: f64,
     pub kind: NodeKind,
 }
 
@@ -77,7 +82,7 @@ pub(crate) struct Node<const D: usize> {
 pub(crate) enum NodeKind {
     /// Indices of the two halves.
     Split(usize, usize),
-    /// Offset of the leaf's coordinates in [`Tree::coordinates`].
+    /// Index into [`Tree::leaves`].
     Leaf(usize),
 }
 
@@ -86,9 +91,8 @@ pub(crate) enum NodeKind {
 pub(crate) struct Tree<const D: usize> {
     /// Node 0 is the root.
     pub nodes: Vec<Node<D>>,
-    /// Per leaf: for each axis the coordinates of its points relative to `origin`, padded to a
-    /// multiple of [`LANES`] with the last point.
-    pub coordinates: Vec<f64>,
+    /// Coordinates relative to `origin`, each leaf padded with its last point.
+    pub leaves: Vec<LeafPoints<D>>,
     pub origin: Point<D>,
 }
 
@@ -97,11 +101,7 @@ impl<const D: usize> Tree<D> {
         let origin = bounds.center();
         let mut centred: Vec<Point<D>> =
             points.iter().map(|p| std::array::from_fn(|axis| p[axis] - origin[axis])).collect();
-        let mut tree = Tree {
-            nodes: Vec::new(),
-            coordinates: Vec::with_capacity(points.len() * D * 5 / 4),
-            origin,
-        };
+        let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new(), origin };
         tree.build(&mut centred, 0..points.len());
         tree
     }
@@ -112,26 +112,28 @@ impl<const D: usize> Tree<D> {
         let bounds = Bounds::of(part).expect("a node has points");
         let index = self.nodes.len();
         let count = part.len();
-        self.nodes.push(Node {
-            bounds,
-            points: count,
-            kind: NodeKind::Leaf(self.coordinates.len()),
-        });
+        let (mean, scatter) = moments(part);
+        let kind = NodeKind::Leaf(self.leaves.len());
+        self.nodes.push(Node { bounds, points: count, mean, scatter, kind });
         if count <= LEAF_POINTS {
-            for axis in 0..D {
-                self.coordinates.extend(part.iter().map(|point| point[axis]));
-                let last = part[count - 1][axis];
-                self.coordinates.extend(std::iter::repeat_n(last, padded(count) - count));
-            }
+            self.leaves.push(std::array::from_fn(|axis| {
+                std::array::from_fn(|i| part[i.min(count - 1)][axis])
+            }));
             return index;
         }
         let longest =
             (0..D).max_by(|&a, &b| bounds.extent(a).total_cmp(&bounds.extent(b))).unwrap_or(0);
         let middle = 0.5 * (bounds.min[longest] + bounds.max[longest]);
         let mut below = partition(part, |point| point[longest] < middle);
+        let whole_leaves = (below as f64 / LEAF_POINTS as f64).round() as usize * LEAF_POINTS;
         if below == 0 || below == count {
             // Equal points, or neighbouring floats: any split is as good as another.
             below = count / 2;
+        } else if whole_leaves > 0 && whole_leaves < count {
+            // Full leaves waste no work; the boxes grow by a few points.
+            let order = |a: &Point<D>, b: &Point<D>| a[longest].total_cmp(&b[longest]);
+            part.select_nth_unstable_by(whole_leaves, order);
+            below = whole_leaves;
         }
         let left = self.build(points, range.start..range.start + below);
         let right = self.build(points, range.start + below..range.end);
@@ -140,9 +142,15 @@ impl<const D: usize> Tree<D> {
     }
 }
 
-/// The length of a leaf's coordinate runs in memory.
-pub(crate) fn padded(count: usize) -> usize {
-    count.next_multiple_of(LANES)
+/// The mean of points, one or more, and the sum of their squared distances from it.
+fn moments<const D: usize>(points: &[Point<D>]) -> (Point<D>, f64) {
+    let mut mean = [0.0; D];
+    let mut scatter = 0.0;
+    for axis in 0..D {
+        mean[axis] = points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
+        scatter += points.iter().map(|p| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
+    }
+    (mean, scatter)
 }
 
 /// Moves the items that satisfy `below` to the front and returns their number.
@@ -176,12 +184,11 @@ mod tests {
             let set = PointSet::new(points.clone()).unwrap();
             let mut found = Vec::new();
             for node in &set.tree.nodes {
-                let NodeKind::Leaf(offset) = node.kind else { continue };
+                let NodeKind::Leaf(index) = node.kind else { continue };
                 prop_assert!(node.points <= LEAF_POINTS);
-                let stride = padded(node.points);
-                for i in 0..stride {
+                for i in 0..LEAF_POINTS {
                     let point: Point<2> =
-                        std::array::from_fn(|axis| set.tree.coordinates[offset + axis * stride + i]);
+                        std::array::from_fn(|axis| set.tree.leaves[index][axis][i]);
                     for axis in 0..2 {
                         prop_assert!(point[axis] >= node.bounds.min[axis]);
                         prop_assert!(point[axis] <= node.bounds.max[axis]);

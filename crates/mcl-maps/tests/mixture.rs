@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use mcl_core::{Point, PointMap, Seed};
 use mcl_maps::{
-    FkmSettings, InitialMap, MapSettings, MapSize, PointSet, build_map, fuzzy_k_means,
-    mixture_log_likelihood, snap_to_data,
+    FkmSettings, InitialMap, MapSettings, MapSize, PointSet, accelerated_fuzzy_k_means, build_map,
+    fuzzy_k_means, mixture_log_likelihood, snap_to_data,
 };
 use proptest::prelude::*;
 use rand::RngExt;
@@ -130,6 +130,72 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn acceleration_never_lowers_the_likelihood_and_ends_at_a_maximum(
+        seed in any::<u64>(), count in 2..300usize, part in 0.0..1.0f64, sigma in 0.01..1.0f64,
+    ) {
+        let (points, means) = problem::<2>(seed, count, 1 + (part * (count - 1) as f64) as usize);
+        let data = PointSet::new(points).unwrap();
+        let map = PointMap::new(means).unwrap();
+        let settings = FkmSettings { sigma, tolerance: 1e-6, max_iterations: 300 };
+        let (means, report) =
+            accelerated_fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+        let trace = &report.log_likelihood_trace;
+        prop_assert_eq!(trace.len(), report.iterations + 1);
+        for pair in trace.windows(2) {
+            prop_assert!(pair[1] >= pair[0] - 1e-12 * pair[0].abs().max(1.0), "{trace:?}");
+        }
+        // The means are those of the trace's last entry, and a plain update gains next to nothing.
+        let last = trace[report.iterations];
+        let one = FkmSettings { max_iterations: 1, ..settings };
+        let (_, after) = fuzzy_k_means(&data, &PointMap::new(means).unwrap(), &one, |_, _| {}).unwrap();
+        prop_assert!(close(after.log_likelihood_trace[0], last));
+        prop_assert!(!report.converged || after.log_likelihood_trace[1] - last < 1e-6);
+    }
+}
+
+/// Two overlapping clusters and as many components: EM creeps along the line between them.
+#[test]
+fn acceleration_reaches_the_same_maximum_in_fewer_updates() {
+    let mut rng = Seed::new(19).rng();
+    let points: Vec<Point<2>> = (0..2000)
+        .map(|i| [f64::from(i % 2) + rng.random_range(-0.6..0.6), rng.random_range(-0.1..0.1)])
+        .collect();
+    let map = PointMap::new(vec![[0.4, 0.0], [0.5, 0.01]]).unwrap();
+    let data = PointSet::new(points).unwrap();
+    let settings = FkmSettings { sigma: 0.58, tolerance: 1e-9, max_iterations: 1000 };
+    let (plain, slow) = fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+    let (fast, quick) = accelerated_fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+    assert!(slow.converged && quick.converged);
+    assert!(2 * quick.iterations < slow.iterations, "{} of {}", quick.iterations, slow.iterations);
+    for (a, b) in plain.iter().zip(&fast) {
+        assert!(distance_squared(a, b).sqrt() < 1e-3, "{plain:?} and {fast:?}");
+    }
+}
+
+/// A limit on updates holds for jumps too, and is reported.
+#[test]
+fn acceleration_keeps_to_the_limit() {
+    let (points, means) = problem::<2>(23, 300, 20);
+    let data = PointSet::new(points).unwrap();
+    let map = PointMap::new(means).unwrap();
+    for max_iterations in 0..12 {
+        let settings = FkmSettings { sigma: 0.1, tolerance: 0.0, max_iterations };
+        let mut observed = Vec::new();
+        let (_, report) =
+            accelerated_fuzzy_k_means(&data, &map, &settings, |updates, per_point| {
+                observed.push((updates, per_point));
+            })
+            .unwrap();
+        assert_eq!((report.iterations, report.converged), (max_iterations, false));
+        let trace: Vec<_> = report.log_likelihood_trace.into_iter().enumerate().collect();
+        assert_eq!(observed, trace);
+    }
+}
+
 /// Every point is tens of σ from the only component: no term of a sum is a normal float.
 #[test]
 fn far_points_have_a_finite_likelihood() {
@@ -141,6 +207,23 @@ fn far_points_have_a_finite_likelihood() {
     let expected = -(25.0 + 1e8) / 0.005 - 3.0 * (TAU * 0.0025).ln();
     assert!(close(found.total, expected));
     check_against_brute_force(points, vec![[0.0, 0.0], [3.0, 4.0]], 0.05);
+}
+
+/// Squared distances of 10²⁴ units, whose rounding errors are themselves thousands of units: the
+/// exponent of the nearest component is exactly 0 all the same.
+#[test]
+fn far_points_of_a_sharp_mixture_have_a_finite_likelihood() {
+    let points: Vec<Point<2>> = (0..40).map(|i| [1e4 + f64::from(i) * 0.1, 777.7]).collect();
+    let data = PointSet::new(points.clone()).unwrap();
+    let (sigma, means) = (1e-8, vec![[0.1, 0.3], [0.1, 0.7]]);
+    let map = PointMap::new(means.clone()).unwrap();
+    let found = mixture_log_likelihood(&data, &map, sigma).unwrap();
+    let (expected, _) = brute_force(&points, &means, sigma);
+    assert!(close(found.total, expected), "{} instead of {expected}", found.total);
+    let settings = FkmSettings { sigma, tolerance: 0.0, max_iterations: 3 };
+    let (means, report) = fuzzy_k_means(&data, &map, &settings, |_, _| {}).unwrap();
+    assert!(means.iter().flatten().all(|c| c.is_finite()), "{means:?}");
+    assert!(report.log_likelihood_trace.iter().all(|ll| ll.is_finite()), "{report:?}");
 }
 
 #[test]
@@ -232,7 +315,12 @@ fn the_same_bits_for_any_number_of_threads() {
     let settings = MapSettings { initial, refinement: Some(settings) };
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| build_map(&data, &settings).unwrap())
+        let fkm = settings.refinement.unwrap();
+        pool.install(|| {
+            let built = build_map(&data, &settings).unwrap();
+            let accelerated = accelerated_fuzzy_k_means(&data, &built.map, &fkm, |_, _| {});
+            (built, accelerated.unwrap())
+        })
     };
     let one = build(1);
     assert_eq!(one, build(2));

@@ -96,6 +96,8 @@ pub enum Init {
 pub enum Refine {
     /// Fuzzy k-means (EM).
     Fkm,
+    /// Fuzzy k-means by longer steps (SQUAREM): fewer updates, at times another local maximum.
+    FkmAccelerated,
 }
 
 #[derive(Debug, Args)]

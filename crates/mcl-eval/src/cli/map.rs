@@ -4,8 +4,8 @@ use clap::error::ErrorKind;
 use mcl_core::{PointMap, Seed};
 use mcl_maps::files::{Encoding, write_map};
 use mcl_maps::{
-    FkmReport, FkmSettings, GridOffset, InitialMap, PointSet, fuzzy_k_means, initial_map,
-    mixture_log_likelihood,
+    FkmReport, FkmSettings, GridOffset, InitialMap, PointSet, accelerated_fuzzy_k_means,
+    fuzzy_k_means, initial_map, mixture_log_likelihood,
 };
 use serde::Serialize;
 
@@ -38,8 +38,8 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let initial = initial_map(&data, &initial)?;
     let (map, report) = match args.refine {
         None => (initial.map.clone(), None),
-        Some(Refine::Fkm) => {
-            let (means, report) = refine(&data, &initial.map, args, global)?;
+        Some(method) => {
+            let (means, report) = refine(method, &data, &initial.map, args, global)?;
             let map = match args.no_snap {
                 true => PointMap::new(means)?,
                 false => initial.snapped(&data, &means)?.map,
@@ -98,6 +98,7 @@ fn initial_settings(args: &MapArgs) -> InitialMap<2> {
 /// Fuzzy k-means with a progress bar. Gains shrink about geometrically, so the bar shows how far the
 /// last gain is, on a logarithmic scale, from the first to the tolerance.
 fn refine(
+    method: Refine,
     data: &PointSet<2>,
     initial: &PointMap<2>,
     args: &MapArgs,
@@ -111,7 +112,7 @@ fn refine(
     let bar = progress::bar(1000, "fuzzy k-means", global.quiet);
     let mut before: Option<f64> = None;
     let mut first_gain: Option<f64> = None;
-    let result = fuzzy_k_means(data, initial, &settings, |updates, per_point| {
+    let observe = |updates: usize, per_point: f64| {
         bar.set_message(format!("update {updates}, {per_point:.4} nats/point"));
         if let Some(before) = before {
             let gain = per_point - before;
@@ -122,7 +123,11 @@ fn refine(
             bar.set_position((1000.0 * fraction.clamp(0.0, 1.0)) as u64);
         }
         before = Some(per_point);
-    });
+    };
+    let result = match method {
+        Refine::Fkm => fuzzy_k_means(data, initial, &settings, observe),
+        Refine::FkmAccelerated => accelerated_fuzzy_k_means(data, initial, &settings, observe),
+    };
     bar.finish_and_clear();
     Ok(result?)
 }

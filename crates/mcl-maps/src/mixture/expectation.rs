@@ -1,10 +1,14 @@
+use std::f64::consts::LN_2;
+
 use mcl_core::Point;
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::kernel::{self, Components, LeafScratch, Pull};
+use super::components::{Components, Filter, FilterScratch};
+use super::kernel::{Leaf, Pull, PullLanes, inverse_unit};
+use super::log_product::LogProduct;
 use crate::PointSet;
-use crate::point_set::{NodeKind, Tree, padded};
+use crate::point_set::{LEAF_POINTS, Node, NodeKind, Tree};
 
 /// ε: what a point's sum leaves out is below this part of it.
 const TRUNCATION: f64 = 1e-12;
@@ -28,19 +32,29 @@ pub(crate) fn expectation<const D: usize>(
     sigma: f64,
     with_pulls: bool,
 ) -> Expectation<D> {
-    let tree = &data.tree;
+    expectation_on(Arch::new(), data, means, sigma, with_pulls)
+}
+
+/// [`expectation`] with the instructions of `arch`.
+fn expectation_on<const D: usize>(
+    arch: Arch,
+    data: &PointSet<D>,
+    means: &[Point<D>],
+    sigma: f64,
+    with_pulls: bool,
+) -> Expectation<D> {
     let walk = Walk {
-        arch: Arch::new(),
-        tree,
-        inverse_two_variance: 0.5 / (sigma * sigma),
-        reach: 2.0 * sigma * sigma * (means.len() as f64 / TRUNCATION).ln(),
+        arch,
+        tree: &data.tree,
+        inverse_unit: inverse_unit(sigma),
+        reach: 2.0 * sigma * sigma * (2.0 * means.len() as f64 / TRUNCATION).ln(),
+        reach_among: std::array::from_fn(|log2| {
+            2.0 * sigma * sigma * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
+        }),
     };
-    let all = Components {
-        coordinates: std::array::from_fn(|axis| means.iter().map(|mean| mean[axis]).collect()),
-        places: (0..means.len() as u32).collect(),
-    };
+    let all = Components::new(means);
     let mut tasks = Vec::new();
-    walk.collect_tasks(0, all, &mut Vec::new(), &mut tasks);
+    walk.collect_tasks(0, all, &mut FilterScratch::default(), &mut tasks);
     let results: Vec<(f64, Vec<Pull<D>>)> = tasks
         .par_iter()
         .map_init(Scratch::default, |scratch, task| walk.run(task, with_pulls, scratch))
@@ -50,37 +64,42 @@ pub(crate) fn expectation<const D: usize>(
     let mut pulls = vec![Pull::NONE; if with_pulls { means.len() } else { 0 }];
     for (task, (task_log_sum, task_pulls)) in tasks.iter().zip(&results) {
         log_sum += task_log_sum;
-        for (&place, pull) in task.components.places.iter().zip(task_pulls) {
+        for (&place, pull) in task.places.iter().zip(task_pulls) {
             pulls[place as usize].add(pull);
         }
     }
     Expectation { log_sum, pulls }
 }
 
-/// A subtree and the components that its points may need.
+/// A subtree and the components that its points may need, known by their place in this list.
 struct Task<const D: usize> {
     node: usize,
     components: Components<D>,
+    /// The places of these components among all.
+    places: Vec<u32>,
 }
 
 struct Walk<'a, const D: usize> {
     arch: Arch,
     tree: &'a Tree<D>,
-    inverse_two_variance: f64,
-    /// 2σ²·ln(K/ε): how much further (m²) than the nearest a component still matters.
+    inverse_unit: f64,
+    /// 2σ²·ln(2K/ε): how much further (m²) than the nearest a component still matters.
     reach: f64,
+    /// 2σ²·ln(2⁰/(ε/2)), 2σ²·ln(2¹/(ε/2)), ...: the same among up to 2⁰, 2¹, ... components.
+    reach_among: [f64; 33],
 }
 
+/// Working memory of a thread.
 struct Scratch<const D: usize> {
-    distances: Vec<f64>,
-    leaf: LeafScratch,
+    filter: FilterScratch,
+    rows: Vec<[f64; LEAF_POINTS]>,
     /// Component lists of the path from a task's node down to the current one.
     levels: Vec<Components<D>>,
 }
 
 impl<const D: usize> Default for Scratch<D> {
     fn default() -> Self {
-        Scratch { distances: Vec::new(), leaf: LeafScratch::default(), levels: Vec::new() }
+        Scratch { filter: FilterScratch::default(), rows: Vec::new(), levels: Vec::new() }
     }
 }
 
@@ -88,34 +107,45 @@ impl<const D: usize> Walk<'_, D> {
     fn collect_tasks(
         &self,
         node: usize,
-        components: Components<D>,
-        distances: &mut Vec<f64>,
+        mut components: Components<D>,
+        scratch: &mut FilterScratch,
         tasks: &mut Vec<Task<D>>,
     ) {
         match self.tree.nodes[node].kind {
             NodeKind::Split(left, right) if self.tree.nodes[node].points > TASK_POINTS => {
                 for child in [left, right] {
                     let mut kept = Components::default();
-                    self.filter(child, &components, distances, &mut kept);
-                    self.collect_tasks(child, kept, distances, tasks);
+                    self.filter(child, &components, scratch, &mut kept);
+                    self.collect_tasks(child, kept, scratch, tasks);
                 }
             }
-            _ => tasks.push(Task { node, components }),
+            _ => {
+                let local = (0..components.len() as u32).collect();
+                let places = std::mem::replace(&mut components.places, local);
+                tasks.push(Task { node, components, places });
+            }
         }
     }
 
+    /// Keeps the components that the points of a node may need. Returns the squared distance within
+    /// which each of them has a component.
     fn filter(
         &self,
         node: usize,
         components: &Components<D>,
-        distances: &mut Vec<f64>,
+        scratch: &mut FilterScratch,
         kept: &mut Components<D>,
-    ) {
-        let bounds = &self.tree.nodes[node].bounds;
-        self.arch.dispatch(
-            #[inline(always)]
-            || kernel::filter(components, bounds, self.reach, distances, kept),
-        );
+    ) -> f64 {
+        let Node { bounds, kind, .. } = &self.tree.nodes[node];
+        // Half of ε is for what is left out on the way to a leaf, in all at most K components; half is
+        // for what is left out at the leaf, fewer than the list has.
+        let reach = match kind {
+            NodeKind::Split(..) => self.reach,
+            NodeKind::Leaf(_) => {
+                self.reach_among[components.len().next_power_of_two().trailing_zeros() as usize]
+            }
+        };
+        self.arch.dispatch(Filter { components, bounds, reach, scratch, kept })
     }
 
     fn run(
@@ -124,54 +154,102 @@ impl<const D: usize> Walk<'_, D> {
         with_pulls: bool,
         scratch: &mut Scratch<D>,
     ) -> (f64, Vec<Pull<D>>) {
-        let len = task.components.len();
-        let mut pulls = vec![Pull::NONE; if with_pulls { len } else { 0 }];
-        // Within a task, components are known by their place in the task's list.
-        let mut local = task.components.clone();
-        local.places = (0..len as u32).collect();
-        let log_sum = self.descend(task.node, &local, 0, scratch, with_pulls.then_some(&mut pulls));
-        (log_sum, pulls)
+        let mut pulls = vec![PullLanes::NONE; if with_pulls { task.components.len() } else { 0 }];
+        let mut sums = LogProduct::ONE;
+        let pulls_of = with_pulls.then_some(pulls.as_mut_slice());
+        self.descend(task.node, &task.components, 0, scratch, &mut sums, pulls_of);
+        (sums.ln(), pulls.iter().map(PullLanes::total).collect())
     }
 
+    /// Multiplies `sums` by those of the points of a node, and adds to `pulls`. The node is `level`
+    /// below its task's, and its points need no other `components` than these.
     fn descend(
         &self,
         node: usize,
         components: &Components<D>,
         level: usize,
         scratch: &mut Scratch<D>,
-        mut pulls: Option<&mut Vec<Pull<D>>>,
-    ) -> f64 {
-        let count = self.tree.nodes[node].points;
-        match self.tree.nodes[node].kind {
-            NodeKind::Leaf(offset) => {
-                let coordinates = &self.tree.coordinates[offset..offset + D * padded(count)];
-                self.arch.dispatch(
-                    #[inline(always)]
-                    || {
-                        kernel::leaf(
-                            coordinates,
-                            count,
-                            components,
-                            self.inverse_two_variance,
-                            &mut scratch.leaf,
-                            pulls.map(Vec::as_mut_slice),
-                        )
-                    },
-                )
+        sums: &mut LogProduct,
+        mut pulls: Option<&mut [PullLanes<D>]>,
+    ) {
+        let Node { bounds, points: count, kind, .. } = &self.tree.nodes[node];
+        // Lists shrink little from one level to the next: every second one is enough.
+        if let NodeKind::Split(left, right) = *kind
+            && level.is_multiple_of(2)
+        {
+            for child in [left, right] {
+                self.descend(child, components, level + 1, scratch, sums, pulls.as_deref_mut());
             }
+            return;
+        }
+        if scratch.levels.len() <= level {
+            scratch.levels.resize(level + 1, Components::default());
+        }
+        let mut kept = std::mem::take(&mut scratch.levels[level]);
+        let covered = self.filter(node, components, &mut scratch.filter, &mut kept);
+        match *kind {
+            _ if kept.len() == 1 => self.alone(node, &kept, sums, pulls),
+            NodeKind::Leaf(index) => self.arch.dispatch(Leaf {
+                points: &self.tree.leaves[index],
+                count: *count,
+                center: bounds.center(),
+                components: &kept,
+                covered,
+                inverse_unit: self.inverse_unit,
+                rows: &mut scratch.rows,
+                sums,
+                pulls,
+            }),
             NodeKind::Split(left, right) => {
-                if scratch.levels.len() <= level {
-                    scratch.levels.push(Components::default());
-                }
-                let mut log_sum = 0.0;
                 for child in [left, right] {
-                    let mut kept = std::mem::take(&mut scratch.levels[level]);
-                    self.filter(child, components, &mut scratch.distances, &mut kept);
-                    log_sum += self.descend(child, &kept, level + 1, scratch, pulls.as_deref_mut());
-                    scratch.levels[level] = kept;
+                    self.descend(child, &kept, level + 1, scratch, sums, pulls.as_deref_mut());
                 }
-                log_sum
             }
+        }
+        scratch.levels[level] = kept;
+    }
+
+    /// One component has all the responsibility: its sums need no more than the points' moments.
+    fn alone(
+        &self,
+        node: usize,
+        component: &Components<D>,
+        sums: &mut LogProduct,
+        pulls: Option<&mut [PullLanes<D>]>,
+    ) {
+        let Node { points, mean, scatter, .. } = &self.tree.nodes[node];
+        let count = *points as f64;
+        let displacement: [f64; D] =
+            std::array::from_fn(|axis| mean[axis] - component.coordinates(axis)[0]);
+        let squared: f64 = displacement.iter().map(|d| d * d).sum();
+        sums.divide((scatter + count * squared) * self.inverse_unit * self.inverse_unit);
+        if let Some(pulls) = pulls {
+            pulls[component.places[0] as usize].add(count, displacement);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use rand::RngExt;
+
+    /// With lone and crowded components, short and long lists, near and far points.
+    #[test]
+    fn the_same_bits_for_every_instruction_set() {
+        let mut rng = Seed::new(1).rng();
+        let mut points: Vec<Point<2>> = (0..5000)
+            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
+            .collect();
+        points.push([1e4, 0.0]);
+        let data = PointSet::new(points).unwrap();
+        for count in [1, 7, 40, 5001] {
+            let means = data.centred(&data.points()[..count]);
+            let [plain, wide] = [Arch::Scalar, Arch::new()]
+                .map(|arch| expectation_on(arch, &data, &means, 0.05, true));
+            assert_eq!(plain.log_sum.to_bits(), wide.log_sum.to_bits());
+            assert_eq!(plain.pulls, wide.pulls);
         }
     }
 }

@@ -1,100 +1,26 @@
-use mcl_core::Bounds;
+//! The inner loop of the E step: one leaf of points and the components that they need.
 
-use super::exp::exp_nonpositive;
-use crate::point_set::LANES;
+use std::f64::consts::LOG2_E;
 
+use pulp::NullaryFnOnce;
+
+use super::components::Components;
+use super::exp::exp2_nonpositive;
+use super::log_product::LogProduct;
+use crate::point_set::{LEAF_POINTS, LeafPoints};
+
+/// Sums of exponentials from this power of two up are far enough above the smallest that
+/// [`exp2_nonpositive`] returns, and need no shift of the exponents.
+const UNSHIFTED: f64 = 600.0;
+
+type Row = [f64; LEAF_POINTS];
+
+/// A sum in parts, each its own lane of a vector.
 type Lanes = [f64; LANES];
+const LANES: usize = 4;
 
-/// Components by coordinate: `coordinates[axis][j]`, and the place of each in the caller's list.
-#[derive(Clone)]
-pub(super) struct Components<const D: usize> {
-    pub coordinates: [Vec<f64>; D],
-    pub places: Vec<u32>,
-}
-
-impl<const D: usize> Default for Components<D> {
-    fn default() -> Self {
-        Components { coordinates: std::array::from_fn(|_| Vec::new()), places: Vec::new() }
-    }
-}
-
-impl<const D: usize> Components<D> {
-    pub fn len(&self) -> usize {
-        self.places.len()
-    }
-
-    fn resize(&mut self, len: usize) {
-        self.coordinates.iter_mut().for_each(|axis| axis.resize(len, 0.0));
-        self.places.resize(len, 0);
-    }
-}
-
-/// Squared distances from each component to the nearest and to the furthest place in a box.
-#[inline(always)]
-fn box_distances<const D: usize>(
-    components: &Components<D>,
-    bounds: &Bounds<D>,
-    near: &mut [f64],
-    far: &mut [f64],
-) {
-    near.fill(0.0);
-    far.fill(0.0);
-    for axis in 0..D {
-        let (min, max) = (bounds.min[axis], bounds.max[axis]);
-        let coordinates = &components.coordinates[axis];
-        for ((&c, near), far) in coordinates.iter().zip(near.iter_mut()).zip(far.iter_mut()) {
-            let (below, above) = (min - c, c - max);
-            let outside = if below > above { below } else { above };
-            let outside = if outside > 0.0 { outside } else { 0.0 };
-            let (to_max, to_min) = (max - c, c - min);
-            let across = if to_max > to_min { to_max } else { to_min };
-            *near += outside * outside;
-            *far += across * across;
-        }
-    }
-}
-
-/// Keeps the components that a point in the box may need: those whose squared distance to the box is
-/// at most `reach` more than the smallest squared distance within which every place in the box has a
-/// component.
-#[inline(always)]
-pub(super) fn filter<const D: usize>(
-    components: &Components<D>,
-    bounds: &Bounds<D>,
-    reach: f64,
-    scratch: &mut Vec<f64>,
-    kept: &mut Components<D>,
-) {
-    let len = components.len();
-    scratch.resize(2 * len, 0.0);
-    let (near, far) = scratch.split_at_mut(len);
-    box_distances(components, bounds, near, far);
-    let covered = far.iter().copied().fold(f64::INFINITY, |a, b| if b < a { b } else { a });
-    // A hair of slack for the rounding of the distances themselves.
-    let limit = (covered + reach) * (1.0 + 1e-12);
-    kept.resize(len);
-    let mut count = 0;
-    for (j, &near) in near.iter().enumerate() {
-        for axis in 0..D {
-            kept.coordinates[axis][count] = components.coordinates[axis][j];
-        }
-        kept.places[count] = components.places[j];
-        count += usize::from(near <= limit);
-    }
-    kept.resize(count);
-}
-
-/// Working memory of [`leaf`]: per pair of component and point first the squared distance, then the
-/// exponential.
-#[derive(Default)]
-pub(super) struct LeafScratch {
-    pairs: Vec<Lanes>,
-    nearest: Vec<Lanes>,
-    sums: Vec<Lanes>,
-}
-
-/// Weight and weighted displacement that the points of a leaf give to a component: Σᵢ pᵢⱼ and
-/// Σᵢ pᵢⱼ·(xᵢ − μⱼ), with pᵢⱼ of equation 4.
+/// Weight and weighted displacement that points give to a component: Σᵢ pᵢⱼ and Σᵢ pᵢⱼ·(xᵢ − μⱼ), with
+/// pᵢⱼ of equation 4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pull<const D: usize> {
     pub weight: f64,
@@ -112,103 +38,148 @@ impl<const D: usize> Pull<D> {
     }
 }
 
-/// Evaluates one leaf: returns Σᵢ ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) over its `count` points, and, where
-/// `pulls` is given, adds what the points pull at the components to `pulls[components.places[j]]`.
-///
-/// `coordinates` holds `padded(count)` numbers per axis.
-#[inline(always)]
-pub(super) fn leaf<const D: usize>(
-    coordinates: &[f64],
-    count: usize,
-    components: &Components<D>,
-    inverse_two_variance: f64,
-    scratch: &mut LeafScratch,
-    pulls: Option<&mut [Pull<D>]>,
-) -> f64 {
-    let width = coordinates.len() / D / LANES;
-    let (chunks, _) = coordinates.as_chunks::<LANES>();
-    let axes: [&[Lanes]; D] = std::array::from_fn(|axis| &chunks[axis * width..(axis + 1) * width]);
-    let len = components.len();
-    // Every element is written before it is read; only growth has to be initialised.
-    if scratch.pairs.len() < len * width {
-        scratch.pairs.resize(len * width, [0.0; LANES]);
-    }
-    let pairs = &mut scratch.pairs[..len * width];
-    scratch.nearest.clear();
-    scratch.nearest.resize(width, [f64::INFINITY; LANES]);
-    scratch.sums.clear();
-    scratch.sums.resize(width, [0.0; LANES]);
-
-    for (j, row) in pairs.chunks_exact_mut(width).enumerate() {
-        let mean: [f64; D] = std::array::from_fn(|axis| components.coordinates[axis][j]);
-        for (chunk, (pair, nearest)) in row.iter_mut().zip(&mut scratch.nearest).enumerate() {
-            for lane in 0..LANES {
-                let mut distance = 0.0;
-                for axis in 0..D {
-                    let difference = axes[axis][chunk][lane] - mean[axis];
-                    distance += difference * difference;
-                }
-                pair[lane] = distance;
-                nearest[lane] = if distance < nearest[lane] { distance } else { nearest[lane] };
-            }
-        }
-    }
-    for row in pairs.chunks_exact_mut(width) {
-        for ((pair, nearest), sum) in row.iter_mut().zip(&scratch.nearest).zip(&mut scratch.sums) {
-            for lane in 0..LANES {
-                let e = exp_nonpositive((nearest[lane] - pair[lane]) * inverse_two_variance);
-                pair[lane] = e;
-                sum[lane] += e;
-            }
-        }
-    }
-    // Padding repeats the last point: it counts nowhere.
-    let is_point = |chunk: usize, lane: usize| chunk * LANES + lane < count;
-    let mut log_sum = 0.0;
-    let mut product = [1.0; LANES];
-    let mut nearest_sum = [0.0; LANES];
-    for (chunk, (sum, nearest)) in scratch.sums.iter_mut().zip(&scratch.nearest).enumerate() {
-        for lane in 0..LANES {
-            let real = is_point(chunk, lane);
-            // Each sum lies in [1, K] and K in [1, 2³²]: a product of the 6 chunks of a leaf lies
-            // below 2¹⁹², and that of four lanes below 2⁷⁶⁸.
-            product[lane] *= if real { sum[lane] } else { 1.0 };
-            nearest_sum[lane] += if real { nearest[lane] } else { 0.0 };
-            sum[lane] = if real { 1.0 / sum[lane] } else { 0.0 };
-        }
-    }
-    for half in product.chunks_exact(4) {
-        log_sum += ((half[0] * half[1]) * (half[2] * half[3])).ln();
-    }
-    log_sum -= fold(&nearest_sum) * inverse_two_variance;
-
-    let Some(pulls) = pulls else { return log_sum };
-    for (j, row) in pairs.chunks_exact(width).enumerate() {
-        let mean: [f64; D] = std::array::from_fn(|axis| components.coordinates[axis][j]);
-        let mut weight = [0.0; LANES];
-        let mut displacement = [[0.0; LANES]; D];
-        for (chunk, (pair, inverse)) in row.iter().zip(&scratch.sums).enumerate() {
-            for lane in 0..LANES {
-                let responsibility = pair[lane] * inverse[lane];
-                weight[lane] += responsibility;
-                for axis in 0..D {
-                    displacement[axis][lane] +=
-                        responsibility * (axes[axis][chunk][lane] - mean[axis]);
-                }
-            }
-        }
-        let pull = Pull {
-            weight: fold(&weight),
-            displacement: std::array::from_fn(|axis| fold(&displacement[axis])),
-        };
-        pulls[components.places[j] as usize].add(&pull);
-    }
-    log_sum
+/// A [`Pull`] while it is summed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PullLanes<const D: usize> {
+    weight: Lanes,
+    displacement: [Lanes; D],
 }
 
-/// The sum over the lanes, always in the same order.
+impl<const D: usize> PullLanes<D> {
+    pub const NONE: Self = PullLanes { weight: [0.0; LANES], displacement: [[0.0; LANES]; D] };
+
+    /// Adds `count` points at a mean distance from the component for which it alone is responsible.
+    pub fn add(&mut self, count: f64, displacement: [f64; D]) {
+        self.weight[0] += count;
+        for axis in 0..D {
+            self.displacement[axis][0] += count * displacement[axis];
+        }
+    }
+
+    pub fn total(&self) -> Pull<D> {
+        let total = |[a, b, c, d]: Lanes| (a + c) + (b + d);
+        Pull { weight: total(self.weight), displacement: self.displacement.map(total) }
+    }
+}
+
+/// √(log₂e/2σ²): in this unit of length, a component's density falls as 2^−d².
+pub(super) fn inverse_unit(sigma: f64) -> f64 {
+    (0.5 * LOG2_E).sqrt() / sigma
+}
+
+/// Evaluates one leaf: multiplies `sums` by Πᵢ Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) over its points, and, where
+/// `pulls` is given, adds what the points pull at the components to `pulls[components.places[j]]`.
+pub(super) struct Leaf<'a, const D: usize> {
+    pub points: &'a LeafPoints<D>,
+    /// How many of the points count; the others are padding.
+    pub count: usize,
+    /// The middle of the points' box (m).
+    pub center: [f64; D],
+    pub components: &'a Components<D>,
+    /// Squared distance (m²) within which every point has a component.
+    pub covered: f64,
+    pub inverse_unit: f64,
+    /// Working memory.
+    pub rows: &'a mut Vec<Row>,
+    pub sums: &'a mut LogProduct,
+    pub pulls: Option<&'a mut [PullLanes<D>]>,
+}
+
+/// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
+/// would be the narrow ones.
+impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Leaf { count, center, components, inverse_unit: scale, .. } = self;
+        // Lengths are counted in the unit, from the middle of the box.
+        let mut points = [[0.0; LEAF_POINTS]; D];
+        for axis in 0..D {
+            for i in 0..LEAF_POINTS {
+                points[axis][i] = (self.points[axis][i] - center[axis]) * scale;
+            }
+        }
+        let mean = |j: usize| -> [f64; D] {
+            std::array::from_fn(|axis| (components.coordinates(axis)[j] - center[axis]) * scale)
+        };
+        let len = components.len();
+
+        // Far from all components, exponents count from that of the nearest.
+        let mut shift = [0.0; LEAF_POINTS];
+        if self.covered * scale * scale > UNSHIFTED {
+            shift = [f64::INFINITY; LEAF_POINTS];
+            for j in 0..len {
+                let mean = mean(j);
+                for i in 0..LEAF_POINTS {
+                    let squared = squared_distance(&points, i, &mean);
+                    shift[i] = if squared < shift[i] { squared } else { shift[i] };
+                }
+            }
+        }
+
+        if self.rows.len() < len {
+            self.rows.resize(len, [0.0; LEAF_POINTS]);
+        }
+        let rows = &mut self.rows[..len];
+        let mut sums = [0.0; LEAF_POINTS];
+        for (j, row) in rows.iter_mut().enumerate() {
+            let mean = mean(j);
+            for i in 0..LEAF_POINTS {
+                row[i] = exp2_nonpositive(shift[i] - squared_distance(&points, i, &mean));
+                sums[i] += row[i];
+            }
+        }
+        self.sums.multiply(&sums, &shift, count);
+
+        let Some(pulls) = self.pulls else { return };
+        // Σᵢ pᵢⱼ·(xᵢ − μⱼ) = Σᵢ eᵢⱼ·(xᵢ/sᵢ) − μⱼ·Σᵢ eᵢⱼ·(1/sᵢ)
+        let mut inverse = [0.0; LEAF_POINTS];
+        for i in 0..LEAF_POINTS {
+            inverse[i] = if i < count { 1.0 / sums[i] } else { 0.0 };
+            for axis in 0..D {
+                points[axis][i] *= inverse[i];
+            }
+        }
+        let unit = 1.0 / scale;
+        for (j, row) in rows.iter().enumerate() {
+            let mean = mean(j);
+            let pull = &mut pulls[components.places[j] as usize];
+            let weight = dot(row, &inverse);
+            for lane in 0..LANES {
+                pull.weight[lane] += weight[lane];
+            }
+            for axis in 0..D {
+                let sum = dot(row, &points[axis]);
+                for lane in 0..LANES {
+                    pull.displacement[axis][lane] += (sum[lane] - mean[axis] * weight[lane]) * unit;
+                }
+            }
+        }
+    }
+}
+
+/// From one of the points. With the same rounding wherever it is used: the exponent of the nearest
+/// component, counted from itself, is 0.
 #[inline(always)]
-fn fold(lanes: &Lanes) -> f64 {
-    let [a, b, c, d, e, f, g, h] = *lanes;
-    ((a + e) + (c + g)) + ((b + f) + (d + h))
+fn squared_distance<const D: usize>(points: &LeafPoints<D>, i: usize, mean: &[f64; D]) -> f64 {
+    let first = points[0][i] - mean[0];
+    let mut squared = first * first;
+    for axis in 1..D {
+        let difference = points[axis][i] - mean[axis];
+        squared += difference * difference;
+    }
+    squared
+}
+
+/// Σ aᵢ·bᵢ in parts: lane l sums i = l, l + 4, l + 8, ...
+#[inline(always)]
+fn dot(a: &Row, b: &Row) -> Lanes {
+    let mut sums = [0.0; LANES];
+    for first in (0..LEAF_POINTS).step_by(LANES) {
+        for lane in 0..LANES {
+            sums[lane] += a[first + lane] * b[first + lane];
+        }
+    }
+    sums
 }

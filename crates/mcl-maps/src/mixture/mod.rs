@@ -3,16 +3,21 @@
 //! Every sum over the K components of a point leaves out only components whose whole contribution is
 //! below ε (10⁻¹²) of the sum. Points and components are matched by descending a tree of boxes over
 //! the points: with U the largest distance from a place in the box to the nearest component, a
-//! component further than √(U² + 2σ²·ln(K/ε)) from the box is left out of all its points, as
-//! K·exp(−(U² + 2σ²·ln(K/ε))/2σ²) = ε·exp(−U²/2σ²), and the sum of each point is at least
-//! exp(−U²/2σ²). The list of components shrinks on the way down, so no index over components is
-//! needed, and the distribution of neither matters.
+//! component further than √(U² + 2σ²·ln(n/ε)) from the box is left out of all its points, as n of them
+//! give at most n·exp(−(U² + 2σ²·ln(n/ε))/2σ²) = ε·exp(−U²/2σ²), and the sum of each point is at least
+//! exp(−U²/2σ²). On the way down n is K, at a leaf the length of the list that it chooses from; each has
+//! half of ε. The list of components shrinks on the way, so no index over components is needed, and
+//! the distribution of neither matters. Where only one component is left, the sums over the points
+//! below follow from their number, mean and scatter.
 
+mod components;
 mod exp;
 mod expectation;
 mod kernel;
+mod log_product;
 
-pub(crate) use expectation::expectation;
+pub(crate) use expectation::{Expectation, expectation};
+pub(crate) use kernel::Pull;
 
 use std::f64::consts::TAU;
 

@@ -1,0 +1,95 @@
+use mcl_core::{Point, PointMap};
+
+use crate::fkm::Model;
+use crate::{FkmReport, FkmSettings, MapError, PointSet};
+
+/// By how much the longest step that is tried grows when it succeeds and shrinks when it fails.
+const STEP_FACTOR: f64 = 4.0;
+
+/// Fuzzy k-means in fewer updates: SQUAREM (Varadhan & Roland, *Simple and Globally Convergent Methods
+/// for Accelerating the Convergence of Any EM Algorithm*, Scandinavian Journal of Statistics 35, 2008;
+/// step length S3), with the same arguments and result as [`fuzzy_k_means`](crate::fuzzy_k_means). It
+/// climbs from the same place by longer steps, so it may end on another local maximum.
+///
+/// From means μ, two updates move them by r and then by r + v. What follows would go on about
+/// geometrically, so the means jump to μ + 2αr + α²v, with α = ‖r‖/‖v‖; α = 1 is the two updates
+/// themselves. A jump that would lower the likelihood is undone: the trace never falls. α is at most a
+/// limit that starts at 1 and grows when a jump of that length succeeds.
+///
+/// Every evaluation of all points counts as an update, those of jumps too, and has its entry in the
+/// trace; that of an undone jump repeats the one before. Stops after a plain update that gains less
+/// than the tolerance.
+///
+/// # Errors
+/// [`MapError::Setting`] for settings out of range.
+pub fn accelerated_fuzzy_k_means<const D: usize>(
+    data: &PointSet<D>,
+    initial: &PointMap<D>,
+    settings: &FkmSettings,
+    mut observe: impl FnMut(usize, f64),
+) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
+    settings.check()?;
+    let mut trace = Vec::new();
+    let mut record = |per_point: f64| {
+        observe(trace.len(), per_point);
+        trace.push(per_point);
+        // Whether another update is allowed.
+        trace.len() <= settings.max_iterations
+    };
+    let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
+    let mut go_on = record(model.per_point);
+    let mut converged = false;
+    let mut longest = 1.0;
+    while go_on {
+        let updated = model.update(data, settings.sigma);
+        go_on = record(updated.per_point);
+        converged = updated.per_point - model.per_point < settings.tolerance;
+        if converged || !go_on {
+            model = updated;
+            break;
+        }
+        let length = step_length(&model, &updated).min(longest);
+        // A jump of length 1 goes where the next update goes anyway.
+        let mut succeeded = true;
+        if length > 1.0 {
+            let jumped = Model::new(data, jump(&model, &updated, length), settings.sigma);
+            succeeded = jumped.per_point >= updated.per_point;
+            model = if succeeded { jumped } else { updated };
+            go_on = record(model.per_point);
+        } else {
+            model = updated;
+        }
+        if !succeeded {
+            longest = f64::max(longest / STEP_FACTOR, 1.0);
+        } else if length == longest {
+            longest *= STEP_FACTOR;
+        }
+    }
+    let report = FkmReport { iterations: trace.len() - 1, converged, log_likelihood_trace: trace };
+    Ok((data.absolute(&model.means), report))
+}
+
+/// α = ‖r‖/‖v‖, at least 1.
+fn step_length<const D: usize>(model: &Model<D>, updated: &Model<D>) -> f64 {
+    let (mut r2, mut v2) = (0.0, 0.0);
+    for (step, next) in model.steps.iter().zip(&updated.steps) {
+        for axis in 0..D {
+            r2 += step[axis] * step[axis];
+            v2 += (next[axis] - step[axis]) * (next[axis] - step[axis]);
+        }
+    }
+    // Where nothing moves, 0/0 becomes 1.
+    f64::max((r2 / v2).sqrt(), 1.0)
+}
+
+/// μ + 2αr + α²v.
+fn jump<const D: usize>(model: &Model<D>, updated: &Model<D>, length: f64) -> Vec<Point<D>> {
+    let steps = model.steps.iter().zip(&updated.steps);
+    let jumped = |(mean, (step, next)): (&Point<D>, (&Point<D>, &Point<D>))| {
+        std::array::from_fn(|axis| {
+            let change = next[axis] - step[axis];
+            mean[axis] + length * (2.0 * step[axis] + length * change)
+        })
+    };
+    model.means.iter().zip(steps).map(jumped).collect()
+}

@@ -1,0 +1,157 @@
+//! Which components a box of points may need.
+
+use mcl_core::{Bounds, Point};
+use pulp::NullaryFnOnce;
+
+/// How many components are looked at together: many enough that the compiler does not unroll the loop
+/// over them before it can make vector instructions of it.
+const CHUNK: usize = 16;
+
+/// Components by coordinate: `coordinates[axis]`, in chunks, and the place of each in the caller's list.
+/// After the last component, coordinates are infinite.
+#[derive(Clone)]
+pub(super) struct Components<const D: usize> {
+    coordinates: [Vec<[f64; CHUNK]>; D],
+    pub places: Vec<u32>,
+}
+
+impl<const D: usize> Default for Components<D> {
+    fn default() -> Self {
+        Components { coordinates: std::array::from_fn(|_| Vec::new()), places: Vec::new() }
+    }
+}
+
+impl<const D: usize> Components<D> {
+    pub fn new(means: &[Point<D>]) -> Self {
+        let mut components = Self::default();
+        components.fill(means.len(), |j, axis| means[j][axis], |j| j as u32);
+        components
+    }
+
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// A coordinate of each component.
+    #[inline(always)]
+    pub fn coordinates(&self, axis: usize) -> &[f64] {
+        &self.coordinates[axis].as_flattened()[..self.len()]
+    }
+
+    /// Becomes `len` components; `coordinate` takes the number of one and an axis.
+    #[inline(always)]
+    fn fill(
+        &mut self,
+        len: usize,
+        coordinate: impl Fn(usize, usize) -> f64,
+        place: impl Fn(usize) -> u32,
+    ) {
+        let chunks = len.div_ceil(CHUNK);
+        for axis in 0..D {
+            let chunked = &mut self.coordinates[axis];
+            chunked.resize(chunks, [f64::INFINITY; CHUNK]);
+            if let Some(last) = chunked.last_mut() {
+                *last = [f64::INFINITY; CHUNK];
+            }
+            for (j, to) in chunked.as_flattened_mut()[..len].iter_mut().enumerate() {
+                *to = coordinate(j, axis);
+            }
+        }
+        self.places.clear();
+        self.places.extend((0..len).map(place));
+    }
+}
+
+/// Keeps the components that a point in the box may need: those whose squared distance to the box is
+/// at most `reach` more than the smallest squared distance within which every place in the box has a
+/// component. Returns that smallest squared distance.
+pub(super) struct Filter<'a, const D: usize> {
+    pub components: &'a Components<D>,
+    pub bounds: &'a Bounds<D>,
+    pub reach: f64,
+    pub scratch: &'a mut FilterScratch,
+    pub kept: &'a mut Components<D>,
+}
+
+/// Working memory of [`Filter`].
+#[derive(Default)]
+pub(super) struct FilterScratch {
+    /// Squared distances from each component to the nearest place in the box.
+    near: Vec<[f64; CHUNK]>,
+    chosen: Vec<u32>,
+}
+
+/// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
+/// would be the narrow ones.
+impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call(self) -> f64 {
+        let Filter { components, bounds, reach, scratch, kept } = self;
+        let FilterScratch { near, chosen } = scratch;
+        let len = components.len();
+        let chunks = len.div_ceil(CHUNK);
+        if near.len() < chunks {
+            near.resize(chunks, [0.0; CHUNK]);
+            chosen.resize(chunks * CHUNK, 0);
+        }
+        let near = &mut near[..chunks];
+        let covered = box_distances(components, bounds, near);
+        // A hair of slack for the rounding of the distances themselves.
+        let limit = (covered + reach) * (1.0 + 1e-12);
+        // Without branches, which would be hard to predict.
+        let mut count = 0;
+        for (j, &near) in near.as_flattened()[..len].iter().enumerate() {
+            chosen[count] = j as u32;
+            count += usize::from(near <= limit);
+        }
+        let chosen = &chosen[..count];
+        let mut from: [&[f64]; D] = [&[]; D];
+        for axis in 0..D {
+            from[axis] = components.coordinates(axis);
+        }
+        kept.fill(
+            count,
+            |j, axis| from[axis][chosen[j] as usize],
+            |j| components.places[chosen[j] as usize],
+        );
+        covered
+    }
+}
+
+/// Squared distances from each component to the nearest place in a box; returns the smallest of the
+/// squared distances to the furthest place.
+#[inline(always)]
+fn box_distances<const D: usize>(
+    components: &Components<D>,
+    bounds: &Bounds<D>,
+    near: &mut [[f64; CHUNK]],
+) -> f64 {
+    let center = bounds.center();
+    let mut half = [0.0; D];
+    for axis in 0..D {
+        half[axis] = 0.5 * bounds.extent(axis);
+    }
+    let mut covered = [f64::INFINITY; CHUNK];
+    for (chunk, near) in near.iter_mut().enumerate() {
+        let mut coordinates = [[0.0; CHUNK]; D];
+        for axis in 0..D {
+            coordinates[axis] = components.coordinates[axis][chunk];
+        }
+        for lane in 0..CHUNK {
+            let (mut to_near, mut to_far) = (0.0, 0.0);
+            for axis in 0..D {
+                let from_center = (coordinates[axis][lane] - center[axis]).abs();
+                let outside = from_center - half[axis];
+                let outside = if outside > 0.0 { outside } else { 0.0 };
+                let across = from_center + half[axis];
+                to_near += outside * outside;
+                to_far += across * across;
+            }
+            near[lane] = to_near;
+            covered[lane] = if to_far < covered[lane] { to_far } else { covered[lane] };
+        }
+    }
+    covered.into_iter().fold(f64::INFINITY, |a, b| if b < a { b } else { a })
+}
