@@ -98,6 +98,7 @@ fn maps_are_built_and_their_likelihood_is_found_again() {
         ("csv", &["--init", "grid", "--size", "5%"][..]),
         ("ply", &["--init", "grid", "--cell", "0.5", "--offset", "0.1,-0.1"]),
         ("pcd", &["--init", "random", "--size", "100", "--seed", "3", "--refine", "fkm"]),
+        ("pcd", &["--init", "grid", "--size", "100", "--refine", "fkm-accelerated"]),
     ] {
         let map = format!("map.{format}");
         let args = [&["map", "office.log", "-o", &map, "--json"], more].concat();

@@ -8,6 +8,9 @@ use crate::MapError;
 /// Points per leaf of the tree, at most. A fixed number, so that the compiler makes loops over a leaf
 /// vector instructions without a remainder; a power of two.
 pub(crate) const LEAF_POINTS: usize = 32;
+/// Nodes with at most this many points are split between whole leaves. Further up that would cost more
+/// than the leaves that it saves.
+const ROUNDED_POINTS: usize = 16 * LEAF_POINTS;
 /// The coordinates of a leaf's points, `[axis][point]`.
 pub(crate) type LeafPoints<const D: usize> = [[f64; LEAF_POINTS]; D];
 
@@ -112,10 +115,10 @@ impl<const D: usize> Tree<D> {
         let bounds = Bounds::of(part).expect("a node has points");
         let index = self.nodes.len();
         let count = part.len();
-        let (mean, scatter) = moments(part);
         let kind = NodeKind::Leaf(self.leaves.len());
-        self.nodes.push(Node { bounds, points: count, mean, scatter, kind });
+        self.nodes.push(Node { bounds, points: count, mean: [0.0; D], scatter: 0.0, kind });
         if count <= LEAF_POINTS {
+            (self.nodes[index].mean, self.nodes[index].scatter) = moments(part);
             self.leaves.push(std::array::from_fn(|axis| {
                 std::array::from_fn(|i| part[i.min(count - 1)][axis])
             }));
@@ -125,11 +128,11 @@ impl<const D: usize> Tree<D> {
             (0..D).max_by(|&a, &b| bounds.extent(a).total_cmp(&bounds.extent(b))).unwrap_or(0);
         let middle = 0.5 * (bounds.min[longest] + bounds.max[longest]);
         let mut below = partition(part, |point| point[longest] < middle);
-        let whole_leaves = (below as f64 / LEAF_POINTS as f64).round() as usize * LEAF_POINTS;
+        let whole_leaves = (below + LEAF_POINTS / 2) / LEAF_POINTS * LEAF_POINTS;
         if below == 0 || below == count {
             // Equal points, or neighbouring floats: any split is as good as another.
             below = count / 2;
-        } else if whole_leaves > 0 && whole_leaves < count {
+        } else if (1..count).contains(&whole_leaves) && count <= ROUNDED_POINTS {
             // Full leaves waste no work; the boxes grow by a few points.
             let order = |a: &Point<D>, b: &Point<D>| a[longest].total_cmp(&b[longest]);
             part.select_nth_unstable_by(whole_leaves, order);
@@ -137,7 +140,9 @@ impl<const D: usize> Tree<D> {
         }
         let left = self.build(points, range.start..range.start + below);
         let right = self.build(points, range.start + below..range.end);
-        self.nodes[index].kind = NodeKind::Split(left, right);
+        let (mean, scatter) = moments_of_both(&self.nodes[left], &self.nodes[right]);
+        self.nodes[index] =
+            Node { bounds, points: count, mean, scatter, kind: NodeKind::Split(left, right) };
         index
     }
 }
@@ -149,6 +154,19 @@ fn moments<const D: usize>(points: &[Point<D>]) -> (Point<D>, f64) {
     for axis in 0..D {
         mean[axis] = points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
         scatter += points.iter().map(|p| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
+    }
+    (mean, scatter)
+}
+
+/// The same for the points of two nodes together.
+fn moments_of_both<const D: usize>(left: &Node<D>, right: &Node<D>) -> (Point<D>, f64) {
+    let part = right.points as f64 / (left.points + right.points) as f64;
+    let mut mean = left.mean;
+    let mut scatter = left.scatter + right.scatter;
+    for axis in 0..D {
+        let between = right.mean[axis] - left.mean[axis];
+        mean[axis] += part * between;
+        scatter += part * left.points as f64 * between * between;
     }
     (mean, scatter)
 }
@@ -182,6 +200,14 @@ mod tests {
                 points.push([1e6, 1e4]);
             }
             let set = PointSet::new(points.clone()).unwrap();
+            let root = &set.tree.nodes[0];
+            let middle = set.centred(&points);
+            let (mean, scatter) = moments(&middle);
+            prop_assert!((root.scatter - scatter).abs() <= 1e-12 * scatter);
+            for axis in 0..2 {
+                let extent = root.bounds.extent(axis);
+                prop_assert!((root.mean[axis] - mean[axis]).abs() <= 1e-12 * extent);
+            }
             let mut found = Vec::new();
             for node in &set.tree.nodes {
                 let NodeKind::Leaf(index) = node.kind else { continue };
