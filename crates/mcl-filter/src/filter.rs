@@ -152,7 +152,7 @@ impl<'a> ParticleFilter<'a> {
     }
 
     /// Moves every particle by an odometry increment, the robot's pose in the frame of the robot
-    /// before, with noise of its own.
+    /// before, with noise of its own. Particles may change places in their list.
     ///
     /// # Errors
     /// [`FilterError::NonFiniteOdometry`], or [`FilterError::NonFiniteParticle`] when the motion
