@@ -47,12 +47,18 @@ struct Drawing {
 impl Drawing {
     /// Figure 5: localization error against map size, all sizes above, up to 1 % beneath.
     fn errors(&self, split: Split) -> Result<[PathBuf; 2]> {
-        let panel = |title: &str, sizes: RangeInclusive<f64>, x: Scale| CurvePanel {
-            title: title.to_owned(),
-            x: axis("map size [% of the points that build the map]", x),
-            // Lost runs err by metres, tracked ones by centimetres.
-            y: axis("mean weighted error d [–]", Scale::Log),
-            curves: self.curves(split, sizes),
+        let panel = |title: &str, sizes: RangeInclusive<f64>, scale: Scale| {
+            let curves = self.curves(split, sizes);
+            CurvePanel {
+                title: title.to_owned(),
+                x: AxisSpec {
+                    range: size_range(&curves, scale),
+                    ..axis("map size [% of the points that build the map]", scale)
+                },
+                // Lost runs err by metres, tracked ones by centimetres.
+                y: axis("mean weighted error d [–]", Scale::Log),
+                curves,
+            }
         };
         let all = self
             .rows(split, MapStrategy::All)
@@ -181,6 +187,17 @@ impl Drawing {
     fn read(&self, name: &str) -> Result<Trajectory> {
         Ok(read_file(self.trajectory.join(name), NonPlanar::Refuse)?.trajectory)
     }
+}
+
+/// The sizes of the curves with room on both sides for the numbers of diverged runs.
+fn size_range(curves: &[Curve], scale: Scale) -> Option<[f64; 2]> {
+    let sizes = || curves.iter().flat_map(|curve| &curve.points).map(|point| point.x);
+    let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
+    let range = match scale {
+        Scale::Log => [low / 1.4, high * 1.4],
+        Scale::Linear | Scale::Symlog { .. } => [0.0, high * 1.08],
+    };
+    (low > 0.0 && low <= high).then_some(range)
 }
 
 fn scans_of(split: Split) -> &'static str {

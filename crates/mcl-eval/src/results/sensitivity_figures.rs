@@ -11,17 +11,18 @@ use crate::figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
 
-/// Draws a figure per sweep. Maps of one size: error over the number with the most values, a curve per
-/// value of the setting that comes next, a panel per map and value of the others. Maps of several sizes: error over the
-/// size, a curve per strategy and a panel per setting, like figure 5.
+/// Draws a figure per sweep. Where there are more settings than maps: error over the number with the most
+/// values, a curve per value of the setting that comes next, a panel per map and value of the others.
+/// Where there are more maps: error over their size, a curve per strategy and a panel per setting, like
+/// figure 5.
 pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let definition: SensitivityExperiment = manifest.definition()?;
     let rows: Vec<SensitivityRow> = read_rows(&folder.join(TRIALS))?;
     let cells = summarize_sensitivity(&rows)?;
     let mut drawn = Vec::new();
     for sweep in definition.sweeps.iter().filter(|sweep| sweep.covers(&manifest.dataset.name)) {
-        let sizes = sweep.maps.iter().any(|map| map.percent != sweep.maps[0].percent);
-        let mut panels = match sizes {
+        let more_maps = sweep.maps.len() > sweep.settings(&definition).len();
+        let mut panels = match more_maps {
             true => panels_by_setting(&definition, sweep, &cells),
             false => panels_by_map(&definition, sweep, &cells),
         };
