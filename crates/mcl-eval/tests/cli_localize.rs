@@ -217,11 +217,12 @@ fn every_setting_changes_the_run() {
         lab.read("out/run-000.tum")
     };
     let plain = trajectory(&[]);
-    let settings: [&[&str]; 10] = [
+    let settings: [&[&str]; 11] = [
         &["--sigma-hit", "0.1"],
         &["--z-rand", "0.3"],
         &["--max-distance", "0.5"],
         &["--alpha", "0.1,0.1,0.1,0.1"],
+        &["--proposal", "motion"],
         &["--resampling", "residual"],
         &["--ess-fraction", "0.1"],
         &["--likelihood-exponent", "0.3"],
@@ -232,7 +233,8 @@ fn every_setting_changes_the_run() {
     for more in settings {
         assert!(trajectory(more) != plain, "{more:?}");
     }
-    assert_eq!(trajectory(&["--sigma-hit", "0.2", "--resampling", "systematic"]), plain);
+    let sigma_hit = mcl_filter::FilterSettings::default().sigma_hit.to_string();
+    assert_eq!(trajectory(&["--sigma-hit", &sigma_hit, "--proposal", "adaptive"]), plain);
 }
 
 #[test]

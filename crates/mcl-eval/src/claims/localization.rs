@@ -137,29 +137,27 @@ fn no_gain(data: &LocalizationResults) -> Claim {
     let statement = Statement {
         id: "localization-no-gain",
         section: Section::Localization,
-        text: "More than 1 % of the points do not always lower the error",
-        test: "paired t test over maps of ln error, per strategy and size above 1 %: above 95 % of \
-               the error at 1 %; p: the smallest times the number of cells (Bonferroni)",
+        text: "Beyond 1 % more points do not always lower the error",
+        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
+               next size: above 95 % of the error before; p: the smallest times the number of steps \
+               (Bonferroni)",
     };
     statement.decide(&data.place, || {
-        let cells = against_one_percent(&data.sampled()?)?;
+        let runs = data.sampled()?;
+        let steps = steps_up(&runs)?;
         let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
-        let mut within = 0;
+        let mut without_gain = 0;
         let mut told: Vec<(f64, String)> = Vec::new();
-        for (larger, one) in &cells {
-            let [larger_errors, one_errors] =
-                log_errors([std::slice::from_ref(larger), std::slice::from_ref(one)])?;
-            let limit: Vec<f64> =
-                one_errors.iter().map(|error| error + (1.0 - SAME_ERROR).ln()).collect();
-            let test = paired_t_test(&larger_errors, &limit)?;
+        for Step { larger, smaller } in &steps {
+            let test = compare_to(larger, smaller, 1.0 - SAME_ERROR)?;
             smallest_p = smallest_p.min(test.p_greater);
             maps = pairs(&test);
-            within += usize::from(test.mean_difference > 0.0);
-            let log_ratio = mean(&larger_errors) - mean(&one_errors);
+            without_gain += usize::from(test.mean_difference > 0.0);
+            let log_ratio = test.mean_difference + (1.0 - SAME_ERROR).ln();
             told.push((log_ratio, format!("{} ({})", ratio(log_ratio), larger.name())));
         }
         told.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let p = (smallest_p * cells.len() as f64).min(1.0);
+        let p = (smallest_p * steps.len() as f64).min(1.0);
         let ends = match told.as_slice() {
             [(_, first), .., (_, last)] => format!("from {first} to {last}"),
             ends => ends.iter().map(|(_, only)| only.clone()).collect(),
@@ -168,9 +166,9 @@ fn no_gain(data: &LocalizationResults) -> Claim {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "{within} of {} cells are not lower by 5 %; ratio of geometric mean errors on \
+                "{without_gain} of {} steps gain less than 5 %; ratio of geometric mean errors on \
                  {maps} maps {ends}",
-                cells.len()
+                steps.len()
             ),
         })
     })
@@ -180,45 +178,77 @@ fn slightly_worse(data: &LocalizationResults) -> Claim {
     let statement = Statement {
         id: "localization-slightly-worse",
         section: Section::Localization,
-        text: "In some cases more than 1 % of the points make localization slightly worse",
-        test: "paired t test over maps of ln error, per strategy and size above 1 %: above the \
-               error at 1 %, and the mean error too; p: the smallest times the number of cells \
-               (Bonferroni)",
+        text: "Beyond 1 % more points in some cases make localization slightly worse",
+        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
+               next size: above the error before, and the mean error too; p: the smallest times \
+               the number of steps (Bonferroni)",
     };
     statement.decide(&data.place, || {
-        let cells = against_one_percent(&data.sampled()?)?;
+        let runs = data.sampled()?;
+        let steps = steps_up(&runs)?;
         let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
         let mut higher = Vec::new();
-        for (larger, one) in &cells {
-            let test = compare(std::slice::from_ref(larger), std::slice::from_ref(one))?;
+        for Step { larger, smaller } in &steps {
+            let test = compare_to(larger, smaller, 1.0)?;
             maps = pairs(&test);
-            let (error, error_at_one) = (larger.mean_error(), one.mean_error());
-            if error > error_at_one {
+            let (error, before) = (larger.mean_error(), smaller.mean_error());
+            if error > before {
                 smallest_p = smallest_p.min(test.p_greater);
                 let told = format!(
-                    "{} with {} against {} ({:+.1} %)",
+                    "{} with {} against {} at {} % ({:+.1} %, {})",
                     larger.name(),
                     number(error),
-                    number(error_at_one),
-                    100.0 * (error / error_at_one - 1.0)
+                    number(before),
+                    smaller.size_percent,
+                    100.0 * (error / before - 1.0),
+                    p_value(test.p_greater)
                 );
-                higher.push((error / error_at_one, told));
+                higher.push((test.p_greater, told));
             }
         }
-        higher.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let worst =
-            higher.first().map_or(String::new(), |(_, worst)| format!("; the worst is {worst}"));
-        let p = (smallest_p * cells.len() as f64).min(1.0);
+        higher.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let surest =
+            higher.first().map_or(String::new(), |(_, told)| format!("; the surest is {told}"));
+        let p = (smallest_p * steps.len() as f64).min(1.0);
         Ok(Finding {
             holds: p < ALPHA,
             p: Some(p),
             measured: format!(
-                "on {maps} maps the mean error is higher in {} of {} cells{worst}",
+                "on {maps} maps the mean error is higher after {} of {} steps{surest}",
                 higher.len(),
-                cells.len()
+                steps.len()
             ),
         })
     })
+}
+
+/// Two cells of one strategy, neighbours in size.
+struct Step<'a> {
+    larger: Cell<'a>,
+    smaller: Cell<'a>,
+}
+
+/// The steps of all four strategies from 1 % or more to the next size.
+fn steps_up<'a>(runs: &Sampled<'a>) -> Result<Vec<Step<'a>>, Untestable> {
+    runs.all_cells(&Sizes::ABOVE_SMALL)?;
+    let mut steps = Vec::new();
+    for strategy in MapStrategy::SAMPLED {
+        let cells = runs.cells(strategy, &Sizes::NOT_SMALL)?;
+        steps.extend(
+            cells.windows(2).map(|pair| Step { larger: pair[1].clone(), smaller: pair[0].clone() }),
+        );
+    }
+    if steps.is_empty() {
+        return Err(Untestable("there is only one size from 1 % on".to_owned()));
+    }
+    Ok(steps)
+}
+
+/// Tests ln error in one cell against that in another times a factor, paired by map.
+fn compare_to(cell: &Cell, other: &Cell, factor: f64) -> Result<TTest, Untestable> {
+    let [errors, others] = log_errors([std::slice::from_ref(cell), std::slice::from_ref(other)])?;
+    let limits: Vec<f64> = others.iter().map(|error| error + factor.ln()).collect();
+    Ok(paired_t_test(&errors, &limits)?)
 }
 
 /// The cells of a builder's maps before and after fuzzy k-means.
@@ -229,15 +259,6 @@ fn before_and_after<'a>(
 ) -> Result<[Vec<Cell<'a>>; 2], Untestable> {
     let cells = |improved| runs.cells(MapStrategy::of(builder, improved), of);
     Ok([cells(false)?, cells(true)?])
-}
-
-/// The cells of all four strategies above 1 %, each beside that of its strategy at 1 %.
-fn against_one_percent<'a>(runs: &Sampled<'a>) -> Result<Vec<(Cell<'a>, Cell<'a>)>, Untestable> {
-    let beside = |larger: Cell<'a>| {
-        let one = runs.cell(larger.strategy, 1.0)?;
-        Ok((larger, one))
-    };
-    runs.all_cells(&Sizes::ABOVE_SMALL)?.into_iter().map(beside).collect()
 }
 
 /// How many pairs a paired test had: maps with their runs.

@@ -11,6 +11,7 @@ mod manifest;
 mod scheduler;
 mod sensitivity;
 mod sensitivity_summary;
+mod sensitivity_trials;
 mod store;
 
 pub use definition::{
@@ -31,11 +32,13 @@ pub use localization_summary::{
 pub use manifest::{DatasetFacts, Manifest};
 pub use scheduler::{Trial, TrialOutcome, run_trials};
 pub use sensitivity::{
-    SensitivityDataset, SensitivityExperiment, SensitivityKey, SensitivityRow, SensitivityTrial,
-    Setting, SettingKey, Sweep, SweptMap, sensitivity_trials,
+    SensitivityDataset, SensitivityExperiment, Setting, SettingKey, Sweep, SweptMap,
 };
 pub use sensitivity_summary::{
     RankedSetting, SensitivityCell, StrategyComparison, compare_strategies, rank_settings,
     summarize_sensitivity,
+};
+pub use sensitivity_trials::{
+    SensitivityKey, SensitivityRow, SensitivityTrial, sensitivity_trials,
 };
 pub use store::{TrialStore, read_rows, write_rows};
