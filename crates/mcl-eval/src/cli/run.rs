@@ -49,10 +49,14 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         && let Some(ranking) = results::write_ranking(definition, &args.output.join(&name))?
         && !global.quiet
     {
+        eprintln!(
+            "settings ranked over {}: {}",
+            ranking.datasets.join(", "),
+            ranking.path.display()
+        );
         for (sweep, rank) in ranking.best {
             eprintln!("{}", describe_best(&sweep, &rank));
         }
-        eprintln!("all settings by their error: {}", ranking.path.display());
     }
     let ran =
         Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
@@ -66,7 +70,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(complete && ran.failed == 0))
 }
 
-/// "tracking: σ_hit 0.3 m, z_rand 0.1, α 0.05, 0.005, 0.005, 0.005 tracks best (geometric mean …)".
+/// "tracking: best with σ_hit 0.3 m, z_rand 0.1, …: mean weighted error 0.0273 (0 of 12 runs diverged)".
 fn describe_best(sweep: &str, rank: &RankedSetting) -> String {
     let setting = rank.setting;
     let [a1, a2, a3, a4] = setting.alpha();

@@ -24,7 +24,8 @@ pub(super) fn run(
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
     let limit = experiment.of_dataset(&source.name).and_then(|dataset| dataset.scans);
-    let source = &source.first_scans(limit.unwrap_or(usize::MAX));
+    let part = limit.map(|scans| source.first_scans(scans));
+    let source = part.as_ref().unwrap_or(source);
     let points = source.points()?.len();
     let facts = DatasetFacts::of(source, points);
     let manifest = Manifest::new(name, Kind::Sensitivity, experiment, facts)?;
@@ -55,6 +56,8 @@ pub(super) fn run(
 pub struct Ranking {
     /// `ranking.csv`: a row per sweep, setting and data set.
     pub path: PathBuf,
+    /// The data sets it rests on: those that have a say and results.
+    pub datasets: Vec<String>,
     /// The best setting of each sweep, by the sweep's name.
     pub best: Vec<(String, RankedSetting)>,
 }
@@ -107,5 +110,6 @@ pub fn write_ranking(experiment: &SensitivityExperiment, folder: &Path) -> Resul
     }
     let path = folder.join(RANKING);
     write_rows(&path, &rows)?;
-    Ok(Some(Ranking { path, best }))
+    let datasets = names.into_iter().map(str::to_owned).collect();
+    Ok(Some(Ranking { path, datasets, best }))
 }
