@@ -35,8 +35,8 @@ pub use sensitivity::{
     SensitivityDataset, SensitivityExperiment, Setting, SettingKey, Sweep, SweptMap,
 };
 pub use sensitivity_summary::{
-    RankedSetting, SensitivityCell, StrategyComparison, compare_strategies, rank_settings,
-    summarize_sensitivity,
+    RankedSetting, SensitivityCell, StrategyComparison, compare_strategies, find_cell,
+    rank_settings, summarize_sensitivity,
 };
 pub use sensitivity_trials::{
     SensitivityKey, SensitivityRow, SensitivityTrial, sensitivity_trials,

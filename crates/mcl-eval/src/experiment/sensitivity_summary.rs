@@ -5,7 +5,7 @@ use mcl_metrics::paired_t_test;
 use serde::Serialize;
 
 use super::localization_summary::{COMPARED, interval_of_runs};
-use super::{MapStrategy, SensitivityExperiment, SensitivityRow, Setting, Sweep};
+use super::{MapStrategy, SensitivityExperiment, SensitivityRow, Setting, Sweep, SweptMap};
 
 /// The runs of one setting, strategy and size. `weighted` is the mean of equation 7 over runs and scans
 /// with a 95 % bootstrap interval over runs, diverged runs included.
@@ -128,6 +128,18 @@ pub fn compare_strategies(rows: &[SensitivityRow]) -> Result<Vec<(Setting, Strat
     Ok(comparisons)
 }
 
+/// The summary of the runs of a setting on a map, if there are any.
+pub fn find_cell<'a>(
+    cells: &'a [(Setting, SensitivityCell)],
+    setting: &Setting,
+    map: &SweptMap,
+) -> Option<&'a SensitivityCell> {
+    let found = cells.iter().find(|(other, cell)| {
+        other == setting && cell.strategy == map.strategy && cell.size_percent == map.percent
+    });
+    found.map(|(_, cell)| cell)
+}
+
 /// How well a setting tracks over several data sets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedSetting {
@@ -159,11 +171,7 @@ pub fn rank_settings(
         for cells in datasets {
             let mut of_maps = Vec::new();
             for map in &sweep.maps {
-                let (_, cell) = cells.iter().find(|(other, cell)| {
-                    *other == setting
-                        && cell.strategy == map.strategy
-                        && cell.size_percent == map.percent
-                })?;
+                let cell = find_cell(cells, &setting, map)?;
                 of_maps.push(cell.weighted);
                 diverged += cell.diverged;
                 runs += cell.runs;

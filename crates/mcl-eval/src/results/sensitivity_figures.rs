@@ -5,7 +5,7 @@ use anyhow::Result;
 use super::{FIGURES, TRIALS};
 use crate::experiment::{
     Manifest, MapStrategy, SensitivityCell, SensitivityExperiment, SensitivityRow, Setting, Sweep,
-    SweptMap, read_rows, summarize_sensitivity,
+    SweptMap, find_cell, read_rows, summarize_sensitivity,
 };
 use crate::figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
@@ -155,7 +155,7 @@ fn panels_by_setting(
                 .maps
                 .iter()
                 .filter(|map| map.strategy == strategy)
-                .filter_map(|map| Some(mark(map.percent, find(setting, map, cells)?)))
+                .filter_map(|map| Some(mark(map.percent, find_cell(cells, setting, map)?)))
                 .collect(),
         });
         let label = "requested map size [% of the points]".to_owned();
@@ -192,15 +192,14 @@ fn panel(title: String, x: String, scale: Scale, curves: Vec<Curve>) -> CurvePan
 }
 
 fn caption(manifest: &Manifest, definition: &SensitivityExperiment, sweep: &Sweep) -> String {
-    let fixed: Vec<String> = sweep
-        .settings(definition)
-        .first()
-        .map(|first| {
-            let settings = sweep.settings(definition);
-            let fixed = AXES.iter().filter(|axis| values(axis, &settings).len() == 1);
-            fixed.map(|axis| format!("{} = {}", axis.name, (axis.text)(first))).collect()
+    let settings = sweep.settings(definition);
+    let fixed: Vec<String> = AXES
+        .iter()
+        .filter_map(|axis| match values(axis, &settings).as_slice() {
+            [only] => Some(format!("{} = {only}", axis.name)),
+            _ => None,
         })
-        .unwrap_or_default();
+        .collect();
     format!(
         "{}. Error of equation 7 with ξ = 0.8, mean over {} runs with {} particles on as many maps, \
          and 95 % bootstrap intervals over runs; open symbols: diverged runs of all. {}.",
@@ -234,18 +233,7 @@ fn point(
         Some(number) => number(setting),
         None => place()? as f64 + 1.0,
     };
-    Some(mark(position, find(setting, map, cells)?))
-}
-
-fn find<'a>(
-    setting: &Setting,
-    map: &SweptMap,
-    cells: &'a [(Setting, SensitivityCell)],
-) -> Option<&'a SensitivityCell> {
-    let found = cells.iter().find(|(other, cell)| {
-        other == setting && cell.strategy == map.strategy && cell.size_percent == map.percent
-    });
-    found.map(|(_, cell)| cell)
+    Some(mark(position, find_cell(cells, setting, map)?))
 }
 
 fn mark(x: f64, cell: &SensitivityCell) -> CurvePoint {
