@@ -1,6 +1,6 @@
 use mcl_core::{Bounds, NearestNeighbors, Point, PointMap};
-use pulp::{Arch, NullaryFnOnce};
 
+use super::fetch::{Fetch, PADDING, Task, dispatch};
 use super::grid::{Candidates, Grid};
 use super::lookup::{CHUNK, Lookup, Workspace};
 use crate::FilterError;
@@ -142,20 +142,43 @@ impl DistanceField {
             return;
         }
         squared.resize(points.len(), 0.0);
-        Arch::new().dispatch(Batch { lookup: Lookup::new(self), field: self, points, squared });
+        dispatch(Batch { lookup: Lookup::new(self), field: self, points, squared });
     }
 
     /// Whether distances from positions in `f32` are within 10⁻⁵ m.
+    pub(super) fn is_single_precise(&self) -> bool {
+        self.single_precision_error() <= LARGEST_ERROR
+    }
+
+    /// Whether they still are when the places are rotated and shifted in `f32`, from the middle of a
+    /// cell and as far as `reach` (m).
+    ///
+    /// Sine, cosine and the coordinates to rotate are rounded, and so are two products, their sum and
+    /// the sum with the place in the cell. With |s·x| + |c·y| ≤ r and alike for the other axis, up to
+    /// √2·r for both together, that is less than (3·√2 + 2)·ε·(r + s) < 6.5·ε·(r + s).
+    pub(super) fn is_near(&self, reach: f64) -> bool {
+        let error = 6.5 * EPSILON * (reach + self.grid.cell);
+        self.single_precision_error() + error <= LARGEST_ERROR
+            && reach <= MOST_CELLS * self.grid.cell
+    }
+
+    /// A bound on the error (m) of distances from positions in `f32`.
     ///
     /// With ε = 2⁻²⁴, a position in a cell is off by at most ε/4 cells per axis, a candidate that
     /// counts lies within the cut c and a cell s of the centre and is off by at most ε·(c + s), their
     /// difference is rounded by as much again, and the squares and their sum cost 1.5·ε·c: together
     /// less than (2·√2 + 1.5)·ε·(c + s) + 0.4·ε·s < 5·ε·(c + s).
-    pub(super) fn is_single_precise(&self) -> bool {
-        const EPSILON: f64 = 1.0 / 16_777_216.0;
-        5.0 * EPSILON * (self.exact.max_distance + self.grid.cell) <= 1e-5
+    fn single_precision_error(&self) -> f64 {
+        5.0 * EPSILON * (self.exact.max_distance + self.grid.cell)
     }
 }
+
+/// 2⁻²⁴, the largest relative error of rounding to `f32`.
+const EPSILON: f64 = 1.0 / 16_777_216.0;
+/// The largest error of a distance (m).
+const LARGEST_ERROR: f64 = 1e-5;
+/// As many cells on the way to a place are counted exactly.
+const MOST_CELLS: f64 = 1_048_576.0;
 
 /// The fast path of [`DistanceField::distances_squared`].
 struct Batch<'a> {
@@ -165,11 +188,9 @@ struct Batch<'a> {
     squared: &'a mut [f64],
 }
 
-impl NullaryFnOnce for Batch<'_> {
-    type Output = ();
-
+impl Task for Batch<'_> {
     #[inline(always)]
-    fn call(self) {
+    fn run<F: Fetch>(self, fetch: F) {
         let grid = &self.field.grid;
         let square_metres = grid.cell * grid.cell;
         let mut workspace = Workspace::default();
@@ -181,9 +202,11 @@ impl NullaryFnOnce for Batch<'_> {
                 }
             }
             let [x, y] = &places;
-            let number = points.len();
-            let found = self.lookup.distances_squared(&x[..number], &y[..number], &mut workspace);
-            for (squared, &found) in squared.iter_mut().zip(&*found) {
+            let number = points.len().next_multiple_of(PADDING);
+            let (x, y) = (&x[..number], &y[..number]);
+            workspace.place(number, |i| self.lookup.locate(x[i], y[i]));
+            let found = self.lookup.squared_distances(fetch, number, &mut workspace);
+            for (squared, &found) in squared.iter_mut().zip(found) {
                 *squared = f64::from(found) * square_metres;
             }
         }
@@ -192,11 +215,11 @@ impl NullaryFnOnce for Batch<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fetch::{dispatch_on, instruction_sets};
     use super::*;
     use mcl_core::Seed;
     use rand::RngExt;
 
-    /// The dispatched code and the same code compiled for the baseline.
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
         let mut rng = Seed::new(1).rng();
@@ -208,9 +231,13 @@ mod tests {
         let points = places(10_001);
         let mut dispatched = Vec::new();
         field.distances_squared(&points, &mut dispatched);
-        let mut baseline = vec![0.0; points.len()];
-        let lookup = Lookup::new(&field);
-        Batch { lookup, field: &field, points: &points, squared: &mut baseline }.call();
-        assert!(dispatched == baseline && dispatched.iter().any(|&squared| squared < 1.0));
+        assert!(dispatched.iter().any(|&squared| squared < 1.0));
+        for set in instruction_sets() {
+            let lookup = Lookup::new(&field);
+            let mut found = vec![0.0; points.len()];
+            let squared = &mut found;
+            dispatch_on(set, Batch { lookup, field: &field, points: &points, squared });
+            assert!(found == dispatched, "{set:?}");
+        }
     }
 }

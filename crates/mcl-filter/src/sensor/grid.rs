@@ -14,26 +14,35 @@ pub(super) const NO_POINT: u32 = u32::MAX;
 /// In place of a first point's number: the second number is that of a list.
 pub(super) const LISTED: u32 = u32::MAX - 1;
 /// In place of a list's length: left to the tree.
-pub(super) const CROWDED: u32 = u32::MAX;
+pub(super) const CROWDED: u32 = 1 << 30;
 /// A part of a cell without points: its two candidates are farther away than any cut, yet near
 /// enough that their squares are finite.
 pub(super) const FAR: f32 = 1e18;
-/// In place of candidates: a list says more. No place has these bits, both coordinates NaN.
-pub(super) const OVERFULL: Place = u64::MAX;
+/// Added to a number that stands in place of a coordinate, so that it is the bits of a normal float.
+const NUMBER_BASE: u32 = 1 << 23;
 /// Places at the very end of a cell belong to its last part: positions are scaled by a little less
 /// than the number of parts, so that rounding cannot lead beyond it.
 pub(super) const SHRINK: f64 = 1.0 - 1.0 / 262_144.0;
 
-/// A place relative to the centre of its cell, in cells: the bits of x as `f32` below those of y.
-/// As one integer it is copied faster than two floats are.
-pub(super) type Place = u64;
+/// A place relative to the centre of its cell, in cells.
+pub(super) type Place = [f32; 2];
 
-pub(super) fn pack(x: f32, y: f32) -> Place {
-    u64::from(x.to_bits()) | u64::from(y.to_bits()) << 32
+/// The two candidates of a part of a cell; the same twice when there is one. When there are more, the
+/// first coordinate is NaN, the second a number that [`blocks`](Grid::blocks) knows.
+pub(super) type Record = [Place; 2];
+
+/// The record of a part with a list, from its first block and their number, or [`CROWDED`].
+pub(super) fn overfull(first_block: u32, blocks: u32) -> Record {
+    [[f32::NAN, as_coordinate(first_block)], [as_coordinate(blocks), 0.0]]
 }
 
-/// The two candidates of a part of a cell; the same twice when there is one.
-pub(super) type Record = [Place; 2];
+fn as_coordinate(number: u32) -> f32 {
+    f32::from_bits(NUMBER_BASE + number)
+}
+
+fn from_coordinate(coordinate: f32) -> u32 {
+    coordinate.to_bits() - NUMBER_BASE
+}
 
 /// What a part of a cell knows.
 pub(super) enum Candidates<'a> {
@@ -48,6 +57,16 @@ pub(super) enum Candidates<'a> {
 pub(super) struct List {
     pub start: u32,
     pub length: u32,
+}
+
+/// Listed points in a block: their squared distances are computed together.
+pub(super) const BLOCK: usize = 4;
+
+/// Places of some listed points, coordinate by coordinate.
+#[derive(Clone, Copy)]
+pub(super) struct Block {
+    pub x: [f32; BLOCK],
+    pub y: [f32; BLOCK],
 }
 
 /// A grid over a map and everything within the cut of it. Cells with many candidates are cut into
@@ -70,7 +89,8 @@ pub(super) struct Grid {
     pub numbers: Vec<[u32; 2]>,
     pub lists: Vec<List>,
     pub listed: Vec<u32>,
-    pub listed_places: Vec<Place>,
+    /// Places of the listed points, list by list, each filled up with [`FAR`] to whole blocks.
+    pub blocks: Vec<Block>,
     /// Every different point of the map.
     pub points: Vec<Point<2>>,
 }
@@ -91,8 +111,7 @@ impl Grid {
     /// coarse far from the origin.
     pub fn place(&self, number: u32, centre: Point<2>) -> Place {
         let point = self.points[number as usize];
-        let [x, y] = [0, 1].map(|axis| (self.in_cells(axis, point[axis]) - centre[axis]) as f32);
-        pack(x, y)
+        [0, 1].map(|axis| (self.in_cells(axis, point[axis]) - centre[axis]) as f32)
     }
 
     /// The candidates at a place.
@@ -121,10 +140,18 @@ impl Grid {
         }
     }
 
-    /// Where the list of an overfull record lies; `None` when it is left to the tree.
+    /// Which of `listed` a list has; `None` when it is left to the tree.
     #[inline(always)]
     pub fn list(&self, list: u32) -> Option<std::ops::Range<usize>> {
         let List { start, length } = self.lists[list as usize];
         (length != CROWDED).then(|| start as usize..start as usize + length as usize)
+    }
+
+    /// The blocks of an overfull record, from its second and third coordinate; `None` when it is left
+    /// to the tree.
+    #[inline(always)]
+    pub fn blocks(&self, first: f32, number: f32) -> Option<&[Block]> {
+        let (first, number) = (from_coordinate(first) as usize, from_coordinate(number));
+        (number != CROWDED).then(|| &self.blocks[first..first + number as usize])
     }
 }

@@ -2,7 +2,9 @@
 
 use mcl_core::{Bounds, Point, PointMap};
 
-use super::grid::{CROWDED, FAR, Grid, LISTED, List, NO_POINT, OVERFULL, RECORD_BITS, pack};
+use super::grid::{
+    BLOCK, Block as PlaceBlock, CROWDED, FAR, Grid, LISTED, List, NO_POINT, RECORD_BITS, overfull,
+};
 
 /// Cells per map point, and limits of the number of cells. Results do not depend on them, nor on the
 /// limits below.
@@ -10,7 +12,7 @@ const CELLS_PER_POINT: usize = 16;
 const MIN_CELLS: usize = 1 << 12;
 const MAX_CELLS: usize = 1 << 17;
 /// A cell is cut into smaller parts while more than one part in this many is overfull ...
-const OVERFULL_SHARE: usize = 32;
+const OVERFULL_SHARE: usize = 8;
 /// ... it has no more than this many parts per candidate ...
 const PARTS_PER_CANDIDATE: usize = 8;
 /// ... and four parts together have less than this times the candidates of the part they were cut
@@ -72,11 +74,11 @@ fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
         columns,
         rows,
         cells: vec![0; columns * rows],
-        records: vec![[pack(FAR, FAR); 2]],
+        records: vec![[[FAR; 2]; 2]],
         numbers: vec![[NO_POINT; 2]],
         lists: Vec::new(),
         listed: Vec::new(),
-        listed_places: Vec::new(),
+        blocks: Vec::new(),
         points: Vec::new(),
     }
 }
@@ -183,7 +185,7 @@ impl Builder {
     fn leave_to_tree(&mut self, block: Block) {
         let grid = &mut self.grid;
         let record = grid.records.len() as u32;
-        grid.records.push([OVERFULL; 2]);
+        grid.records.push(overfull(0, CROWDED));
         grid.numbers.push([LISTED, grid.lists.len() as u32]);
         grid.lists.push(List { start: 0, length: CROWDED });
         for row in block.row..block.row + block.rows {
@@ -290,22 +292,27 @@ impl Builder {
     fn push(&mut self, centre: Point<2>, candidates: &[u32]) {
         let grid = &mut self.grid;
         let (record, numbers) = match *candidates {
-            [] => ([pack(FAR, FAR); 2], [NO_POINT; 2]),
+            [] => ([[FAR; 2]; 2], [NO_POINT; 2]),
             [one] => ([grid.place(one, centre); 2], [one, NO_POINT]),
             [one, other] => ([grid.place(one, centre), grid.place(other, centre)], [one, other]),
             _ => {
                 let start = grid.listed.len();
                 let fits = candidates.len() <= MAX_LIST && start + candidates.len() <= MAX_LISTED;
                 let length = if fits { candidates.len() as u32 } else { CROWDED };
+                let first_block = grid.blocks.len() as u32;
+                let blocks = if fits { length.div_ceil(BLOCK as u32) } else { CROWDED };
                 grid.lists.push(List { start: start as u32, length });
                 if fits {
-                    for &number in candidates {
-                        let place = grid.place(number, centre);
-                        grid.listed_places.push(place);
+                    for numbers in candidates.chunks(BLOCK) {
+                        let mut block = PlaceBlock { x: [FAR; BLOCK], y: [FAR; BLOCK] };
+                        for (i, &number) in numbers.iter().enumerate() {
+                            [block.x[i], block.y[i]] = grid.place(number, centre);
+                        }
+                        grid.blocks.push(block);
                     }
                     grid.listed.extend(candidates);
                 }
-                ([OVERFULL; 2], [LISTED, grid.lists.len() as u32 - 1])
+                (overfull(first_block, blocks), [LISTED, grid.lists.len() as u32 - 1])
             }
         };
         grid.records.push(record);

@@ -1,8 +1,8 @@
-use std::f64::consts::TAU;
+use std::f64::consts::{LOG2_E, TAU};
 
 use mcl_core::{Point, Pose2};
-use pulp::Arch;
 
+use super::fetch::dispatch;
 use super::lookup::{CHUNK, Lookup};
 use super::pass::{Chunk, Pass, Product, Sum};
 use super::{DistanceField, MapDistances, ScanEndpoints};
@@ -11,6 +11,17 @@ use crate::{CheckedSettings, FilterError};
 /// ln of the largest and of 1/smallest magnitude that a product of factors may reach: e^690 ≈ 10^299
 /// leaves room for rounding below the largest and above the smallest normal number (10^±308).
 const LARGEST_LOG: f64 = 690.0;
+
+/// |log₂| of the smallest product of `f32` factors up to 1: six bits above the smallest normal number.
+const F32_LOG2: f64 = 120.0;
+/// How many squared distances are summed in `f32` before their sum is added in `f64`.
+const FEW_SUMMED: usize = 16;
+
+/// How many factors, the logarithm of each no farther from 0 than `log`, make a product whose logarithm
+/// is no farther from 0 than `most`; at least one.
+fn factors(most: f64, log: f64) -> usize {
+    ((most / log.abs()) as usize).clamp(1, 1 << 20)
+}
 
 /// The likelihood field of *Probabilistic Robotics* (table 6.3) on a point map: each used beam has
 /// the likelihood
@@ -59,7 +70,7 @@ impl<'a> LikelihoodField<'a> {
         // within ±n·max(|ln random|, |ln(hit + random)|): below LARGEST_LOG a product can neither
         // underflow nor overflow. A single factor cannot either, as random > 0 where it is used.
         let largest = random.ln().abs().max((hit + random).ln().abs());
-        let group = ((LARGEST_LOG / largest) as usize).clamp(1, 1 << 20);
+        let group = factors(LARGEST_LOG, largest);
         Ok(LikelihoodField {
             distances,
             hit,
@@ -112,7 +123,7 @@ impl<'a> LikelihoodField<'a> {
     }
 
     /// Whether `f32` is good enough for distances and for the Gaussian, which it cuts at
-    /// e⁻⁸⁷ ≈ 10⁻³⁸ of its height: nothing beside a random part of 10⁻³⁰ of it.
+    /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its height: nothing beside a random part of 10⁻³⁰ of it.
     fn is_fast(&self, field: &DistanceField) -> bool {
         let gaussian = self.random == 0.0 || self.random >= 1e-30 * self.hit;
         gaussian && field.is_single_precise()
@@ -128,35 +139,46 @@ impl<'a> LikelihoodField<'a> {
         particles: &mut Chunk,
         log_weights: &mut [f64],
     ) {
-        let arch = Arch::new();
         let lookup = Lookup::new(field);
         let grid = &field.grid;
         let decay = self.decay * grid.cell * grid.cell;
-        let beams = || {
-            let scaled = |e: &f64| e / grid.cell;
-            endpoints.x().iter().map(scaled).zip(endpoints.y().iter().map(scaled))
-        };
+        let near = field.is_near(endpoints.reach());
+        let beams =
+            || endpoints.x().iter().zip(endpoints.y()).map(|(x, y)| [x / grid.cell, y / grid.cell]);
         let neutral = if self.random == 0.0 { 0.0 } else { 1.0 };
+        // Likelihoods divided by the largest are between this and 1.
+        let whole = self.hit + self.random;
+        let smallest = self.random / whole;
+        let (few, group) =
+            (factors(F32_LOG2, smallest.log2()), factors(LARGEST_LOG, smallest.ln()));
+        let update = Product {
+            decay: (-decay * LOG2_E) as f32,
+            hit: (self.hit / whole) as f32,
+            random: smallest as f32,
+        };
         for (chunk, log_weights) in log_weights.chunks_mut(CHUNK).enumerate() {
             let first = chunk * CHUNK;
             particles.load(grid, &poses, first..first + log_weights.len(), neutral);
             if self.random == 0.0 {
-                arch.dispatch(Pass { lookup, particles, beams: beams(), update: Sum });
+                let few = FEW_SUMMED;
+                dispatch(Pass { lookup, particles, beams: beams(), near, few, update: Sum });
                 let constant = endpoints.len() as f64 * self.ln_hit;
                 particles.take_values(log_weights, neutral, |sum| {
                     self.exponent * (constant - sum * decay)
                 });
                 continue;
             }
-            let update = Product { decay: decay as f32, hit: self.hit, random: self.random };
             let mut beams = beams();
             let mut left = endpoints.len();
             while left > 0 {
-                let group = left.min(self.group);
+                let group = left.min(group);
                 left -= group;
                 let beams = beams.by_ref().take(group);
-                arch.dispatch(Pass { lookup, particles, beams, update });
-                particles.take_values(log_weights, neutral, |product| self.exponent * product.ln());
+                dispatch(Pass { lookup, particles, beams, near, few, update });
+                let constant = group as f64 * whole.ln();
+                particles.take_values(log_weights, neutral, |product| {
+                    self.exponent * (constant + product.ln())
+                });
             }
         }
     }
@@ -254,32 +276,41 @@ mod tests {
     #[test]
     fn fast_and_reference_agree() {
         let mut rng = Seed::new(2).rng();
-        for (width, z_rand, sigma_hit, max_distance) in [
-            (20.0, 0.1, 0.2, 2.0),
-            (20.0, 0.0, 0.2, 2.0),
-            (20.0, 1.0, 0.2, 2.0),
-            (20.0, 1e-28, 0.1, 2.0),
-            (20.0, 1e-300, 0.1, 2.0),
-            (20_000.0, 0.1, 0.2, 2.0),
-            (20.0, 0.1, 0.2, 100.0),
+        for (width, z_rand, sigma_hit, max_distance, longest, is_near) in [
+            (20.0, 0.1, 0.2, 2.0, 10.0, true),
+            (20.0, 0.0, 0.2, 2.0, 10.0, true),
+            (20.0, 1.0, 0.2, 2.0, 10.0, true),
+            (20.0, 1e-28, 0.1, 2.0, 10.0, true),
+            (20.0, 1e-300, 0.1, 2.0, 10.0, true),
+            (100.0, 0.1, 0.2, 2.0, 80.0, false),
+            (100.0, 0.0, 0.2, 2.0, 80.0, false),
+            (20_000.0, 0.1, 0.2, 2.0, 10.0, false),
+            (20.0, 0.1, 0.2, 100.0, 10.0, false),
         ] {
             let mut uniform = |width: f64| width * (rng.random::<f64>() - 0.5);
             let points = (0..2_000).map(|_| [1e4 + uniform(width), uniform(width)]);
             let map = PointMap::new(points.collect()).unwrap();
-            let settings =
-                FilterSettings { z_rand, sigma_hit, max_distance, ..FilterSettings::default() };
+            let settings = FilterSettings {
+                z_rand,
+                sigma_hit,
+                max_distance,
+                max_range: longest,
+                ..FilterSettings::default()
+            };
             let settings = settings.check().unwrap();
             let grid = MapDistances::grid(&map, max_distance).unwrap();
             let reference = MapDistances::reference(&map, max_distance).unwrap();
             let scan = LaserScan {
                 stamp: None,
                 geometry: ScanGeometry { start_angle: -1.5, angle_step: 0.01, beams: 300 },
-                ranges: (0..300).map(|_| 5.0 + uniform(9.9)).collect(),
+                ranges: (0..300).map(|_| 0.5 * longest + uniform(0.99 * longest)).collect(),
                 map_from_laser: None,
                 odometry: None,
             };
             let mut endpoints = ScanEndpoints::default();
-            endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();
+            endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, longest).unwrap();
+            let MapDistances::Grid(field) = &grid else { panic!("no grid") };
+            assert_eq!(field.is_near(endpoints.reach()), is_near);
             // More than a chunk, and no multiple of anything.
             let n = 2 * CHUNK + 13;
             let x: Vec<f64> = (0..n).map(|_| 1e4 + uniform(1.2 * width)).collect();
@@ -294,14 +325,19 @@ mod tests {
                 log_weights
             });
             // A beam's logarithm changes by at most d/σ² per metre of d, here with an error of less
-            // than 1e-6 m, and by the relative error of the exponential, 2e-7.
+            // than 1e-6 m and that of the place (DistanceField::is_near), and by the relative errors of
+            // the exponential and five more roundings, 2⁻²³ + 5·2⁻²⁴ < 5e-7.
+            let error = 1e-6 + if is_near { 6.5 * longest / 16_777_216.0 } else { 0.0 };
             let steepest = max_distance.min(10.0 * sigma_hit) / (sigma_hit * sigma_hit);
             let steepest =
                 if z_rand == 0.0 { max_distance / (sigma_hit * sigma_hit) } else { steepest };
-            let tolerance = 300.0 * (1e-6 * steepest + 2e-7);
+            let tolerance = 300.0 * (error * steepest + 5e-7);
             for (found, expected) in found.iter().zip(&expected) {
                 let off = (found - expected).abs();
-                assert!(off <= tolerance, "{width} m, z_rand {z_rand}: {found} for {expected}");
+                assert!(
+                    off <= tolerance,
+                    "{width} m, z_rand {z_rand}, {longest} m: {found} for {expected}"
+                );
             }
         }
     }

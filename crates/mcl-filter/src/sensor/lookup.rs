@@ -1,21 +1,23 @@
 //! Distances for many places at a time: the inner loop of the filter.
 //!
-//! Places are found in `f64`, so that the size of a map costs no accuracy; only positions within a
-//! cell are `f32`. Arithmetic and table look-ups alternate in loops of their own: the former, without
-//! branches and fused operations, become vector instructions where they are inlined into a dispatched
-//! function, with the same bits for every instruction set.
+//! Positions within a cell are `f32`, but places are not, so that the size of a map costs no accuracy:
+//! they are `f64`, or `f32` from the middle of a cell not far away. Arithmetic and table look-ups
+//! alternate in loops of their own: the former, without branches and fused operations, become vector
+//! instructions where they are inlined into a dispatched function, with the same bits for every
+//! instruction set.
 
 use super::DistanceField;
-use super::grid::{OVERFULL, Place, RECORD_BITS, RECORD_MASK, SHRINK, pack};
+use super::fetch::{Fetch, LANES};
+use super::grid::{BLOCK, Block, Place, RECORD_BITS, RECORD_MASK, SHRINK};
 
 /// Places looked up at a time: few enough that all they need stays in the first-level cache.
 pub(super) const CHUNK: usize = 256;
 /// 1.5·2⁵²: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// 1.5·2²³: the same in `f32`.
+/// 1.5·2²³: the same in `f32`, below 2²².
 const ROUND_F32: f32 = 12_582_912.0;
-/// The low bits in which [`ROUND_F32`] leaves a number of at most 2¹⁶.
-const PART_MASK: u32 = (1 << 20) - 1;
+/// The low bits in which [`ROUND_F32`] leaves a number.
+const ROUND_MASK: u32 = (1 << 22) - 1;
 
 /// Intermediate results of a chunk.
 pub(super) struct Workspace {
@@ -25,12 +27,19 @@ pub(super) struct Workspace {
     cell: [u32; CHUNK],
     /// First the cell's entry, then the number of the record.
     record: [u32; CHUNK],
-    /// Candidates of the records.
-    first: [Place; CHUNK],
-    second: [Place; CHUNK],
-    /// Those of the chunk that need a list.
-    overfull: [u32; CHUNK],
+    /// Candidates of the records, coordinate by coordinate.
+    x: [[f32; CHUNK]; 2],
+    y: [[f32; CHUNK]; 2],
     squared: [f32; CHUNK],
+}
+
+/// Where a place is.
+#[derive(Clone, Copy)]
+pub(super) struct Located {
+    /// Relative to the centre of the cell.
+    dx: f32,
+    dy: f32,
+    cell: u32,
 }
 
 impl Default for Workspace {
@@ -40,10 +49,21 @@ impl Default for Workspace {
             dy: [0.0; CHUNK],
             cell: [0; CHUNK],
             record: [0; CHUNK],
-            first: [0; CHUNK],
-            second: [0; CHUNK],
-            overfull: [0; CHUNK],
+            x: [[0.0; CHUNK]; 2],
+            y: [[0.0; CHUNK]; 2],
             squared: [0.0; CHUNK],
+        }
+    }
+}
+
+impl Workspace {
+    /// Fills in the first `number` places.
+    #[inline(always)]
+    pub fn place(&mut self, number: usize, located: impl Fn(usize) -> Located) {
+        let (dx, dy) = (&mut self.dx[..number], &mut self.dy[..number]);
+        let cell = &mut self.cell[..number];
+        for i in 0..number {
+            Located { dx: dx[i], dy: dy[i], cell: cell[i] } = located(i);
         }
     }
 }
@@ -55,6 +75,8 @@ pub(super) struct Lookup<'a> {
     last_column: f64,
     last_row: f64,
     columns: f64,
+    /// The same three in `f32`.
+    limits: [f32; 3],
     /// The squared cut in cells.
     cut: f32,
 }
@@ -68,39 +90,51 @@ impl<'a> Lookup<'a> {
             last_column: (grid.columns - 1) as f64,
             last_row: (grid.rows - 1) as f64,
             columns: grid.columns as f64,
+            limits: [(grid.columns - 1) as f32, (grid.rows - 1) as f32, grid.columns as f32],
             cut: (cut * cut) as f32,
         }
     }
 
-    /// Squared distances, cut, from at most [`CHUNK`] places in cells, all in units of cells.
+    /// The cell of a place (in cells), and the place relative to its centre.
     #[inline(always)]
-    pub fn distances_squared<'w>(
+    pub fn locate(&self, x: f64, y: f64) -> Located {
+        let (column, dx) = round(x, self.last_column);
+        let (row, dy) = round(y, self.last_row);
+        let cell = (row * self.columns + column + ROUND).to_bits() as u32;
+        Located { dx: dx as f32, dy: dy as f32, cell }
+    }
+
+    /// The same for a place relative to the centre of the cell in `column` and `row`; all four below
+    /// 2²².
+    #[inline(always)]
+    pub fn locate_from(&self, column: f32, row: f32, x: f32, y: f32) -> Located {
+        let (columns, rows) = ((x + ROUND_F32) - ROUND_F32, (y + ROUND_F32) - ROUND_F32);
+        let [last_column, last_row, width] = self.limits;
+        let (column, row) = (clamp(column + columns, last_column), clamp(row + rows, last_row));
+        let cell = (row * width + column + ROUND_F32).to_bits() & ROUND_MASK;
+        Located { dx: x - columns, dy: y - rows, cell }
+    }
+
+    /// Squared distances, cut, of the first `number` places of the workspace, in cells. `number` is a
+    /// multiple of [`LANES`] and at most [`CHUNK`].
+    #[inline(always)]
+    pub fn squared_distances<'w, F: Fetch>(
         &self,
-        x: &[f64],
-        y: &[f64],
+        fetch: F,
+        number: usize,
         workspace: &'w mut Workspace,
-    ) -> &'w mut [f32] {
+    ) -> &'w [f32] {
         let grid = &self.field.grid;
         let (cells, table) = (grid.cells.as_slice(), grid.records.as_slice());
-        let number = x.len();
-        let y = &y[..number];
-        let dx = &mut workspace.dx[..number];
-        let dy = &mut workspace.dy[..number];
-        let cell = &mut workspace.cell[..number];
+        let (dx, dy) = (&workspace.dx[..number], &workspace.dy[..number]);
+        let cell = &workspace.cell[..number];
         let record = &mut workspace.record[..number];
-        let (first, second) = (&mut workspace.first[..number], &mut workspace.second[..number]);
-        let overfull = &mut workspace.overfull;
-        let squared = &mut workspace.squared[..number];
-
-        for i in 0..number {
-            let (column, from_x) = round(x[i], self.last_column);
-            let (row, from_y) = round(y[i], self.last_row);
-            dx[i] = from_x as f32;
-            dy[i] = from_y as f32;
-            cell[i] = (row * self.columns + column + ROUND).to_bits() as u32;
-        }
-        for i in 0..number {
-            record[i] = cells[cell[i] as usize];
+        for (records, numbers) in
+            record.as_chunks_mut::<LANES>().0.iter_mut().zip(cell.as_chunks::<LANES>().0)
+        {
+            for lane in 0..LANES {
+                records[lane] = cells[numbers[lane] as usize];
+            }
         }
         for i in 0..number {
             let entry = record[i];
@@ -108,51 +142,69 @@ impl<'a> Lookup<'a> {
             let (scale, middle) = (parts * SHRINK as f32, 0.5 * parts - 0.5);
             let column = (dx[i] * scale + middle + ROUND_F32) - ROUND_F32;
             let row = (dy[i] * scale + middle + ROUND_F32) - ROUND_F32;
-            let part = (row * parts + column + ROUND_F32).to_bits() & PART_MASK;
+            let part = (row * parts + column + ROUND_F32).to_bits() & ROUND_MASK;
             record[i] = (entry & RECORD_MASK) + part;
         }
-        // Which places need a list is hard to predict: they are noted without a branch.
-        let mut count = 0;
-        for i in 0..number {
-            let [one, other] = table[record[i] as usize];
-            (first[i], second[i]) = (one, other);
-            overfull[count % CHUNK] = i as u32;
-            count += usize::from(one == OVERFULL);
+        let ([x1, x2], [y1, y2]) = (&mut workspace.x, &mut workspace.y);
+        let (x1, x2) = (&mut x1[..number], &mut x2[..number]);
+        let (y1, y2) = (&mut y1[..number], &mut y2[..number]);
+        // Which places need a list is hard to predict: branches on that are few.
+        let mut overfull = [0u64; CHUNK / 64];
+        let outputs = x1
+            .as_chunks_mut::<LANES>()
+            .0
+            .iter_mut()
+            .zip(x2.as_chunks_mut::<LANES>().0)
+            .zip(y1.as_chunks_mut::<LANES>().0)
+            .zip(y2.as_chunks_mut::<LANES>().0);
+        let groups = record.as_chunks::<LANES>().0.iter().zip(outputs);
+        for (group, (numbers, (((x1, x2), y1), y2))) in groups.enumerate() {
+            let candidates = fetch.fetch(table, numbers);
+            *x1 = candidates.x[0];
+            *x2 = candidates.x[1];
+            *y1 = candidates.y[0];
+            *y2 = candidates.y[1];
+            overfull[group / 8 % 4] |= u64::from(candidates.overfull) << (group % 8 * LANES);
         }
-        for &i in &overfull[..count] {
-            let i = i as usize;
-            first[i] = self.nearest_listed(record[i], cell[i], dx[i], dy[i]);
-            second[i] = first[i];
-        }
+        let squared = &mut workspace.squared[..number];
         for i in 0..number {
-            let one = squared_distance(first[i], dx[i], dy[i]);
-            let other = squared_distance(second[i], dx[i], dy[i]);
+            let one = squared_distance([x1[i], y1[i]], dx[i], dy[i]);
+            let other = squared_distance([x2[i], y2[i]], dx[i], dy[i]);
             let nearest = if one < other { one } else { other };
             squared[i] = if nearest < self.cut { nearest } else { self.cut };
+        }
+        for (word, &bits) in overfull.iter().enumerate() {
+            let mut bits = bits;
+            while bits != 0 {
+                let i = 64 * word + bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                let blocks = grid.blocks(y1[i], x2[i]);
+                squared[i] = self.nearest_listed(blocks, cell[i], dx[i], dy[i]);
+            }
         }
         squared
     }
 
-    /// The nearest of a list.
+    /// The squared distance, cut, to the nearest of a list.
     #[inline(always)]
-    fn nearest_listed(&self, record: u32, cell: u32, dx: f32, dy: f32) -> Place {
-        let grid = &self.field.grid;
-        let [_, list] = grid.numbers[record as usize];
-        let Some(range) = grid.list(list) else { return self.crowded(cell, dx, dy) };
-        let mut nearest = (0, f32::INFINITY);
-        for &place in &grid.listed_places[range] {
-            let squared = squared_distance(place, dx, dy);
-            if squared < nearest.1 {
-                nearest = (place, squared);
+    fn nearest_listed(&self, blocks: Option<&[Block]>, cell: u32, dx: f32, dy: f32) -> f32 {
+        let Some(blocks) = blocks else { return self.crowded(cell, dx, dy) };
+        let mut nearest = [self.cut; BLOCK];
+        for block in blocks {
+            for i in 0..BLOCK {
+                let squared = squared_distance([block.x[i], block.y[i]], dx, dy);
+                nearest[i] = if squared < nearest[i] { squared } else { nearest[i] };
             }
         }
-        nearest.0
+        let [a, b, c, d] = nearest;
+        let (a, b) = (if a < b { a } else { b }, if c < d { c } else { d });
+        if a < b { a } else { b }
     }
 
-    /// A place as far away as the tree says.
+    /// The squared distance that the tree says.
     #[cold]
     #[inline(never)]
-    fn crowded(&self, cell: u32, dx: f32, dy: f32) -> Place {
+    fn crowded(&self, cell: u32, dx: f32, dy: f32) -> f32 {
         let grid = &self.field.grid;
         let cell = cell as usize;
         let place = [
@@ -160,14 +212,13 @@ impl<'a> Lookup<'a> {
             (cell / grid.columns) as f64 + f64::from(dy),
         ];
         let point = std::array::from_fn(|axis| grid.origin[axis] + place[axis] * grid.cell);
-        let distance = self.field.exact.distance_squared(point).sqrt() / grid.cell;
-        pack(dx + distance as f32, dy)
+        (self.field.exact.distance_squared(point) / (grid.cell * grid.cell)) as f32
     }
 }
 
 #[inline(always)]
-fn squared_distance(place: Place, dx: f32, dy: f32) -> f32 {
-    let (x, y) = (f32::from_bits(place as u32) - dx, f32::from_bits((place >> 32) as u32) - dy);
+fn squared_distance([x, y]: Place, dx: f32, dy: f32) -> f32 {
+    let (x, y) = (x - dx, y - dy);
     x * x + y * y
 }
 
@@ -178,4 +229,10 @@ fn round(place: f64, last: f64) -> (f64, f64) {
     let place = if place < last { place } else { last };
     let nearest = (place + ROUND) - ROUND;
     (nearest, place - nearest)
+}
+
+#[inline(always)]
+fn clamp(place: f32, last: f32) -> f32 {
+    let place = if place > 0.0 { place } else { 0.0 };
+    if place < last { place } else { last }
 }

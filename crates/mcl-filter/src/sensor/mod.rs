@@ -3,6 +3,7 @@
 
 mod distance_field;
 mod exp;
+mod fetch;
 mod grid;
 mod grid_builder;
 mod likelihood_field;

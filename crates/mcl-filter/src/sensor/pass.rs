@@ -2,44 +2,58 @@
 
 use std::ops::Range;
 
-use pulp::NullaryFnOnce;
-
 use super::Poses;
-use super::exp::exp_nonpositive;
+use super::exp::{LEAST, exp2_nonpositive};
+use super::fetch::{Fetch, PADDING, Task};
 use super::grid::Grid;
 use super::lookup::{Lookup, Workspace};
 
-/// Some particles: positions in cells of the grid, sines and cosines of their headings, and the sum
-/// or product over beams so far.
+/// Some particles, in cells of the grid, and the sum or product over beams so far.
 #[derive(Default)]
 pub(super) struct Chunk {
-    x: Vec<f64>,
-    y: Vec<f64>,
-    sin: Vec<f64>,
-    cos: Vec<f64>,
+    poses: [Vec<f64>; 4],
+    near: [Vec<f32>; 6],
+    combined: Vec<f32>,
     value: Vec<f64>,
-    endpoint_x: Vec<f64>,
-    endpoint_y: Vec<f64>,
     workspace: Box<Workspace>,
 }
 
+/// Cells from the grid's first one within which cells are told apart.
+const FARTHEST_CELL: f64 = 4_194_304.0;
+
 impl Chunk {
     /// Takes over those of the poses in `range`; there are at most [`CHUNK`](super::lookup::CHUNK).
+    ///
+    /// The list is filled up to whole vectors with poses that nothing is asked about.
     pub fn load(&mut self, grid: &Grid, poses: &Poses<'_>, range: Range<usize>, neutral: f64) {
-        let fill = |to: &mut Vec<f64>, from: &[f64]| {
+        let number = range.len().next_multiple_of(PADDING);
+        let [x, y, sin, cos] = &mut self.poses;
+        let [column, row, from_x, from_y, near_sin, near_cos] = &mut self.near;
+        for (to, from) in [(&mut *sin, poses.sin), (&mut *cos, poses.cos)] {
             to.clear();
             to.extend_from_slice(&from[range.clone()]);
-        };
-        fill(&mut self.x, poses.x);
-        fill(&mut self.y, poses.y);
-        fill(&mut self.sin, poses.sin);
-        fill(&mut self.cos, poses.cos);
-        self.x.iter_mut().for_each(|x| *x = grid.in_cells(0, *x));
-        self.y.iter_mut().for_each(|y| *y = grid.in_cells(1, *y));
-        for buffer in [&mut self.value, &mut self.endpoint_x, &mut self.endpoint_y] {
-            buffer.clear();
-            buffer.resize(range.len(), neutral);
         }
+        for (axis, to, from) in [(0, &mut *x, poses.x), (1, &mut *y, poses.y)] {
+            to.clear();
+            to.extend(from[range.clone()].iter().map(|&metres| grid.in_cells(axis, metres)));
+        }
+        for coordinates in [&mut *x, &mut *y, &mut *sin, &mut *cos] {
+            coordinates.resize(number, 0.0);
+        }
+        for (places, cells, from) in [(&*x, column, from_x), (&*y, row, from_y)] {
+            let cell = |place: f64| place.round().clamp(-FARTHEST_CELL, FARTHEST_CELL);
+            cells.clear();
+            cells.extend(places.iter().map(|&place| cell(place) as f32));
+            from.clear();
+            from.extend(places.iter().map(|&place| (place - cell(place)).clamp(-0.5, 0.5) as f32));
+        }
+        for (exact, near) in [(&*sin, near_sin), (&*cos, near_cos)] {
+            near.clear();
+            near.extend(exact.iter().map(|&value| value as f32));
+        }
+        self.combined.resize(number, 0.0);
+        self.value.clear();
+        self.value.resize(number, neutral);
     }
 
     /// Adds what the values stand for to the particles' log-weights and makes the values neutral
@@ -57,11 +71,13 @@ impl Chunk {
     }
 }
 
-/// What a beam does to the value of a particle.
+/// What the squared distances of beams (in cells) do to the value of a particle. Those of a few beams
+/// are combined in `f32` before they change it.
 pub(super) trait Update: Copy {
-    /// What counts of a squared distance, in `f32`.
-    fn term(self, squared: f32) -> f32;
-    fn next(self, value: f64, term: f32) -> f64;
+    /// No beam, combined.
+    const NEUTRAL: f32;
+    fn combine(self, combined: f32, squared: f32) -> f32;
+    fn next(self, value: f64, combined: f32) -> f64;
 }
 
 /// Without random measurements: the sum of squared distances.
@@ -69,73 +85,145 @@ pub(super) trait Update: Copy {
 pub(super) struct Sum;
 
 impl Update for Sum {
+    const NEUTRAL: f32 = 0.0;
+
     #[inline(always)]
-    fn term(self, squared: f32) -> f32 {
-        squared
+    fn combine(self, combined: f32, squared: f32) -> f32 {
+        combined + squared
     }
 
     #[inline(always)]
-    fn next(self, value: f64, term: f32) -> f64 {
-        value + f64::from(term)
+    fn next(self, value: f64, combined: f32) -> f64 {
+        value + f64::from(combined)
     }
 }
 
-/// The product of likelihoods.
+/// The product of likelihoods, each divided by the largest that there can be.
 #[derive(Clone, Copy)]
 pub(super) struct Product {
-    /// 1/(2σ_hit²) in cells.
+    /// −log₂(e)/(2σ_hit²), σ_hit in cells.
     pub decay: f32,
-    pub hit: f64,
-    pub random: f64,
+    /// What the two parts of the likelihood contribute at distance 0; together 1.
+    pub hit: f32,
+    pub random: f32,
 }
 
 impl Update for Product {
+    const NEUTRAL: f32 = 1.0;
+
     #[inline(always)]
-    fn term(self, squared: f32) -> f32 {
-        exp_nonpositive(-squared * self.decay)
+    fn combine(self, combined: f32, squared: f32) -> f32 {
+        let exponent = squared * self.decay;
+        let exponent = if exponent > LEAST { exponent } else { LEAST };
+        combined * (self.hit * exp2_nonpositive(exponent) + self.random)
     }
 
     #[inline(always)]
-    fn next(self, value: f64, term: f32) -> f64 {
-        value * (self.hit * f64::from(term) + self.random)
+    fn next(self, value: f64, combined: f32) -> f64 {
+        value * f64::from(combined)
     }
 }
 
-/// Updates the value of every particle by the squared distances (in cells) of the beams' endpoints
-/// (in cells, in the robot's frame) from the map.
+/// Updates the value of every particle by the distances of the beams' endpoints from the map.
 pub(super) struct Pass<'a, I, U> {
     pub lookup: Lookup<'a>,
     pub particles: &'a mut Chunk,
+    /// Endpoints in cells, in the robot's frame.
     pub beams: I,
+    /// Whether `f32` is good enough to place the endpoints ([`Lookup::is_near`]).
+    pub near: bool,
+    /// How many beams are combined in `f32`.
+    pub few: usize,
     pub update: U,
 }
 
-/// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
-/// would be the narrow ones.
-impl<I, U> NullaryFnOnce for Pass<'_, I, U>
+impl<I, U> Task for Pass<'_, I, U>
 where
-    I: Iterator<Item = (f64, f64)>,
+    I: Iterator<Item = [f64; 2]>,
     U: Update,
 {
-    type Output = ();
-
     #[inline(always)]
-    fn call(self) {
-        let Chunk { x, y, sin, cos, value, endpoint_x, endpoint_y, workspace } = self.particles;
-        let number = x.len();
-        let (x, y) = (&x[..number], &y[..number]);
-        let (sin, cos) = (&sin[..number], &cos[..number]);
-        let (endpoint_x, endpoint_y) = (&mut endpoint_x[..number], &mut endpoint_y[..number]);
-        for (ex, ey) in self.beams {
-            for i in 0..number {
-                endpoint_x[i] = x[i] + cos[i] * ex - sin[i] * ey;
-                endpoint_y[i] = y[i] + sin[i] * ex + cos[i] * ey;
+    fn run<F: Fetch>(self, fetch: F) {
+        let Pass { lookup, particles, mut beams, near, few, update } = self;
+        let Chunk { poses, near: near_poses, combined, value, workspace } = particles;
+        let number = value.len();
+        let [x, y, sin, cos] = poses.each_ref().map(|values| &values[..number]);
+        let [column, row, from_x, from_y, near_sin, near_cos] =
+            near_poses.each_ref().map(|values| &values[..number]);
+        let combined = &mut combined[..number];
+        let mut next = beams.next();
+        while next.is_some() {
+            combined.fill(U::NEUTRAL);
+            for [ex, ey] in
+                std::iter::from_fn(|| std::mem::replace(&mut next, beams.next())).take(few)
+            {
+                if near {
+                    let (ex, ey) = (ex as f32, ey as f32);
+                    workspace.place(number, |i| {
+                        let (sin, cos) = (near_sin[i], near_cos[i]);
+                        let x = from_x[i] + (cos * ex - sin * ey);
+                        let y = from_y[i] + (sin * ex + cos * ey);
+                        lookup.locate_from(column[i], row[i], x, y)
+                    });
+                } else {
+                    workspace.place(number, |i| {
+                        let x = x[i] + (cos[i] * ex - sin[i] * ey);
+                        let y = y[i] + (sin[i] * ex + cos[i] * ey);
+                        lookup.locate(x, y)
+                    });
+                }
+                let squared = lookup.squared_distances(fetch, number, workspace);
+                for (combined, &squared) in combined.iter_mut().zip(squared) {
+                    *combined = update.combine(*combined, squared);
+                }
             }
-            let squared = self.lookup.distances_squared(endpoint_x, endpoint_y, workspace);
-            squared.iter_mut().for_each(|squared| *squared = self.update.term(*squared));
-            for (value, &term) in value.iter_mut().zip(&*squared) {
-                *value = self.update.next(*value, term);
+            for (value, &combined) in value.iter_mut().zip(&*combined) {
+                *value = update.next(*value, combined);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::DistanceField;
+    use crate::sensor::fetch::{dispatch_on, instruction_sets};
+    use mcl_core::{PointMap, Seed};
+    use rand::RngExt;
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let mut rng = Seed::new(3).rng();
+        let mut uniform = |width: f64| width * (rng.random::<f64>() - 0.5);
+        let map =
+            PointMap::new((0..3_000).map(|_| [uniform(20.0), uniform(10.0)]).collect()).unwrap();
+        let field = DistanceField::build(&map, 1.0).unwrap();
+        let n = 243;
+        let [x, y, theta] =
+            [20.0, 10.0, 6.3].map(|width| -> Vec<f64> { (0..n).map(|_| uniform(width)).collect() });
+        let (sin, cos): (Vec<f64>, Vec<f64>) = theta.iter().map(|theta| theta.sin_cos()).unzip();
+        let poses = Poses { x: &x, y: &y, sin: &sin, cos: &cos };
+        let beams: Vec<[f64; 2]> = (0..50)
+            .map(|_| [uniform(10.0) / field.grid.cell, uniform(10.0) / field.grid.cell])
+            .collect();
+        let update = Product { decay: -0.1, hit: 0.9, random: 0.1 };
+        for near in [true, false] {
+            let of_each: Vec<Vec<f64>> = instruction_sets()
+                .into_iter()
+                .map(|set| {
+                    let mut particles = Chunk::default();
+                    particles.load(&field.grid, &poses, 0..n, 1.0);
+                    let lookup = Lookup::new(&field);
+                    let beams = beams.iter().copied();
+                    let pass =
+                        Pass { lookup, particles: &mut particles, beams, near, few: 7, update };
+                    dispatch_on(set, pass);
+                    particles.value
+                })
+                .collect();
+            assert!(of_each[0].iter().any(|&value| value > 1e-20 && value < 1.0));
+            assert!(of_each.iter().all(|values| *values == of_each[0]), "near: {near}");
         }
     }
 }

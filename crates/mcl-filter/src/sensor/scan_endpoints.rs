@@ -64,6 +64,12 @@ impl ScanEndpoints {
         &self.y
     }
 
+    /// Distance of the farthest endpoint from the robot (m); 0 without endpoints.
+    pub fn reach(&self) -> f64 {
+        let squares = self.x.iter().zip(&self.y).map(|(x, y)| x * x + y * y);
+        squares.fold(0.0, f64::max).sqrt()
+    }
+
     /// Number of used beams.
     pub fn len(&self) -> usize {
         self.x.len()
