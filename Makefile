@@ -41,7 +41,7 @@ bench:
 
 # The same work by this program and by others, in turns (benches/peers/README.md). They are downloaded
 # into target/peers. Exit code 3 (a peer could not be had) has been told and stops nothing.
-peers: build
+peers:
 	$(PYTHON) benches/peers/run.py -o $(RESULTS)/benchmarks || test $$? -eq 3
 
 check: fmt clippy doc test
