@@ -37,7 +37,7 @@ test:
 # The inner loops one by one, then how their time grows (fitted exponents).
 bench:
 	$(CARGO) bench --workspace --exclude mcl-eval --locked
-	$(CARGO) bench -p mcl-eval --bench scaling --locked -- --csv $(CURDIR)/$(RESULTS)/benchmarks/scaling.csv
+	$(CARGO) bench -p mcl-eval --bench scaling --locked -- --csv $(abspath $(RESULTS))/benchmarks/scaling.csv
 
 # The same work by this program and by others, in turns (benches/peers/README.md). They are downloaded
 # into target/peers. Exit code 3 (a peer could not be had) has been told and stops nothing.

@@ -7,14 +7,13 @@ scan of a single reading per point.
 
 import math
 import re
-import resource
 import shutil
 import time
 from pathlib import Path
 
 from data import Data
 from environment import Environment
-from processes import Failure
+from processes import Failure, processor_seconds
 
 # One process per run under this limit: repeated runs inside one process take memory without bound.
 MEMORY = 8 << 30
@@ -240,12 +239,6 @@ class Localization:
             libraries=self.environment.library_folders["mrpt"],
             memory=MEMORY,
         )
-
-
-def processor_seconds() -> float:
-    """Processor time of all programs that were run so far."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def flaser(readings: list, laser: str, robot: str) -> str:

@@ -99,3 +99,9 @@ def reason_in(output: str) -> str:
     lines = output.splitlines() or ["nothing said"]
     telling = (line for line in lines if re.search(r"^(E|ERROR|[Ee]rror|Message):", line))
     return next(telling, lines[-1])
+
+
+def processor_seconds() -> float:
+    """Processor time of all programs that were run so far."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

@@ -67,7 +67,7 @@ def ratios(comparisons: list[Comparison], rows: list[Row], lost: dict, about: di
     lines = [
         "# mcl-eval beside other programs",
         "",
-        f"Made by `make peers` on {about['date']}, commit {about['commit']}, {about['cpu']}, one core, "
+        f"Made by `make peers` on {about['date']}, commit {about['commit']}, {about['cpu']}, processor time on one core, "
         f"{about['rounds']} rounds in turns. Ratios are a peer's time over mcl-eval's of the same round: "
         "the median, and the smallest and largest of the rounds. Rows: `rows.csv`; versions: "
         "`versions.json`; commands: `commands.txt`.",
@@ -76,7 +76,7 @@ def ratios(comparisons: list[Comparison], rows: list[Row], lost: dict, about: di
     for title in titles:
         group = [comparison for comparison in comparisons if comparison.title == title]
         lines += ["", f"## {title}", ""]
-        lines += [f"| size | program | {group[0].unit} | min – max | ratio | min – max | answer |"]
+        lines += [f"| size | program | {group[0].unit} | min – max | ratio | min – max | answer in the last round |"]
         lines += ["|---|---|---|---|---|---|---|"]
         for comparison in group:
             for contender in comparison.contenders:

@@ -4,6 +4,7 @@ import time
 
 from compare import Comparison, Contender, Disagreement
 from data import Data
+from processes import processor_seconds
 
 CELL = "0.5"
 # Points on cell borders may round into the neighbouring cell.
@@ -68,13 +69,14 @@ def command(data: Data) -> Comparison:
     argv += ["--threads", "1", "--quiet", "-o", data.file("command.csv")]
 
     def measure():
-        start = time.perf_counter()
+        start = time.perf_counter(), processor_seconds()
         environment.runner.run(argv)
-        return {"seconds": time.perf_counter() - start}
+        wall, processor = time.perf_counter() - start[0], processor_seconds() - start[1]
+        return {"seconds": wall, "processor_ms": 1e3 * processor}
 
     return Comparison(
         name="map command",
-        title=f"`mcl-eval map {data.name} --init grid --cell {CELL} --threads 1`, from start to exit",
+        title=f"`mcl-eval map {data.name} --init grid --cell {CELL} --threads 1`, wall time from start to exit",
         size=f"{data.points}",
         unit="ms",
         seconds_per_unit=1e-3,

@@ -19,7 +19,7 @@ use table::{Report, Scale};
 
 fn main() -> Result<()> {
     let mut csv = None;
-    let mut scale = Scale { rounds: 7, largest: 1.0 };
+    let mut scale = Scale { rounds: 9, largest: 1.0 };
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
