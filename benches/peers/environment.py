@@ -61,7 +61,8 @@ def prepare(runner: Runner, say) -> Environment:
         peers=target / "release" / "examples" / "peers",
         python=target / "peers" / "venv" / "bin" / "python",
     )
-    environment.versions["mcl-eval"] = runner.run([environment.mcl_eval, "--version"], setup=True).split()[-1]
+    version = runner.run([environment.mcl_eval, "--version"], setup=True)
+    environment.versions["mcl-eval"] = version.split()[-1]
     say("installing peers from PyPI")
     python_peers(environment)
     say("installing peers from Debian")

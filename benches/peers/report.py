@@ -76,7 +76,8 @@ def ratios(comparisons: list[Comparison], rows: list[Row], lost: dict, about: di
     for title in titles:
         group = [comparison for comparison in comparisons if comparison.title == title]
         lines += ["", f"## {title}", ""]
-        lines += [f"| size | program | {group[0].unit} | min – max | ratio | min – max | answer in the last round |"]
+        columns = ["size", "program", group[0].unit, "min – max", "ratio", "min – max"]
+        lines += [f"| {' | '.join([*columns, 'answer in the last round'])} |"]
         lines += ["|---|---|---|---|---|---|---|"]
         for comparison in group:
             for contender in comparison.contenders:

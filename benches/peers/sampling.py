@@ -76,7 +76,7 @@ def command(data: Data) -> Comparison:
 
     return Comparison(
         name="map command",
-        title=f"`mcl-eval map {data.name} --init grid --cell {CELL} --threads 1`, wall time from start to exit",
+        title=f"`mcl-eval map {data.name} --init grid --cell {CELL} --threads 1`, wall time of the whole",
         size=f"{data.points}",
         unit="ms",
         seconds_per_unit=1e-3,
