@@ -1,10 +1,11 @@
 # The two commands are `make experiments` and `make test`; the rest is theirs or for developers.
 
 CARGO ?= cargo
+PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments sensitivity datasets figures test bench check fmt clippy doc
+.PHONY: build experiments sensitivity datasets figures test bench peers check fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -33,8 +34,15 @@ figures: build
 test:
 	$(CARGO) test --workspace --locked
 
+# The inner loops one by one, then how their time grows (fitted exponents).
 bench:
-	$(CARGO) bench --workspace --locked
+	$(CARGO) bench --workspace --exclude mcl-eval --locked
+	$(CARGO) bench -p mcl-eval --bench scaling --locked -- --csv $(abspath $(RESULTS))/benchmarks/scaling.csv
+
+# The same work by this program and by others, in turns (benches/peers/README.md). They are downloaded
+# into target/peers. Exit code 3 (a peer could not be had) has been told and stops nothing.
+peers:
+	$(PYTHON) benches/peers/run.py -o $(RESULTS)/benchmarks || test $$? -eq 3
 
 check: fmt clippy doc test
 

@@ -4,11 +4,14 @@
 //! The slowest and fastest times are printed with the rate of particle-beams or queries, of which
 //! one million a second is 1 µs each.
 
+mod office;
+
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use mcl_core::{LaserScan, Point, PointMap, Pose2, Rng, ScanGeometry, Seed};
+use mcl_core::{Point, PointMap, Pose2, Seed};
 use mcl_filter::sensor::DistanceField;
 use mcl_filter::{FilterSettings, InitialPose, MapDistances, ParticleFilter};
+use office::Office;
 use rand::RngExt;
 
 const POINTS: usize = 155_648;
@@ -16,69 +19,17 @@ const POINTS: usize = 155_648;
 const SIZES: [usize; 4] = [1, 10, 100, 1000];
 const MAX_DISTANCE: f64 = 2.0;
 const PARTICLES: usize = 500;
-const BEAMS: usize = 171;
-/// Distance between walls (m) and half the width of the gaps in them.
-const ROOM: f64 = 5.0;
-const DOOR: f64 = 0.5;
+/// 30 m × 30 m.
+const OFFICE: Office = Office { rooms: 6 };
 
 fn main() {
     divan::main();
 }
 
-/// A point on a wall, with a centimetre or two of noise.
-fn wall_point(rng: &mut Rng) -> Point<2> {
-    loop {
-        let along = 30.0 * rng.random::<f64>();
-        let wall = ROOM * f64::from(rng.random_range(0..=6));
-        let is_outer = wall == 0.0 || wall == 30.0;
-        if !is_outer && (along % ROOM - 0.5 * ROOM).abs() < DOOR {
-            continue;
-        }
-        let noise = 0.02 * (0..4).map(|_| rng.random::<f64>() - 0.5).sum::<f64>();
-        let across = wall + noise;
-        return if rng.random() { [along, across] } else { [across, along] };
-    }
-}
-
 fn office(per_mille: usize) -> PointMap<2> {
     let mut rng = Seed::new(1).rng();
     let number = POINTS * per_mille / 1000;
-    PointMap::new((0..number).map(|_| wall_point(&mut rng)).collect()).unwrap()
-}
-
-/// What a scanner in the middle of a room reads: ray by ray the nearest wall that has no door there.
-fn scan(map_from_laser: &Pose2) -> LaserScan {
-    let geometry = ScanGeometry {
-        start_angle: -std::f64::consts::FRAC_PI_2,
-        angle_step: 1f64.to_radians(),
-        beams: BEAMS,
-    };
-    let ranges = (0..BEAMS).map(|beam| {
-        let (sin, cos) = (map_from_laser.theta + geometry.angle(beam)).sin_cos();
-        let reading = |wall: f64, from: f64, step: f64, other: f64, other_step: f64| {
-            let range = (wall - from) / step;
-            let along = other + range * other_step;
-            let is_door =
-                wall != 0.0 && wall != 30.0 && (along.rem_euclid(ROOM) - 0.5 * ROOM).abs() < DOOR;
-            if range > 0.0 && !is_door { range } else { f64::INFINITY }
-        };
-        (0..=6)
-            .flat_map(|i| {
-                let wall = ROOM * f64::from(i);
-                [
-                    reading(wall, map_from_laser.x, cos, map_from_laser.y, sin),
-                    reading(wall, map_from_laser.y, sin, map_from_laser.x, cos),
-                ]
-            })
-            .fold(f64::INFINITY, f64::min)
-    });
-    LaserScan {
-        stamp: None,
-        geometry,
-        ranges: ranges.collect(),
-        map_from_laser: None,
-        odometry: None,
-    }
+    PointMap::new((0..number).map(|_| OFFICE.wall_point(&mut rng)).collect()).unwrap()
 }
 
 #[divan::bench(args = SIZES, sample_count = 5)]
@@ -91,7 +42,9 @@ fn build(bencher: Bencher, per_mille: usize) {
 fn places() -> Vec<Point<2>> {
     let mut rng = Seed::new(2).rng();
     (0..10_000)
-        .map(|_| wall_point(&mut rng).map(|coordinate| coordinate + rng.random::<f64>() - 0.5))
+        .map(|_| {
+            OFFICE.wall_point(&mut rng).map(|coordinate| coordinate + rng.random::<f64>() - 0.5)
+        })
         .collect()
 }
 
@@ -124,7 +77,7 @@ fn bench_step(bencher: Bencher, distances: &MapDistances) {
     };
     let settings = settings.check().unwrap();
     let poses = [0.0, 0.1].map(|x| Pose2::new(12.0 + x, 13.0, 0.6));
-    let scans = poses.map(|pose| scan(&pose));
+    let scans = poses.map(|pose| OFFICE.scan(&pose));
     let mut filter =
         ParticleFilter::new(&settings, distances, Pose2::IDENTITY, Some(poses[0]), Seed::new(3))
             .unwrap();
