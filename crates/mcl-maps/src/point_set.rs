@@ -14,27 +14,28 @@ const ROUNDED_POINTS: usize = 16 * LEAF_POINTS;
 /// The coordinates of a leaf's points, `[axis][point]`.
 pub(crate) type LeafPoints<const D: usize> = [[f64; LEAF_POINTS]; D];
 
-/// The measured points D, arranged once for all the maps that are built from them: a bounding-box tree
-/// whose leaves hold a few dozen neighbouring points each, coordinate by coordinate.
+/// The measured points D, arranged once for all the maps that are built from them, as soon as one needs
+/// it: a bounding-box tree whose leaves hold a few dozen neighbouring points each, coordinate by
+/// coordinate.
 ///
 /// Coordinates are kept relative to the middle of the points, so that data far from the origin (UTM
 /// coordinates, say) loses no digits.
 pub struct PointSet<const D: usize> {
     points: Vec<Point<D>>,
-    pub(crate) tree: Tree<D>,
+    origin: Point<D>,
+    tree: OnceLock<Tree<D>>,
     neighbors: OnceLock<NearestNeighbors<D>>,
 }
 
 impl<const D: usize> PointSet<D> {
-    /// Arranges the points; O(N log N).
+    /// Takes the points.
     ///
     /// # Errors
     /// [`MapError::Points`] when there is no point, or a coordinate is not finite.
     pub fn new(points: Vec<Point<D>>) -> Result<Self, MapError> {
         check_finite(&points)?;
-        let bounds = Bounds::of(&points).ok_or(mcl_core::CoreError::NoPoints)?;
-        let tree = Tree::new(&points, bounds);
-        Ok(PointSet { points, tree, neighbors: OnceLock::new() })
+        let origin = Bounds::of(&points).ok_or(mcl_core::CoreError::NoPoints)?.center();
+        Ok(PointSet { points, origin, tree: OnceLock::new(), neighbors: OnceLock::new() })
     }
 
     /// The points in their original order.
@@ -50,14 +51,19 @@ impl<const D: usize> PointSet<D> {
 
     /// Points relative to the middle of the data.
     pub(crate) fn centred(&self, points: &[Point<D>]) -> Vec<Point<D>> {
-        let origin = self.tree.origin;
+        let origin = self.origin;
         points.iter().map(|p| std::array::from_fn(|axis| p[axis] - origin[axis])).collect()
     }
 
     /// The reverse of [`centred`](Self::centred).
     pub(crate) fn absolute(&self, centred: &[Point<D>]) -> Vec<Point<D>> {
-        let origin = self.tree.origin;
+        let origin = self.origin;
         centred.iter().map(|p| std::array::from_fn(|axis| p[axis] + origin[axis])).collect()
+    }
+
+    /// The tree over the points, built at first use; O(N log N).
+    pub(crate) fn tree(&self) -> &Tree<D> {
+        self.tree.get_or_init(|| Tree::new(self.centred(&self.points)))
     }
 
     /// Nearest-neighbour search over the points, built at first use.
@@ -74,7 +80,7 @@ pub(crate) struct Node<const D: usize> {
     pub bounds: Bounds<D>,
     /// Number of points below the node.
     pub points: usize,
-    /// Their mean, relative to [`Tree::origin`].
+    /// Their mean, relative to the middle of the data.
     pub mean: Point<D>,
     /// The sum of their squared distances (m²) from the mean.
     pub scatter: f64,
@@ -94,18 +100,15 @@ pub(crate) enum NodeKind {
 pub(crate) struct Tree<const D: usize> {
     /// Node 0 is the root.
     pub nodes: Vec<Node<D>>,
-    /// Coordinates relative to `origin`, each leaf padded with its last point.
+    /// Coordinates relative to the middle of the data, each leaf padded with its last point.
     pub leaves: Vec<LeafPoints<D>>,
-    pub origin: Point<D>,
 }
 
 impl<const D: usize> Tree<D> {
-    fn new(points: &[Point<D>], bounds: Bounds<D>) -> Self {
-        let origin = bounds.center();
-        let mut centred: Vec<Point<D>> =
-            points.iter().map(|p| std::array::from_fn(|axis| p[axis] - origin[axis])).collect();
-        let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new(), origin };
-        tree.build(&mut centred, 0..points.len());
+    fn new(mut centred: Vec<Point<D>>) -> Self {
+        let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new() };
+        let all = 0..centred.len();
+        tree.build(&mut centred, all);
         tree
     }
 
@@ -200,7 +203,7 @@ mod tests {
                 points.push([1e6, 1e4]);
             }
             let set = PointSet::new(points.clone()).unwrap();
-            let root = &set.tree.nodes[0];
+            let root = &set.tree().nodes[0];
             let middle = set.centred(&points);
             let (mean, scatter) = moments(&middle);
             prop_assert!((root.scatter - scatter).abs() <= 1e-12 * scatter);
@@ -209,12 +212,12 @@ mod tests {
                 prop_assert!((root.mean[axis] - mean[axis]).abs() <= 1e-12 * extent);
             }
             let mut found = Vec::new();
-            for node in &set.tree.nodes {
+            for node in &set.tree().nodes {
                 let NodeKind::Leaf(index) = node.kind else { continue };
                 prop_assert!(node.points <= LEAF_POINTS);
                 for i in 0..LEAF_POINTS {
                     let point: Point<2> =
-                        std::array::from_fn(|axis| set.tree.leaves[index][axis][i]);
+                        std::array::from_fn(|axis| set.tree().leaves[index][axis][i]);
                     for axis in 0..2 {
                         prop_assert!(point[axis] >= node.bounds.min[axis]);
                         prop_assert!(point[axis] <= node.bounds.max[axis]);
@@ -224,7 +227,7 @@ mod tests {
                     }
                 }
             }
-            let origin = set.tree.origin;
+            let origin = set.origin;
             let mut expected: Vec<Point<2>> = points
                 .iter()
                 .map(|p| [p[0] - origin[0], p[1] - origin[1]].map(|c| (c * 1e6).round()))

@@ -45,7 +45,7 @@ fn expectation_on<const D: usize>(
 ) -> Expectation<D> {
     let walk = Walk {
         arch,
-        tree: &data.tree,
+        tree: data.tree(),
         inverse_unit: inverse_unit(sigma),
         reach: 2.0 * sigma * sigma * (2.0 * means.len() as f64 / TRUNCATION).ln(),
         reach_among: std::array::from_fn(|log2| {
