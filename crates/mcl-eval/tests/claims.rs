@@ -85,9 +85,9 @@ fn localization(dataset: &str) -> String {
 /// Fuzzy k-means gains 3 nats per point at 1 % and nothing at 20 %.
 fn likelihood_rows(dataset: &str) -> String {
     let mut text = "dataset,builder,size_percent,repeat,seed,data_points,requested_points,cell_m,\
-                    offset_x_m,offset_y_m,initial_points,initial_log_likelihood,initial_seconds,\
+                    offset_x_m,offset_y_m,initial_points,initial_log_likelihood,\
                     iterations,converged,fitted_log_likelihood,improved_points,\
-                    improved_log_likelihood,improved_seconds\n"
+                    improved_log_likelihood\n"
         .to_owned();
     for builder in ["gbs", "rnd"] {
         for (size, gain) in [(1.0, 3.0), (20.0, 0.0)] {
@@ -96,8 +96,8 @@ fn likelihood_rows(dataset: &str) -> String {
                 let improved = initial + gain;
                 writeln!(
                     text,
-                    "{dataset},{builder},{size},{repeat},1,155648,1556,,,,1556,{initial},0.1,10,\
-                     true,{improved},1556,{improved},0.1"
+                    "{dataset},{builder},{size},{repeat},1,155648,1556,,,,1556,{initial},10,\
+                     true,{improved},1556,{improved}"
                 )
                 .unwrap();
             }
@@ -111,7 +111,7 @@ fn localization_rows(dataset: &str) -> String {
     let mut text =
         "dataset,split,strategy,size_percent,map,map_seed,run,data_points,map_points,scans,\
                     used_beams,weighted,translation,heading,translation_max,diverged,lost_episodes,\
-                    recovered_episodes,mean_effective_sample_size,resamplings,seconds\n"
+                    recovered_episodes,mean_effective_sample_size,resamplings\n"
             .to_owned();
     for strategy in ["gbs", "gbs+f-km", "rnd", "rnd+f-km"] {
         for size in [0.1, 1.0, 2.0] {

@@ -33,13 +33,11 @@ pub(super) fn likelihood(
                     offset_y_m: None,
                     initial_points: (100.0 * size_percent) as usize,
                     initial_log_likelihood: initial,
-                    initial_seconds: 0.1,
                     iterations: 10,
                     converged: true,
                     fitted_log_likelihood: improved,
                     improved_points: (100.0 * size_percent) as usize,
                     improved_log_likelihood: improved,
-                    improved_seconds: 0.1,
                 });
             }
         }
@@ -94,7 +92,6 @@ pub(super) fn localization(
                     recovered_episodes: 0,
                     mean_effective_sample_size: 250.0,
                     resamplings: 2,
-                    seconds: 0.1,
                 });
             }
         }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Global, RunArgs};
 use super::output::{print, tell_losses};
-use crate::experiment::{Experiment, RankedSetting, TrialOutcome};
+use crate::experiment::{Experiment, RankedSetting, TrialOutcome, pause_saving};
 use crate::results::{self, RunOptions};
 use crate::source::{LogSource, SourceOptions};
 
@@ -20,7 +20,11 @@ struct Ran {
     folders: Vec<PathBuf>,
 }
 
+/// Exit code of a program that Ctrl-C ended: 128 + SIGINT.
+const INTERRUPTED: i32 = 130;
+
 pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
+    end_on_interrupt(&args.output)?;
     let experiment = Experiment::read(&args.experiment)?;
     let name = experiment_name(&args.experiment)?;
     let names = match args.datasets.is_empty() {
@@ -68,6 +72,20 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         text
     })?;
     Ok(Outcome::of(complete && ran.failed == 0))
+}
+
+/// Ends the program on Ctrl-C, but not in the middle of a row.
+fn end_on_interrupt(output: &Path) -> Result<()> {
+    let output = output.display().to_string();
+    ctrlc::set_handler(move || {
+        let _saving = pause_saving();
+        eprintln!(
+            "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
+             goes on from there"
+        );
+        std::process::exit(INTERRUPTED);
+    })
+    .context("cannot listen to Ctrl-C")
 }
 
 /// "tracking: best with σ_hit 0.3 m, z_rand 0.1, …: mean weighted error 0.0273 (0 of 12 runs diverged)".

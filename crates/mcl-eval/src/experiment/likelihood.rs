@@ -1,5 +1,3 @@
-use std::time::Instant;
-
 use anyhow::Result;
 use mcl_core::{Point, Seed};
 use mcl_maps::{
@@ -9,7 +7,7 @@ use mcl_metrics::{Summary, mean_interval, paired_t_test, standard_deviation, wel
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::scheduler::Trial;
+use super::scheduler::{Stopwatch, Trial};
 use super::{LikelihoodExperiment, SizeGroup};
 
 /// How an initial map is chosen, by the paper's names.
@@ -122,13 +120,11 @@ pub struct LikelihoodRow {
     pub offset_y_m: Option<f64>,
     pub initial_points: usize,
     pub initial_log_likelihood: f64,
-    pub initial_seconds: f64,
     pub iterations: usize,
     pub converged: bool,
     pub fitted_log_likelihood: f64,
     pub improved_points: usize,
     pub improved_log_likelihood: f64,
-    pub improved_seconds: f64,
 }
 
 impl LikelihoodRow {
@@ -154,18 +150,17 @@ pub fn run_likelihood_trial(
     dataset: &str,
     data: &PointSet<2>,
     trial: &LikelihoodTrial,
+    watch: &mut Stopwatch,
 ) -> Result<LikelihoodRow> {
     let size = MapSize::Percent(trial.size_percent);
-    let start = Instant::now();
     let initial = initial_map(data, &trial.builder.initial(size, trial.seed))?;
-    let initial_seconds = start.elapsed().as_secs_f64();
-
-    let start = Instant::now();
+    watch.lap("initial map");
     let (means, report) = fuzzy_k_means(data, &initial.map, &experiment.fkm(), |_, _| {})?;
     let improved = initial.snapped(data, &means)?;
-    let improved_seconds = start.elapsed().as_secs_f64();
+    watch.lap("fuzzy k-means");
     let improved_log_likelihood =
         mixture_log_likelihood(data, &improved.map, experiment.sigma)?.per_point;
+    watch.lap("likelihood");
 
     let trace = &report.log_likelihood_trace;
     let axis = |axis: usize| initial.offset.map(|offset: Point<2>| offset[axis]);
@@ -182,13 +177,11 @@ pub fn run_likelihood_trial(
         offset_y_m: axis(1),
         initial_points: initial.map.len(),
         initial_log_likelihood: trace[0],
-        initial_seconds,
         iterations: report.iterations,
         converged: report.converged,
         fitted_log_likelihood: trace[trace.len() - 1],
         improved_points: improved.map.len(),
         improved_log_likelihood,
-        improved_seconds,
     })
 }
 
@@ -210,7 +203,6 @@ pub struct SummaryRow {
     pub ci95_low: Option<f64>,
     pub ci95_high: Option<f64>,
     pub mean_iterations: Option<f64>,
-    pub mean_seconds: f64,
 }
 
 /// A test of improved against initial maps of one initialization and size. Differences are improved
@@ -272,10 +264,6 @@ pub fn summarize(rows: &[LikelihoodRow]) -> Result<Vec<SummaryRow>> {
                     ci95_low: interval.map(|interval| interval.low),
                     ci95_high: interval.map(|interval| interval.high),
                     mean_iterations: improved.then_some(iterations),
-                    mean_seconds: mean(|row, improved| match improved {
-                        true => row.improved_seconds,
-                        false => row.initial_seconds,
-                    })?,
                 });
             }
         }

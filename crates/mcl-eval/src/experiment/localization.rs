@@ -1,5 +1,4 @@
 use std::fmt;
-use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
@@ -11,7 +10,7 @@ use mcl_metrics::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::scheduler::Trial;
+use super::scheduler::{Stopwatch, Trial};
 use super::{Builder, LocalizationExperiment, Split};
 
 /// Which map a robot is localized on, by the paper's names.
@@ -247,7 +246,6 @@ pub struct LocalizationRow {
     pub recovered_episodes: usize,
     pub mean_effective_sample_size: f64,
     pub resamplings: usize,
-    pub seconds: f64,
 }
 
 impl LocalizationRow {
@@ -263,8 +261,6 @@ pub struct TrackedRun {
     pub run: Run,
     /// Errors of the estimates, per scan.
     pub errors: Vec<PoseError>,
-    /// Seconds of the filter.
-    pub seconds: f64,
 }
 
 impl LocalizationExperiment {
@@ -324,11 +320,9 @@ impl LocalizationExperiment {
             noisy_increments(&odometry, self.odometry_noise, seed("experiment-noise"))?;
         let replay =
             Replay { recording: data.recording, increments: &increments, scans: &data.scans };
-        let start = Instant::now();
         let run = localize(&replay, distances, settings, Some(data.reference[0]), seed("filter"))?;
-        let seconds = start.elapsed().as_secs_f64();
         let errors = pose_errors(&data.reference, &run.map_from_laser)?;
-        Ok(TrackedRun { run, errors, seconds })
+        Ok(TrackedRun { run, errors })
     }
 
     /// Runs one trial: a row per map and run.
@@ -340,14 +334,19 @@ impl LocalizationExperiment {
         data: &LocalizationData<'_>,
         settings: &CheckedSettings,
         trial: &LocalizationTrial,
+        watch: &mut Stopwatch,
     ) -> Result<Vec<LocalizationRow>> {
         let mut rows = Vec::new();
-        for (strategy, map) in self.maps_of(data, trial)? {
+        let maps = self.maps_of(data, trial)?;
+        watch.lap("maps");
+        for (strategy, map) in maps {
             let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+            watch.lap("distance fields");
             for &run in &trial.runs {
                 let tracked = self.track(data, &distances, settings, run)?;
                 rows.push(row(data, trial, strategy, map.len(), run, &tracked)?);
             }
+            watch.lap("filter");
         }
         Ok(rows)
     }
@@ -389,6 +388,5 @@ pub(super) fn row(
         recovered_episodes: episodes.iter().filter(|episode| episode.recovered.is_some()).count(),
         mean_effective_sample_size: mean(&mut reports.iter().map(|r| r.effective_sample_size)),
         resamplings: reports.iter().filter(|report| report.resampled).count(),
-        seconds: tracked.seconds,
     })
 }

@@ -234,7 +234,6 @@ mod tests {
             recovered_episodes: 0,
             mean_effective_sample_size: 250.0,
             resamplings: 2,
-            seconds: 0.1,
         }
     }
 

@@ -30,7 +30,7 @@ pub use localization_summary::{
     LocalizationSummaryRow, LocalizationTestRow, summarize_localization, test_localization,
 };
 pub use manifest::{DatasetFacts, Manifest};
-pub use scheduler::{Trial, TrialOutcome, run_trials};
+pub use scheduler::{Stopwatch, Trial, TrialOutcome, run_trials};
 pub use sensitivity::{
     SensitivityDataset, SensitivityExperiment, Setting, SettingKey, Sweep, SweptMap,
 };
@@ -41,4 +41,5 @@ pub use sensitivity_summary::{
 pub use sensitivity_trials::{
     SensitivityKey, SensitivityRow, SensitivityTrial, sensitivity_trials,
 };
-pub use store::{TrialStore, read_rows, write_rows};
+pub(crate) use store::pause_saving;
+pub use store::{FailureRow, TimingRow, TrialStore, read_rows, write_rows};

@@ -1,14 +1,49 @@
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
+use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
+
+use crate::thread_time;
 
 /// A unit of work of an experiment.
 pub trait Trial: Sync {
     /// A guess of how long the trial takes, in any unit: long trials start first, so that no core is
     /// idle at the end, and the time left is told from it.
     fn cost(&self) -> f64;
+}
+
+/// Takes the times of a trial's parts: processor time of the trial's thread, which other load on the
+/// machine does not stretch.
+#[derive(Debug)]
+pub struct Stopwatch {
+    since: Duration,
+    laps: Vec<(&'static str, f64)>,
+}
+
+impl Stopwatch {
+    /// Starts on the calling thread, where it has to stay.
+    pub fn start() -> Self {
+        Stopwatch { since: thread_time::now(), laps: Vec::new() }
+    }
+
+    /// Adds the time since the start or the lap before to a part.
+    pub fn lap(&mut self, part: &'static str) {
+        let now = thread_time::now();
+        let seconds = now.saturating_sub(self.since).as_secs_f64();
+        self.since = now;
+        match self.laps.iter_mut().find(|(name, _)| *name == part) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.laps.push((part, seconds)),
+        }
+    }
+
+    /// The parts in the order of their first laps, with their seconds.
+    pub fn laps(&self) -> &[(&'static str, f64)] {
+        &self.laps
+    }
 }
 
 /// How a set of trials ended.
@@ -22,7 +57,7 @@ pub struct TrialOutcome {
 
 /// Runs trials on `threads` threads, each sequential inside, and hands every result to `receive` on
 /// the calling thread, in the order they end. What a trial gives must not depend on that order: its
-/// seeds come from its identity.
+/// seeds come from its identity. A trial that panics has failed like one that returns an error.
 ///
 /// # Errors
 /// The first error of `receive` (no further trial is started), or threads that cannot be had. A trial's
@@ -42,17 +77,22 @@ pub fn run_trials<T: Trial, R: Send>(
         .collect::<Result<Vec<_>, _>>()
         .context("cannot start worker threads")?;
     let next = AtomicUsize::new(0);
-    let stop = Mutex::new(false);
+    let stop = AtomicBool::new(false);
     let (sender, receiver) = mpsc::channel();
     std::thread::scope(|scope| {
         for pool in &pools {
             let (sender, order, next, run, stop) = (sender.clone(), &order, &next, &run, &stop);
             scope.spawn(move || {
                 while let Some(&index) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if *stop.lock().expect("no thread panics with the lock") {
+                    if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    let result = pool.install(|| run(&trials[index]));
+                    // What a trial shares with others it can only read.
+                    let unwinding = || pool.install(|| run(&trials[index]));
+                    let result =
+                        catch_unwind(AssertUnwindSafe(unwinding)).unwrap_or_else(|panic| {
+                            Err(anyhow!("the program's own error: {}", message(panic.as_ref())))
+                        });
                     if sender.send((index, result)).is_err() {
                         break;
                     }
@@ -68,12 +108,18 @@ pub fn run_trials<T: Trial, R: Send>(
                 outcome.failed += 1;
             }
             if let Err(error) = receive(&trials[index], result) {
-                *stop.lock().expect("no thread panics with the lock") = true;
+                stop.store(true, Ordering::Relaxed);
                 return Err(error);
             }
         }
         Ok(outcome)
     })
+}
+
+/// What a panic said.
+fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message")
 }
 
 #[cfg(test)]
@@ -101,16 +147,21 @@ mod tests {
                 if trial.0 == 13 {
                     bail!("unlucky")
                 }
+                assert!(trial.0 != 17, "a panic in {}", trial.0);
                 Ok(trial.0 * trial.0)
             };
             let outcome = run_trials(&trials(), threads, run, |trial, result| {
+                if trial.0 == 17 {
+                    assert!(result.as_ref().unwrap_err().to_string().ends_with("a panic in 17"));
+                }
                 seen.push((trial.0, result.ok()));
                 Ok(())
             })
             .unwrap();
-            assert_eq!(outcome, TrialOutcome { done: 49, failed: 1 });
+            assert_eq!(outcome, TrialOutcome { done: 48, failed: 2 });
             seen.sort_unstable();
-            let expected: Vec<_> = (0..50).map(|n| (n, (n != 13).then_some(n * n))).collect();
+            let expected: Vec<_> =
+                (0..50).map(|n| (n, (n != 13 && n != 17).then_some(n * n))).collect();
             assert_eq!(seen, expected);
         }
     }

@@ -237,7 +237,6 @@ mod tests {
             heading: 0.0,
             diverged: weighted > 1.0,
             mean_effective_sample_size: 100.0,
-            seconds: 0.1,
         }
     }
 

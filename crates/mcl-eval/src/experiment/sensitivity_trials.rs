@@ -6,7 +6,7 @@ use mcl_filter::{MapDistances, OdometryNoise, Proposal};
 use serde::{Deserialize, Serialize};
 
 use super::localization::row as localization_row;
-use super::scheduler::Trial;
+use super::scheduler::{Stopwatch, Trial};
 use super::{
     LocalizationData, LocalizationRow, LocalizationTrial, MapStrategy, SensitivityExperiment,
     Setting, SettingKey, localization_trials,
@@ -105,7 +105,6 @@ pub struct SensitivityRow {
     pub heading: f64,
     pub diverged: bool,
     pub mean_effective_sample_size: f64,
-    pub seconds: f64,
 }
 
 impl SensitivityRow {
@@ -133,7 +132,6 @@ impl SensitivityRow {
             heading: row.heading,
             diverged: row.diverged,
             mean_effective_sample_size: row.mean_effective_sample_size,
-            seconds: row.seconds,
         }
     }
 
@@ -165,13 +163,17 @@ impl SensitivityExperiment {
         data: &LocalizationData<'_>,
         max_range: f64,
         trial: &SensitivityTrial,
+        watch: &mut Stopwatch,
     ) -> Result<Vec<SensitivityRow>> {
         let map_trial = &trial.map;
         let under = |setting: &Setting| self.localization(setting, 1, map_trial.size_percent);
         let Some((any, _)) = trial.cells.first() else { return Ok(Vec::new()) };
         let mut rows = Vec::new();
-        for (strategy, map) in under(any).maps_of(data, map_trial)? {
+        let maps = under(any).maps_of(data, map_trial)?;
+        watch.lap("maps");
+        for (strategy, map) in maps {
             let distances = MapDistances::grid(&map, self.filter.max_distance)?;
+            watch.lap("distance fields");
             for (setting, _) in trial.cells.iter().filter(|(_, wanted)| *wanted == strategy) {
                 let experiment = under(setting);
                 let settings = experiment.filter_for(max_range)?;
@@ -186,6 +188,7 @@ impl SensitivityExperiment {
                 )?;
                 rows.push(SensitivityRow::new(setting, row));
             }
+            watch.lap("filter");
         }
         Ok(rows)
     }

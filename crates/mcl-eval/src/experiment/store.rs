@@ -1,10 +1,36 @@
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Processor time of a part of a trial. Kept apart from the rows, which are the same bits for every run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of timings.csv, described in docs/results.md.
+pub struct TimingRow {
+    pub trial: String,
+    pub part: String,
+    pub seconds: f64,
+}
+
+/// A trial that has no rows, and why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of failures.csv, described in docs/results.md.
+pub struct FailureRow {
+    pub trial: String,
+    pub reason: String,
+}
+
+/// Held while a file is written, so that the program can be ended between two writes.
+static SAVING: Mutex<()> = Mutex::new(());
+
+/// Waits until no file is being written, and lets none be written while the guard lives.
+pub(crate) fn pause_saving() -> MutexGuard<'static, ()> {
+    SAVING.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// The rows of an experiment on one data set, saved one by one as trials end.
 pub struct TrialStore<R> {
@@ -51,9 +77,10 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         self.rows.extend(rows);
         // One write per trial: what another process, or a crash, sees is mostly whole lines.
         let lines = to_csv(&self.rows[first..], header)?;
+        let _saving = pause_saving();
         self.file
             .write_all(&lines)
-            .and_then(|()| self.file.flush())
+            .and_then(|()| self.file.sync_data())
             .with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -127,6 +154,7 @@ fn to_csv<R: Serialize>(rows: &[R], header: bool) -> Result<Vec<u8>> {
 
 /// Writes a file beside its final name and renames it: readers see the old content or the new.
 pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
+    let _saving = pause_saving();
     mcl_maps::files::write_atomically(path, bytes)
         .with_context(|| format!("cannot write {}", path.display()))
 }

@@ -4,10 +4,7 @@ use std::path::Path;
 use anyhow::Result;
 use mcl_maps::PointSet;
 
-use super::{
-    MAPS, RunOptions, SUMMARY, TESTS, TRIALS, draw_figures, maps, prepare, run_pending,
-    tell_resumed,
-};
+use super::{MAPS, RunOptions, SUMMARY, TESTS, TRIALS, Trials, draw_figures, maps, prepare};
 use crate::experiment::{
     DatasetFacts, Kind, LikelihoodExperiment, LikelihoodRow, Manifest, TrialOutcome, TrialStore,
     run_likelihood_trial, summarize, test_improvement, trials, write_rows,
@@ -25,7 +22,7 @@ pub(super) fn run(
     let points = source.points()?;
     let facts = DatasetFacts::of(source, points.len());
     let manifest = Manifest::new(name, Kind::Likelihood, experiment, facts)?;
-    let earlier = prepare(folder, &manifest, options.fresh)?;
+    let prepared = prepare(folder, &manifest, options.fresh)?;
     let data = PointSet::new(points)?;
 
     let mut store = TrialStore::open(&folder.join(TRIALS))?;
@@ -35,16 +32,18 @@ pub(super) fn run(
         trials(experiment, &source.name, experiment.sizes_for(&source.name), data.len())
             .into_iter()
             .partition(|trial| saved.contains(&identity(trial.key())));
-    tell_resumed(&source.name, done.len(), pending.len(), options);
-    let outcome = run_pending(&source.name, &pending, &mut store, options, |trial| {
-        Ok(vec![run_likelihood_trial(experiment, &source.name, &data, trial)?])
+    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let outcome = trials.run(&mut store, options, |trial, watch| {
+        Ok(vec![run_likelihood_trial(experiment, &source.name, &data, trial, watch)?])
     })?;
     let rows = store.finish(LikelihoodRow::key)?;
     write_rows(&folder.join(SUMMARY), &summarize(&rows)?)?;
     write_rows(&folder.join(TESTS), &test_improvement(&rows)?)?;
 
     let folder_of_maps = folder.join(MAPS);
-    let unchanged = earlier
+    let unchanged = prepared
+        .earlier
+        .as_ref()
         .map(|earlier| earlier.definition::<LikelihoodExperiment>())
         .transpose()?
         .is_some_and(|earlier| earlier.figures == experiment.figures);
@@ -52,7 +51,7 @@ pub(super) fn run(
         maps::build(experiment, &source.name, &data, &folder_of_maps)?;
     }
     draw_figures(folder)?;
-    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
+    Ok(outcome)
 }
 
 /// A trial's key in a form that can be hashed.

@@ -8,7 +8,7 @@ use mcl_filter::{CheckedSettings, MapDistances};
 use mcl_maps::files::{Encoding, write_map};
 use mcl_metrics::tum;
 
-use super::{RunOptions, SUMMARY, TESTS, TRIALS, draw_figures, prepare, run_pending, tell_resumed};
+use super::{RunOptions, SUMMARY, TESTS, TRIALS, Trials, draw_figures, prepare};
 use crate::experiment::{
     Builder, DatasetFacts, Kind, LocalizationData, LocalizationExperiment, LocalizationRow,
     LocalizationTrial, Manifest, MapStrategy, TrialOutcome, TrialStore, localization_trials,
@@ -32,7 +32,7 @@ pub(super) fn run(
 ) -> Result<TrialOutcome> {
     let facts = DatasetFacts::of(source, source.points()?.len());
     let manifest = Manifest::new(name, Kind::Localization, experiment, facts)?;
-    let earlier = prepare(folder, &manifest, options.fresh)?;
+    let prepared = prepare(folder, &manifest, options.fresh)?;
     let settings = experiment.filter_for(source.max_range)?;
     let splits = experiment
         .splits
@@ -50,18 +50,20 @@ pub(super) fn run(
     // A trial that was cut off between two of its rows is run again as a whole.
     let redone: HashSet<_> = pending.iter().flat_map(LocalizationTrial::keys).collect();
     store.retain(|row| !redone.contains(&row.key()))?;
-    tell_resumed(&source.name, done.len(), pending.len(), options);
     let data_of = |trial: &LocalizationTrial| {
         splits.iter().find(|data| data.split == trial.split).expect("every split has its data")
     };
-    let outcome = run_pending(&source.name, &pending, &mut store, options, |trial| {
-        experiment.run_trial(data_of(trial), &settings, trial)
+    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let outcome = trials.run(&mut store, options, |trial, watch| {
+        experiment.run_trial(data_of(trial), &settings, trial, watch)
     })?;
     let rows = store.finish(LocalizationRow::key)?;
     write_rows(&folder.join(SUMMARY), &summarize_localization(&rows)?)?;
     write_rows(&folder.join(TESTS), &test_localization(&rows)?)?;
 
-    let unchanged = earlier
+    let unchanged = prepared
+        .earlier
+        .as_ref()
         .map(|earlier| earlier.definition::<LocalizationExperiment>())
         .transpose()?
         .is_some_and(|earlier| earlier.figures == experiment.figures);
@@ -70,7 +72,7 @@ pub(super) fn run(
         save_trajectory(experiment, &splits[0], &settings, &trajectory)?;
     }
     draw_figures(folder)?;
-    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
+    Ok(outcome)
 }
 
 /// Saves run 0 on the first improved grid-based map of the figure's size: map and trajectories.

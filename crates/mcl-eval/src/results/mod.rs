@@ -3,6 +3,8 @@
 //! ```text
 //! manifest.json  what it was computed from and by
 //! trials.csv     a row per trial, saved as trials end
+//! timings.csv    processor time of the parts of each trial, the only file that differs between runs
+//! failures.csv   trials that failed, and why; only if there are any
 //! summary.csv    mean, spread and interval per strategy and size
 //! tests.csv      strategies against each other, with p values
 //! maps/          likelihood: the maps that figures show, and maps.csv about them
@@ -18,17 +20,23 @@ mod maps;
 mod sensitivity;
 mod sensitivity_figures;
 
-use std::fs;
+use std::collections::HashSet;
+use std::fmt::Display;
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use mcl_maps::files::is_leftover;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 pub use sensitivity::{Ranking, write_ranking};
 
-use crate::experiment::{Experiment, Kind, Manifest, Trial, TrialOutcome, TrialStore, run_trials};
+use crate::experiment::{
+    Experiment, FailureRow, Kind, Manifest, Stopwatch, TimingRow, Trial, TrialOutcome, TrialStore,
+    run_trials, write_rows,
+};
 use crate::progress;
 use crate::source::LogSource;
 
@@ -36,6 +44,9 @@ pub(crate) use maps::ComparisonMaps;
 
 pub(crate) const MANIFEST: &str = "manifest.json";
 pub(crate) const TRIALS: &str = "trials.csv";
+const TIMINGS: &str = "timings.csv";
+const FAILURES: &str = "failures.csv";
+const LOCK: &str = ".lock";
 pub(crate) const SUMMARY: &str = "summary.csv";
 pub(crate) const TESTS: &str = "tests.csv";
 const MAPS: &str = "maps";
@@ -91,56 +102,98 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
     }
 }
 
-/// Runs the trials that have no rows yet, with a progress bar, saving the rows of each as it ends.
-fn run_pending<T, R>(
-    dataset: &str,
-    pending: &[T],
-    store: &mut TrialStore<R>,
-    options: &RunOptions,
-    run: impl Fn(&T) -> Result<Vec<R>> + Sync,
-) -> Result<TrialOutcome>
-where
-    T: Trial + std::fmt::Display,
-    R: Serialize + DeserializeOwned + Send,
-{
-    // As many as the pool of the whole program has.
-    let threads = rayon::current_num_threads();
-    let total: f64 = pending.iter().map(Trial::cost).sum();
-    // In parts of the whole, so that the time left follows the work and not the number of trials.
-    const PARTS: f64 = 1e6;
-    let bar = progress::bar(PARTS as u64, dataset, options.quiet);
-    let (mut finished, mut cost) = (0, 0.0);
-    let outcome = run_trials(pending, threads, run, |trial, result| {
-        finished += 1;
-        cost += trial.cost();
-        bar.set_position((PARTS * cost / total) as u64);
-        bar.set_message(format!("{finished}/{} trials", pending.len()));
-        match result {
-            Ok(rows) => store.push(rows),
-            Err(error) => {
-                bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {error:#}"));
-                Ok(())
-            }
-        }
-    });
-    bar.finish_and_clear();
-    outcome
+/// The trials of an experiment on one log, and where their rows go.
+struct Trials<'a, T> {
+    dataset: &'a str,
+    folder: &'a Path,
+    /// Those that an earlier run has left done.
+    done: Vec<T>,
+    pending: Vec<T>,
 }
 
-/// Says how many trials an earlier run has left done.
-fn tell_resumed(dataset: &str, done: usize, pending: usize, options: &RunOptions) {
-    if done > 0 && !options.quiet {
-        eprintln!("{dataset}: {done} of {} trials are there already", done + pending);
+impl<T: Trial + Display> Trials<'_, T> {
+    /// Runs the pending trials with a progress bar, saving the rows of each as it ends, then the list
+    /// of those that failed. The times of a trial are saved before its rows.
+    fn run<R: Serialize + DeserializeOwned + Send>(
+        &self,
+        store: &mut TrialStore<R>,
+        options: &RunOptions,
+        run: impl Fn(&T, &mut Stopwatch) -> Result<Vec<R>> + Sync,
+    ) -> Result<TrialOutcome> {
+        let Trials { dataset, folder, done, pending } = self;
+        if !done.is_empty() && !options.quiet {
+            let all = done.len() + pending.len();
+            eprintln!("{dataset}: {} of {all} trials are there already", done.len());
+        }
+        let mut timings: TrialStore<TimingRow> = TrialStore::open(&folder.join(TIMINGS))?;
+        let redone: HashSet<String> = pending.iter().map(T::to_string).collect();
+        timings.retain(|row| !redone.contains(&row.trial))?;
+        let mut failures = Vec::new();
+        // As many as the pool of the whole program has.
+        let threads = rayon::current_num_threads();
+        let total: f64 = pending.iter().map(Trial::cost).sum();
+        // In parts of the whole, so that the time left follows the work and not the number of trials.
+        const PARTS: f64 = 1e6;
+        let bar = progress::bar(PARTS as u64, dataset, options.quiet);
+        let (mut finished, mut cost) = (0, 0.0);
+        let timed = |trial: &T| {
+            let mut watch = Stopwatch::start();
+            Ok((run(trial, &mut watch)?, watch))
+        };
+        let outcome = run_trials(pending, threads, timed, |trial, result| {
+            finished += 1;
+            cost += trial.cost();
+            bar.set_position((PARTS * cost / total) as u64);
+            bar.set_message(format!("{finished}/{} trials", pending.len()));
+            match result {
+                Ok((rows, watch)) => {
+                    timings.push(watch.laps().iter().map(|&(part, seconds)| TimingRow {
+                        trial: trial.to_string(),
+                        part: part.to_owned(),
+                        seconds,
+                    }))?;
+                    store.push(rows)
+                }
+                Err(error) => {
+                    let reason = format!("{error:#}");
+                    bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {reason}"));
+                    failures.push(FailureRow { trial: trial.to_string(), reason });
+                    Ok(())
+                }
+            }
+        });
+        bar.finish_and_clear();
+        let outcome = outcome?;
+        timings.finish(|row| (row.trial.clone(), row.part.clone()))?;
+        failures.sort_by(|a, b| a.trial.cmp(&b.trial));
+        match failures.is_empty() {
+            true => remove(&folder.join(FAILURES), |path| fs::remove_file(path))?,
+            false => write_rows(&folder.join(FAILURES), &failures)?,
+        }
+        Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
     }
 }
 
-/// Makes the folder, checks that rows of an earlier run may stay, and writes the manifest. Returns the
-/// earlier manifest.
-fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Option<Manifest>> {
-    let path = folder.join(MANIFEST);
+/// A result folder that this run alone writes to.
+struct Prepared {
+    /// The manifest of an earlier run that this one goes on from.
+    earlier: Option<Manifest>,
+    /// Locked as long as it is open.
+    _lock: File,
+}
+
+/// Makes the folder, sees that no other run writes there and that rows of an earlier run may stay, and
+/// writes the manifest.
+fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Prepared> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let lock = lock(folder)?;
     if fresh {
         forget(folder)?;
     }
+    for subfolder in ["", MAPS, FIGURES, localization::TRAJECTORY] {
+        remove_leftovers(&folder.join(subfolder))?;
+    }
+    let path = folder.join(MANIFEST);
     let earlier = match path.exists() {
         true => Some(Manifest::read(&path).context("--fresh starts anew")?),
         false if folder.join(TRIALS).exists() => {
@@ -151,26 +204,56 @@ fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Option<Man
     if let Some(earlier) = &earlier {
         manifest.check_continues(earlier).with_context(|| folder.display().to_string())?;
     }
-    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     manifest.write(&path)?;
-    Ok(earlier)
+    Ok(Prepared { earlier, _lock: lock })
+}
+
+/// Keeps other runs out of a folder until the file returned is closed, be it by the end of the program.
+fn lock(folder: &Path) -> Result<File> {
+    let path = folder.join(LOCK);
+    let file = File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => bail!(
+            "another run is writing to {}; wait for its end, or choose another folder with -o",
+            folder.display()
+        ),
+        Err(TryLockError::Error(error)) => eprintln!(
+            "warning: {} cannot be locked ({error}); no other run may write there meanwhile",
+            folder.display()
+        ),
+    }
+    Ok(file)
+}
+
+/// Removes the temporary files of a run that was killed while it wrote them.
+fn remove_leftovers(folder: &Path) -> Result<()> {
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
+    for entry in entries.flatten().filter(|entry| is_leftover(&entry.path())) {
+        remove(&entry.path(), |path| fs::remove_file(path))?;
+    }
+    Ok(())
 }
 
 /// Removes what an earlier run left, and nothing else.
 fn forget(folder: &Path) -> Result<()> {
-    let remove = |path: PathBuf, remove: fn(&Path) -> io::Result<()>| match remove(&path) {
+    for file in [TRIALS, TIMINGS, FAILURES, SUMMARY, TESTS, MANIFEST] {
+        remove(&folder.join(file), |path| fs::remove_file(path))?;
+    }
+    for subfolder in [MAPS, FIGURES, localization::TRAJECTORY] {
+        remove(&folder.join(subfolder), |path| fs::remove_dir_all(path))?;
+    }
+    Ok(())
+}
+
+/// Removes what may be there.
+fn remove(path: &Path, remove: impl Fn(&Path) -> io::Result<()>) -> Result<()> {
+    match remove(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             Err(error).with_context(|| format!("cannot remove {}", path.display()))
         }
         _ => Ok(()),
-    };
-    for file in [TRIALS, SUMMARY, TESTS, MANIFEST] {
-        remove(folder.join(file), |path| fs::remove_file(path))?;
     }
-    for subfolder in [MAPS, FIGURES, localization::TRAJECTORY] {
-        remove(folder.join(subfolder), |path| fs::remove_dir_all(path))?;
-    }
-    Ok(())
 }
 
 /// The result folders below a root, sorted: all `<experiment>/<data set>/` with a manifest.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use serde::Serialize;
 
-use super::{RunOptions, SUMMARY, TESTS, TRIALS, draw_figures, prepare, run_pending, tell_resumed};
+use super::{RunOptions, SUMMARY, TESTS, TRIALS, Trials, draw_figures, prepare};
 use crate::experiment::{
     DatasetFacts, Kind, LocalizationData, Manifest, RankedSetting, SensitivityExperiment,
     SensitivityRow, SensitivityTrial, Split, TrialOutcome, TrialStore, compare_strategies,
@@ -29,7 +29,7 @@ pub(super) fn run(
     let points = source.points()?.len();
     let facts = DatasetFacts::of(source, points);
     let manifest = Manifest::new(name, Kind::Sensitivity, experiment, facts)?;
-    prepare(folder, &manifest, options.fresh)?;
+    let _prepared = prepare(folder, &manifest, options.fresh)?;
     let data =
         LocalizationData::new(Split::Same, &source.name, &source.recording, source.max_range)?;
 
@@ -41,15 +41,15 @@ pub(super) fn run(
     // A trial that was cut off between two of its rows is run again as a whole.
     let redone: HashSet<_> = pending.iter().flat_map(SensitivityTrial::keys).collect();
     store.retain(|row| !redone.contains(&row.key()))?;
-    tell_resumed(&source.name, done.len(), pending.len(), options);
-    let outcome = run_pending(&source.name, &pending, &mut store, options, |trial| {
-        experiment.run_trial(&data, source.max_range, trial)
+    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let outcome = trials.run(&mut store, options, |trial, watch| {
+        experiment.run_trial(&data, source.max_range, trial, watch)
     })?;
     let rows = store.finish(SensitivityRow::key)?;
     write_rows(&folder.join(SUMMARY), &summarize_sensitivity(&rows)?)?;
     write_rows(&folder.join(TESTS), &compare_strategies(&rows)?)?;
     draw_figures(folder)?;
-    Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
+    Ok(outcome)
 }
 
 /// Where a ranking was written, and what came first.

@@ -1,6 +1,15 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+/// How the names of temporary files end; they begin with a dot.
+const TEMPORARY: &str = ".tmp";
+
+/// Whether a file is a temporary one of [`write_atomically`], left behind by a program that was killed.
+pub fn is_leftover(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.starts_with('.') && name.ends_with(TEMPORARY)
+}
+
 /// Writes a file that is whole or not there: the bytes go to a temporary neighbour, which then
 /// takes the name `path`, replacing what was there.
 ///
@@ -19,13 +28,15 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     prefix.push(name);
     prefix.push(".");
     let mut builder = tempfile::Builder::new();
-    builder.prefix(&prefix).suffix(".tmp");
+    builder.prefix(&prefix).suffix(TEMPORARY);
     // Temporary files are private to their owner by default; results are ordinary files, 0666 less
     // the user's umask.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut file = builder.tempfile_in(folder)?;
     file.write_all(bytes)?;
+    // Otherwise a power cut could leave the new name without the bytes.
+    file.as_file().sync_all()?;
     file.persist(path)?;
     Ok(())
 }

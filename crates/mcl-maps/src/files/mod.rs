@@ -41,7 +41,7 @@ use std::path::Path;
 
 use mcl_core::PointMap;
 
-pub use atomic::write_atomically;
+pub use atomic::{is_leftover, write_atomically};
 pub use error::{MapFileError, MapProblem, Place};
 
 /// How numbers are written to PLY and PCD. CSV is always text.
