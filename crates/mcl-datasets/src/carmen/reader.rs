@@ -156,6 +156,7 @@ impl Pass {
             kind,
             report: self.report,
             front_laser_offset: self.front_laser_offset,
+            notes: Vec::new(),
         })
     }
 }
