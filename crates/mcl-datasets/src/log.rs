@@ -45,8 +45,11 @@ pub struct Log {
     /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
     /// it where the poses of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
-    /// How a bag was read, a line each: topics, mount of the laser, scans outside of the odometry.
+    /// How a bag was read, a line each: its topics, the mount of the laser.
     pub notes: Vec<String>,
+    /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside
+    /// of the odometry.
+    pub assumptions: Vec<String>,
 }
 
 /// Where the reference poses and the odometry of a log come from.
@@ -389,6 +392,11 @@ pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> 
         CarmenError::Io(error) => LogError::Io { path: path.to_owned(), error },
         error => LogError::Carmen { path: path.to_owned(), error },
     })
+}
+
+/// Whether a folder holds a bag: a `metadata.yaml`, or files that end with `.mcap`.
+pub fn is_bag_folder(path: &Path) -> bool {
+    path.is_dir() && bag::files::is_bag(path)
 }
 
 /// Opens a file, and unpacks it if it is compressed.

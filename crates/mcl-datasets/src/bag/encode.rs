@@ -42,7 +42,9 @@ impl Encoder {
 
     /// `float64`s one after the other, without a length.
     pub fn f64s(&mut self, values: &[f64]) -> &mut Self {
-        values.iter().for_each(|value| drop(self.aligned(value.to_le_bytes())));
+        for value in values {
+            self.aligned(value.to_le_bytes());
+        }
         self
     }
 

@@ -34,7 +34,6 @@ pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, B
             truncated: content.truncated.clone(),
             ..ReadReport::default()
         },
-        notes: Vec::new(),
     };
     let scans = decoder.scans(chosen.scan)?;
     let odometry = match chosen.odometry {
@@ -46,8 +45,20 @@ pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, B
         None => Vec::new(),
     };
     let frames = decoder.frames()?;
-    let Decoder { report, notes, .. } = decoder;
-    Assembly { content: &content, chosen, scans, odometry, reference, frames, report, notes }.log()
+    let report = decoder.report;
+    let (notes, assumptions) = (Vec::new(), Vec::new());
+    Assembly {
+        content: &content,
+        chosen,
+        scans,
+        odometry,
+        reference,
+        frames,
+        report,
+        notes,
+        assumptions,
+    }
+    .log()
 }
 
 /// A message's value with what its record says.
@@ -68,7 +79,6 @@ struct Decoder<'a> {
     content: &'a Content,
     schemas: BTreeMap<usize, MessageSchema>,
     report: ReadReport,
-    notes: Vec<String>,
 }
 
 impl<'a> Decoder<'a> {
@@ -226,6 +236,7 @@ struct Assembly<'a> {
     frames: Frames,
     report: ReadReport,
     notes: Vec<String>,
+    assumptions: Vec<String>,
 }
 
 impl Assembly<'_> {
@@ -288,14 +299,14 @@ impl Assembly<'_> {
             });
         }
         if by_log_time > 0 {
-            self.notes.push(format!(
+            self.assumptions.push(format!(
                 "stamps: {by_log_time} scans have no stamp in their header, the time they were logged is taken"
             ));
         }
         for (outside, what) in [(outside_odometry, "odometry"), (outside_reference, "reference")] {
             if outside > 0 {
                 let s = if outside == 1 { " lies" } else { "s lie" };
-                self.notes.push(format!(
+                self.assumptions.push(format!(
                     "{outside} scan{s} before the first or after the last {what} message, and has none of it"
                 ));
             }
@@ -306,6 +317,7 @@ impl Assembly<'_> {
             report: self.report,
             front_laser_offset: None,
             notes: self.notes,
+            assumptions: self.assumptions,
         })
     }
 
@@ -378,7 +390,7 @@ impl Assembly<'_> {
                     true => "no transforms lead from one to the other",
                     false => "no transform says where it is",
                 };
-                self.notes.push(format!(
+                self.assumptions.push(format!(
                     "laser on {base:?}: {why}, so it is taken to be at the robot's origin, looking ahead"
                 ));
                 Ok(Mount::IDENTITY)
@@ -395,7 +407,7 @@ impl Assembly<'_> {
             (time(pose.value.header.stamp, pose.log_time), pose.value.pose)
         };
         let Some(track) = PoseTrack::new(self.reference.iter().map(sample).collect()) else {
-            self.notes.push(format!("reference: {topic} has no readable message"));
+            self.assumptions.push(format!("reference: {topic} has no readable message"));
             return Ok(None);
         };
         let (start, end) = track.span();

@@ -300,7 +300,9 @@ fn laser_scan(scan: &LaserScan, stamp: Stamp, range_min: f32, range_max: f32) ->
         .f32(range_min)
         .f32(range_max)
         .u32(scan.ranges.len() as u32);
-    scan.ranges.iter().for_each(|&range| drop(message.f32(range as f32)));
+    for &range in &scan.ranges {
+        message.f32(range as f32);
+    }
     message.u32(0);
     message
 }

@@ -157,6 +157,7 @@ impl Pass {
             report: self.report,
             front_laser_offset: self.front_laser_offset,
             notes: Vec::new(),
+            assumptions: Vec::new(),
         })
     }
 }
