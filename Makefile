@@ -4,7 +4,7 @@ CARGO ?= cargo
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments sensitivity datasets figures test bench check fmt clippy doc
+.PHONY: build experiments sensitivity datasets figures test interop bench check fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -32,6 +32,13 @@ figures: build
 
 test:
 	$(CARGO) test --workspace --locked
+
+# Bags of ours read by programs we did not write, and theirs by ours. Needs Python 3.11 or later.
+INTEROP = target/interop
+interop: build
+	python3 -m venv $(INTEROP)
+	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
+	$(INTEROP)/bin/python crates/mcl-datasets/interop/interop.py --program $(MCL_EVAL)
 
 bench:
 	$(CARGO) bench --workspace --locked
