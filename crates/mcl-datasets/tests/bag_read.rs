@@ -270,7 +270,11 @@ fn scans_without_a_stamp_get_the_time_they_were_logged() {
     entries[4] = unstamped;
     let log = read(&bag(&entries));
     assert_eq!(log.recording.scans[1].stamp.unwrap().nanoseconds(), 2 * SECOND);
-    assert!(log.assumptions[0].contains("1 scans have no stamp"), "{:?}", log.assumptions);
+    assert!(
+        log.assumptions[0].contains("without a stamp in their header: 1"),
+        "{:?}",
+        log.assumptions
+    );
 }
 
 #[test]

@@ -155,9 +155,9 @@ impl<'a> Decoder<'a> {
             },
         )?;
         if scans.is_empty() {
-            let because = match self.report.skipped {
-                0 => None,
-                _ => Some(self.report.to_string()),
+            let because = match self.report.is_complete() {
+                true => None,
+                false => Some(self.report.to_string()),
             };
             return Err(BagError::NoScan { topics: self.content.list(), because });
         }
@@ -300,14 +300,18 @@ impl Assembly<'_> {
         }
         if by_log_time > 0 {
             self.assumptions.push(format!(
-                "stamps: {by_log_time} scans have no stamp in their header, the time they were logged is taken"
+                "stamps: scans without a stamp in their header: {by_log_time}; the time they were logged is taken"
             ));
         }
         for (outside, what) in [(outside_odometry, "odometry"), (outside_reference, "reference")] {
             if outside > 0 {
-                let s = if outside == 1 { " lies" } else { "s lie" };
+                let which = if outside == 1 {
+                    "1 scan lies".to_owned()
+                } else {
+                    format!("{outside} scans lie")
+                };
                 self.assumptions.push(format!(
-                    "{outside} scan{s} before the first or after the last {what} message, and has none of it"
+                    "{which} before the first or after the last {what} message: nothing is extrapolated, so no {what} there"
                 ));
             }
         }

@@ -246,7 +246,10 @@ pub(super) fn choose<'a>(
             .map_err(|names| {
                 content.ambiguous("sensor_msgs/msg/LaserScan", &names, "--scan-topic")
             })?
-            .ok_or_else(|| BagError::NoScan { topics: content.list(), because: None })?,
+            .ok_or_else(|| BagError::NoScan {
+                topics: content.list(),
+                because: content.truncated.clone(),
+            })?,
     };
     let odometry_topics: Vec<&str> = content
         .names(&[Kind::Odometry])

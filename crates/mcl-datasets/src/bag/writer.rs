@@ -16,6 +16,8 @@ pub(super) const METADATA_NAME: &str = "mcl-eval";
 /// Its key: sequence numbers of the scans on `/scan` that have no stamp, parted by blanks. In a bag
 /// that has the record, a stamp of 0 of any other scan is a time.
 pub(super) const UNSTAMPED_KEY: &str = "scans_without_stamp";
+/// Unpacked bytes of a chunk. Small, because a file that is cut off loses most of its last chunk.
+const CHUNK_BYTES: u64 = 64 << 10;
 const MAP_FRAME: &str = "map";
 const ODOMETRY_FRAME: &str = "odom";
 const BASE_FRAME: &str = "base_link";
@@ -102,6 +104,7 @@ impl<W: Write + Seek> BagWriter<W> {
             .profile("ros2")
             .library(concat!("mcl-eval/", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Zstd))
+            .chunk_size(Some(CHUNK_BYTES))
             // Threads would not change the bytes, but are not worth it.
             .compression_threads(0)
             .create(sink)?;
