@@ -64,10 +64,10 @@ pub enum RegistryError {
     },
     /// No file of the data set is on disk.
     #[error(
-        "no file of data set `{name}` found: looked in {} for {}; \
-         get it with `mcl-eval datasets fetch {name}`",
+        "no file of data set `{name}` found: looked in {} for {}; {}",
         displayed(folders),
-        joined(file_names)
+        joined(file_names),
+        how_to_get(name, *has_address)
     )]
     NotFound {
         /// Name of the data set.
@@ -76,7 +76,16 @@ pub enum RegistryError {
         folders: Vec<PathBuf>,
         /// The file names looked for in each.
         file_names: Vec<String>,
+        /// Whether it can be fetched.
+        has_address: bool,
     },
+}
+
+fn how_to_get(name: &str, has_address: bool) -> String {
+    match has_address {
+        true => format!("get it with `mcl-eval datasets fetch {name}`"),
+        false => "it has no public address, so put it there by hand".to_owned(),
+    }
 }
 
 impl Registry {
@@ -170,6 +179,7 @@ impl Registry {
                 name: dataset.name.clone(),
                 folders: self.folders.iter().map(|folder| folder.join(&dataset.name)).collect(),
                 file_names: file.known_names(),
+                has_address: !file.urls.is_empty(),
             }
         })
     }

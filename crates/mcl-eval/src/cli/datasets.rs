@@ -60,8 +60,9 @@ fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     let lines = chosen(registry, names)?.into_iter().map(|dataset| {
         let place = match &dataset.source {
             Source::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
-            Source::File(_) => match registry.locate(dataset) {
+            Source::File(file) => match registry.locate(dataset) {
                 Ok(path) => path.display().to_string(),
+                Err(error) if file.urls.is_empty() => format!("not at hand: {error}"),
                 Err(_) => format!("not at hand: mcl-eval datasets fetch {}", dataset.name),
             },
         };

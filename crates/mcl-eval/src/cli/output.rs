@@ -23,7 +23,7 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
 /// Says on stderr what a log left open and what of it was lost, and whether anything was.
 pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
     for assumption in &source.assumptions {
-        eprintln!("note: {name}: {assumption}");
+        eprintln!("warning: {name}: {assumption}");
     }
     let report = &source.report;
     if report.is_complete() {
