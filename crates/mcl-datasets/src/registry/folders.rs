@@ -11,10 +11,11 @@ const REGISTRY_FOLDER: &str = "datasets";
 const DATA_DIR_VARIABLE: &str = "MCL_DATA_DIR";
 
 /// The definitions of this repository.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
     ("aces", include_str!("../../../../datasets/aces/dataset.toml")),
     ("freiburg-079", include_str!("../../../../datasets/freiburg-079/dataset.toml")),
     ("intel-lab", include_str!("../../../../datasets/intel-lab/dataset.toml")),
+    ("olin-mac", include_str!("../../../../datasets/olin-mac/dataset.toml")),
     ("simulated-office", include_str!("../../../../datasets/simulated-office/dataset.toml")),
 ];
 
@@ -63,10 +64,10 @@ pub enum RegistryError {
     },
     /// No file of the data set is on disk.
     #[error(
-        "no file of data set `{name}` found: looked in {} for {}; \
-         get it with `mcl-eval datasets fetch {name}`",
+        "no file of data set `{name}` found: looked in {} for {}; {}",
         displayed(folders),
-        joined(file_names)
+        joined(file_names),
+        how_to_get(name, *has_address)
     )]
     NotFound {
         /// Name of the data set.
@@ -75,7 +76,16 @@ pub enum RegistryError {
         folders: Vec<PathBuf>,
         /// The file names looked for in each.
         file_names: Vec<String>,
+        /// Whether it can be fetched.
+        has_address: bool,
     },
+}
+
+fn how_to_get(name: &str, has_address: bool) -> String {
+    match has_address {
+        true => format!("get it with `mcl-eval datasets fetch {name}`"),
+        false => "it has no public address, so put it there by hand".to_owned(),
+    }
 }
 
 impl Registry {
@@ -169,6 +179,7 @@ impl Registry {
                 name: dataset.name.clone(),
                 folders: self.folders.iter().map(|folder| folder.join(&dataset.name)).collect(),
                 file_names: file.known_names(),
+                has_address: !file.urls.is_empty(),
             }
         })
     }
