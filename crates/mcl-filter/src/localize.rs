@@ -1,6 +1,6 @@
 use mcl_core::{Pose2, Recording, Seed};
 
-use crate::{CheckedSettings, FilterError, MapDistances, ParticleFilter, StepReport};
+use crate::{CheckedSettings, FilterError, MapDistances, ParticleFilter, Particles, StepReport};
 
 /// What is replayed to the filter: a recording, the odometry to believe, and which scans to use.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +26,17 @@ pub struct Run {
     pub reports: Vec<StepReport>,
 }
 
+/// A step of a run, as [`localize_with`] shows it.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    /// Index of the scan in the recording.
+    pub scan: usize,
+    /// What the filter reported, about the robot.
+    pub report: &'a StepReport,
+    /// The particles after the scan; where [`StepReport::resampled`] says so, drawn anew.
+    pub particles: &'a Particles,
+}
+
 /// Localizes the robot of a recording on a map: one run of the particle filter over the used scans.
 ///
 /// `initial_map_from_laser` is the pose of the laser at the first used scan, needed for
@@ -42,6 +53,22 @@ pub fn localize(
     initial_map_from_laser: Option<Pose2>,
     seed: Seed,
 ) -> Result<Run, FilterError> {
+    localize_with(replay, distances, settings, initial_map_from_laser, seed, |_| Ok(()))
+}
+
+/// [`localize`], showing each step to `observe`, which changes nothing of the run but ends it by an
+/// error.
+///
+/// # Errors
+/// Those of [`localize`] and of `observe`.
+pub fn localize_with<E: From<FilterError>>(
+    replay: &Replay<'_>,
+    distances: &MapDistances,
+    settings: &CheckedSettings,
+    initial_map_from_laser: Option<Pose2>,
+    seed: Seed,
+    mut observe: impl FnMut(Step<'_>) -> Result<(), E>,
+) -> Result<Run, E> {
     let scans = &replay.recording.scans;
     check_replay(replay)?;
     let robot_from_laser = replay.recording.robot_from_laser;
@@ -61,6 +88,7 @@ pub fn localize(
             filter.predict(&robot_from_laser.compose(&motion).compose(&laser_from_robot))?;
         }
         let report = filter.update(&scans[scan])?;
+        observe(Step { scan, report: &report, particles: filter.particles() })?;
         run.map_from_laser.push(report.estimate.map_from_robot.compose(&robot_from_laser));
         run.reports.push(report);
         previous = Some(scan);

@@ -30,6 +30,17 @@ impl Encoder {
         self
     }
 
+    /// Bytes as they are: elements of a `uint8[]` after its length.
+    pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        self.bytes.extend(bytes);
+        self
+    }
+
+    /// A `uint8` or a `bool` (0 or 1).
+    pub fn u8(&mut self, value: u8) -> &mut Self {
+        self.bytes(&[value])
+    }
+
     /// A `uint32`, also the length of an array.
     pub fn u32(&mut self, value: u32) -> &mut Self {
         self.aligned(value.to_le_bytes())

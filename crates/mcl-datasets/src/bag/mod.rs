@@ -54,6 +54,7 @@ pub(crate) mod files;
 mod idl_text;
 mod messages;
 mod msg_text;
+pub mod planar;
 mod recording;
 pub mod schema;
 pub mod stream;
@@ -72,7 +73,10 @@ pub use encode::Encoder;
 pub use error::{BagError, StreamProblem};
 pub use recording::MAX_MESSAGE_BYTES;
 pub use topics::MAX_KEPT_BYTES;
-pub use writer::{BagWriter, Delivery, TopicId, WriteBagError, write};
+pub use writer::{
+    BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
+    write,
+};
 
 use crate::log::{Log, LogError, ReadOptions};
 

@@ -138,6 +138,42 @@ pub static LASER_SCAN: MessageType = MessageType {
     parts: &[&HEADER],
 };
 
+/// `geometry_msgs/msg/PoseWithCovarianceStamped`
+pub static POSE_WITH_COVARIANCE_STAMPED: MessageType = MessageType {
+    name: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    fields: "std_msgs/Header header\nPoseWithCovariance pose\n",
+    parts: &[&HEADER, &POSE_WITH_COVARIANCE],
+};
+
+/// `geometry_msgs/msg/PoseArray`
+pub static POSE_ARRAY: MessageType = MessageType {
+    name: "geometry_msgs/msg/PoseArray",
+    fields: "std_msgs/Header header\nPose[] poses\n",
+    parts: &[&HEADER, &POSE],
+};
+
+/// `sensor_msgs/msg/PointField`
+pub static POINT_FIELD: MessageType = MessageType {
+    name: "sensor_msgs/msg/PointField",
+    fields: "uint8 INT8 = 1\nuint8 UINT8 = 2\nuint8 INT16 = 3\nuint8 UINT16 = 4\n\
+             uint8 INT32 = 5\nuint8 UINT32 = 6\nuint8 FLOAT32 = 7\nuint8 FLOAT64 = 8\n\
+             string name\nuint32 offset\nuint8 datatype\nuint32 count\n",
+    parts: &[],
+};
+
+/// `sensor_msgs/msg/PointCloud2`
+pub static POINT_CLOUD2: MessageType = MessageType {
+    name: "sensor_msgs/msg/PointCloud2",
+    fields: "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\n\
+             bool is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] data\n\
+             bool is_dense\n",
+    parts: &[&HEADER, &POINT_FIELD],
+};
+
+/// `std_msgs/msg/Float64`
+pub static FLOAT64: MessageType =
+    MessageType { name: "std_msgs/msg/Float64", fields: "float64 data\n", parts: &[] };
+
 #[cfg(test)]
 mod tests {
     use super::super::schema::MessageSchema;

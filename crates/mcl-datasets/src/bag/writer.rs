@@ -8,6 +8,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcl_core::{LaserScan, Pose2, Recording, Stamp};
 
 use super::encode::Encoder;
+use super::planar::{laser_scan, pose_stamped, transforms};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
 use crate::mount::Mount;
 
@@ -18,10 +19,13 @@ pub(super) const METADATA_NAME: &str = "mcl-eval";
 pub(super) const UNSTAMPED_KEY: &str = "scans_without_stamp";
 /// Unpacked bytes of a chunk. Small, because a file that is cut off loses most of its last chunk.
 const CHUNK_BYTES: u64 = 64 << 10;
-const MAP_FRAME: &str = "map";
 const ODOMETRY_FRAME: &str = "odom";
-const BASE_FRAME: &str = "base_link";
-const LASER_FRAME: &str = "laser";
+/// The frame of the map, root of all others (REP 105).
+pub const MAP_FRAME: &str = "map";
+/// The robot's frame (REP 105).
+pub const BASE_FRAME: &str = "base_link";
+/// The laser's frame.
+pub const LASER_FRAME: &str = "laser";
 
 /// Why a recording cannot be written as a bag.
 #[derive(Debug, thiserror::Error)]
@@ -237,7 +241,7 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
     let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
     bag.write(static_topic, log_time, transforms(first, &mounted))?;
     let mount = Mount::new(recording.robot_from_laser);
-    let (range_min, range_max) = range_limits(scans);
+    let limits = range_limits(scans);
     let mut robot = Pose2::IDENTITY;
     for (index, scan) in scans.iter().enumerate() {
         let stamp = scan.stamp.unwrap_or(zero);
@@ -271,43 +275,11 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
             bag.write(topic, log_time, message)?;
         }
         if let (Some(topic), Some(pose)) = (reference_topic, reference) {
-            let mut message = Encoder::default();
-            message.header(stamp, MAP_FRAME).pose(pose);
-            bag.write(topic, log_time, message)?;
+            bag.write(topic, log_time, pose_stamped(stamp, MAP_FRAME, pose))?;
         }
-        bag.write(scan_topic, log_time, laser_scan(scan, stamp, range_min, range_max))?;
+        bag.write(scan_topic, log_time, laser_scan(scan, stamp, LASER_FRAME, limits))?;
     }
     bag.finish()
-}
-
-fn transforms(stamp: Stamp, edges: &[(&str, &str, Pose2)]) -> Encoder {
-    let mut message = Encoder::default();
-    message.u32(edges.len() as u32);
-    for (parent, child, pose) in edges {
-        message.header(stamp, parent).text(child).pose(*pose);
-    }
-    message
-}
-
-fn laser_scan(scan: &LaserScan, stamp: Stamp, range_min: f32, range_max: f32) -> Encoder {
-    let geometry = &scan.geometry;
-    let mut message = Encoder::default();
-    message
-        .header(stamp, LASER_FRAME)
-        .f32(geometry.start_angle as f32)
-        .f32(geometry.angle(geometry.beams - 1) as f32)
-        .f32(geometry.angle_step as f32)
-        // Neither the time between beams nor that between scans is known.
-        .f32(0.0)
-        .f32(0.0)
-        .f32(range_min)
-        .f32(range_max)
-        .u32(scan.ranges.len() as u32);
-    for &range in &scan.ranges {
-        message.f32(range as f32);
-    }
-    message.u32(0);
-    message
 }
 
 /// The smallest and the largest reading, and 0 if that is smaller.
@@ -324,8 +296,11 @@ struct Spans {
     reference: Range<usize>,
 }
 
-fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
-    let scans = &recording.scans;
+/// Whether a bag can hold each of these scans.
+///
+/// # Errors
+/// [`WriteBagError::NoScan`], or what is wrong with the first scan that it cannot.
+pub fn check_scans(scans: &[LaserScan]) -> Result<(), WriteBagError> {
     if scans.is_empty() {
         return Err(WriteBagError::NoScan);
     }
@@ -346,6 +321,12 @@ fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
             }
         }
     }
+    Ok(())
+}
+
+fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
+    let scans = &recording.scans;
+    check_scans(scans)?;
     let steps = span(scans, "odometry", |index, scan| index > 0 && scan.odometry.is_some())?;
     let reference = span(scans, "reference pose", |_, scan| scan.map_from_laser.is_some())?;
     // A step connects its scan with the one before.

@@ -150,6 +150,9 @@ impl Localization {
         if let Some(folder) = &args.output {
             text += &format!("{}\n", folder.display());
         }
+        if let Some(path) = &args.replay {
+            text += &format!("{}: run 0, to be looked at\n", path.display());
+        }
         text
     }
 }

@@ -1,5 +1,6 @@
 mod figures;
 mod folder;
+mod replay;
 
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use clap::error::ErrorKind;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
     CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay,
-    Run, localize, noisy_increments,
+    Run, localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -23,6 +24,7 @@ use crate::source::{DEFAULT_MAX_RANGE, LogSource};
 use crate::thread_time;
 use figures::Localization;
 use folder::{Folder, Setup};
+use replay::{ReplayFile, Scene};
 
 /// A run of the filter, as far as the figures need it.
 struct FinishedRun {
@@ -38,12 +40,21 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     // What is wrong in itself is told before anything is read.
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
     filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
+    check_replay_name(args);
     let map = mcl_maps::files::read_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
     let start = first_pose(args, &source)?;
     check_odometry(&source)?;
+    let setup = Setup::new(args, &source, map.len(), settings.values(), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
+    let mut recorders = Vec::new();
+    recorders.resize_with(args.runs as usize, || None);
+    if let Some(path) = &args.replay {
+        let scene = Scene { recording: &source.recording, map: &map, max_range: source.max_range };
+        let setup = serde_json::to_string(&setup)?;
+        recorders[0] = Some(ReplayFile::open(path, &args.log.log, &scene, setup)?);
+    }
 
     let distances = MapDistances::grid(&map, settings.values().max_distance)?;
     let reference = reference_poses(&source);
@@ -51,11 +62,16 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
     let runs = (0..args.runs)
         .into_par_iter()
-        .map(|number| {
+        .zip(recorders)
+        .map(|(number, mut recorder)| {
             let seed = run_seed(args.seed, &source.name, number);
+            let filter = (&distances, &settings, start);
             let (run, elapsed) =
-                one_run(&source, &distances, &settings, start, args.odometry_noise, seed)
+                one_run(&source, filter, args.odometry_noise, seed, recorder.as_mut())
                     .with_context(|| format!("run {number}"))?;
+            if let Some(recorder) = recorder {
+                recorder.finish()?;
+            }
             let errors = reference
                 .as_ref()
                 .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
@@ -75,7 +91,6 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let found = Localization::of(&runs, args.particles, source.recording.scans.len(), seed)?;
     let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
     if let Some(folder) = &folder {
-        let setup = Setup::new(args, &source, map.len(), settings.values(), start);
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
     print(args.json, &found, |found| found.text(args, &source, map.len()))?;
@@ -85,6 +100,14 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
 /// A usage error.
 fn refuse(message: &str) -> ! {
     Cli::command().error(ErrorKind::ValueValidation, message).exit()
+}
+
+/// Readers tell a bag by the ending of its name.
+fn check_replay_name(args: &LocalizeArgs) {
+    let Some(path) = &args.replay else { return };
+    if path.extension().is_none_or(|ending| ending != "mcap") {
+        refuse(&format!("--replay {}: expected a name that ends with .mcap", path.display()));
+    }
 }
 
 fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
@@ -156,21 +179,28 @@ fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
     Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
 }
 
+/// A run and its thread's time in the filter; a recorder's time does not count.
 fn one_run(
     source: &LogSource,
-    distances: &MapDistances,
-    settings: &CheckedSettings,
-    start: Option<Pose2>,
+    (distances, settings, start): (&MapDistances, &CheckedSettings, Option<Pose2>),
     noise: Option<[f64; 2]>,
     seed: Seed,
-) -> Result<(Run, Duration), FilterError> {
+    mut recorder: Option<&mut ReplayFile<'_>>,
+) -> Result<(Run, Duration)> {
     let recording = &source.recording;
     let raw: Vec<Option<Pose2>> = recording.scans.iter().map(|scan| scan.odometry).collect();
     let [xy, theta] = noise.unwrap_or_default();
     let increments = noisy_increments(&raw, OdometryNoise { xy, theta }, seed)?;
     let scans: Vec<usize> = (0..recording.scans.len()).collect();
     let replay = Replay { recording, increments: &increments, scans: &scans };
+    let mut recorded = Duration::ZERO;
     let started = thread_time::now();
-    let run = localize(&replay, distances, settings, start, seed)?;
-    Ok((run, thread_time::now() - started))
+    let run = localize_with(&replay, distances, settings, start, seed, |step| {
+        let Some(recorder) = &mut recorder else { return anyhow::Ok(()) };
+        let started = thread_time::now();
+        recorder.step(&step)?;
+        recorded += thread_time::now() - started;
+        Ok(())
+    })?;
+    Ok((run, thread_time::now() - started - recorded))
 }

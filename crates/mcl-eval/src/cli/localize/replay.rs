@@ -1,0 +1,233 @@
+//! A run as a ROS 2 bag, to be looked at: `localize --replay` (docs/replay.md).
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mcl_core::{PointMap, Pose2, Recording, Stamp};
+use mcl_datasets::bag::planar::{
+    float64, laser_scan, point_cloud, pose_array, pose_stamped, pose_with_covariance, transforms,
+};
+use mcl_datasets::bag::types::{
+    FLOAT64, LASER_SCAN, MessageType, POINT_CLOUD2, POSE_ARRAY, POSE_STAMPED,
+    POSE_WITH_COVARIANCE_STAMPED, TF_MESSAGE,
+};
+use mcl_datasets::bag::{
+    BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
+};
+use mcl_filter::Step;
+use mcl_metrics::{PoseError, WeightedPoseError};
+use tempfile::NamedTempFile;
+
+/// Name of the metadata record that says which run it was.
+const METADATA_NAME: &str = "mcl-eval localize";
+/// A scan whose stamp is missing, or not later than those before, is logged this long after the one
+/// before (ns): players go by the time of logging, which therefore always moves on.
+const PAUSE: u64 = 1_000_000;
+
+/// A bag that is written as the run goes. It is whole, under its name, when [`ReplayFile::finish`] has
+/// returned; until then, and for good after an error, the name stands for what it stood for before.
+pub struct ReplayFile<'a> {
+    recorder: Recorder<'a, BufWriter<NamedTempFile>>,
+    path: PathBuf,
+}
+
+impl<'a> ReplayFile<'a> {
+    /// Begins the bag beside `path`, so that what is wrong with the path is told before the run. `log`
+    /// is what the run reads; `setup`, how it runs, goes into a metadata record.
+    pub fn open(path: &Path, log: &str, scene: &Scene<'a>, setup: String) -> Result<Self> {
+        let told = || format!("cannot write the replay {}", path.display());
+        if path.is_dir() {
+            bail!("{}: it is a folder", told());
+        }
+        if fs::canonicalize(path)
+            .is_ok_and(|path| fs::canonicalize(log).is_ok_and(|log| log == path))
+        {
+            bail!("{}: it is the log itself; give the replay another name", told());
+        }
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let mut prefix = std::ffi::OsString::from(".");
+        prefix.push(path.file_name().unwrap_or_default());
+        prefix.push(".");
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).suffix(".tmp");
+        // As ordinary files have them: 0666 less the user's umask.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(folder).with_context(told)?;
+        let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(told)?;
+        Ok(ReplayFile { recorder, path: path.to_owned() })
+    }
+
+    /// Writes a step of the run.
+    pub fn step(&mut self, step: &Step<'_>) -> Result<()> {
+        let path = &self.path;
+        self.recorder
+            .step(step)
+            .with_context(|| format!("cannot write the replay {}", path.display()))
+    }
+
+    /// Ends the bag and gives it its name.
+    pub fn finish(self) -> Result<()> {
+        let told = || format!("cannot write the replay {}", self.path.display());
+        let buffer = self.recorder.bag.finish().with_context(told)?;
+        let file = buffer.into_inner().map_err(|error| error.into_error()).with_context(told)?;
+        // Otherwise a power cut could leave the name without the bytes.
+        file.as_file().sync_all().with_context(told)?;
+        file.persist(&self.path).with_context(told)?;
+        Ok(())
+    }
+}
+
+/// What stays the same during a run.
+#[derive(Clone, Copy)]
+pub struct Scene<'a> {
+    pub recording: &'a Recording,
+    pub map: &'a PointMap<2>,
+    /// Readings beyond it (m) are not used.
+    pub max_range: f64,
+}
+
+/// Writes the messages of a run.
+struct Recorder<'a, W: Write + Seek> {
+    bag: BagWriter<W>,
+    topics: Topics,
+    recording: &'a Recording,
+    laser_from_robot: Pose2,
+    /// `range_min` and `range_max` of all scans (m).
+    limits: (f32, f32),
+    clock: Clock,
+    metric: WeightedPoseError,
+}
+
+struct Topics {
+    tf: TopicId,
+    scan: TopicId,
+    particles: TopicId,
+    estimate: TopicId,
+    effective_sample_size: TopicId,
+    /// `None` for a log without reference poses.
+    truth: Option<TruthTopics>,
+}
+
+#[derive(Clone, Copy)]
+struct TruthTopics {
+    reference: TopicId,
+    weighted: TopicId,
+    translation: TopicId,
+    heading: TopicId,
+}
+
+impl<'a, W: Write + Seek> Recorder<'a, W> {
+    /// Begins the bag: what kind of run it is, the map, and the mount of the laser.
+    fn new(sink: W, scene: &Scene<'a>, setup: String) -> Result<Self, WriteBagError> {
+        let Scene { recording, map, max_range } = *scene;
+        let scans = &recording.scans;
+        check_scans(scans)?;
+        let mut bag = BagWriter::new(sink)?;
+        let entries = [("run".to_owned(), "0".to_owned()), ("setup".to_owned(), setup)];
+        bag.metadata(METADATA_NAME, BTreeMap::from(entries))?;
+
+        let map_topic = bag.topic("/map", &POINT_CLOUD2, Delivery::Latched)?;
+        let static_topic = bag.topic("/tf_static", &TF_MESSAGE, Delivery::Latched)?;
+        let mut topic = |name: &str, kind: &MessageType| bag.topic(name, kind, Delivery::Live);
+        let tf = topic("/tf", &TF_MESSAGE)?;
+        let scan = topic("/scan", &LASER_SCAN)?;
+        let particles = topic("/particles", &POSE_ARRAY)?;
+        let estimate = topic("/estimate", &POSE_WITH_COVARIANCE_STAMPED)?;
+        let truth = match scans.iter().any(|scan| scan.map_from_laser.is_some()) {
+            false => None,
+            true => Some(TruthTopics {
+                reference: topic("/reference", &POSE_STAMPED)?,
+                weighted: topic("/error/weighted", &FLOAT64)?,
+                translation: topic("/error/translation", &FLOAT64)?,
+                heading: topic("/error/heading", &FLOAT64)?,
+            }),
+        };
+        let effective_sample_size = topic("/effective_sample_size", &FLOAT64)?;
+
+        let clock = Clock::new(scans.iter().find_map(|scan| scan.stamp));
+        let start = clock.next;
+        let stamp = stamp_of(start);
+        bag.write(map_topic, start, point_cloud(stamp, MAP_FRAME, map.points()))?;
+        let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
+        bag.write(static_topic, start, transforms(stamp, &mounted))?;
+        Ok(Recorder {
+            bag,
+            topics: Topics { tf, scan, particles, estimate, effective_sample_size, truth },
+            recording,
+            laser_from_robot: recording.robot_from_laser.inverse(),
+            // Usable readings are above 0. What is not used is not drawn, either.
+            limits: (f32::MIN_POSITIVE, max_range as f32),
+            clock,
+            metric: WeightedPoseError::default(),
+        })
+    }
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), WriteBagError> {
+        let scan = &self.recording.scans[step.scan];
+        let robot_from_laser = self.recording.robot_from_laser;
+        let time = self.clock.tick(scan.stamp);
+        let stamp = scan.stamp.unwrap_or(stamp_of(time));
+        let estimate = &step.report.estimate;
+        let map_from_robot = estimate.map_from_robot;
+        let mut write = |topic, message| self.bag.write(topic, time, message);
+
+        // First the frames: players draw what they can place.
+        let edges = [(MAP_FRAME, BASE_FRAME, map_from_robot)];
+        write(self.topics.tf, transforms(stamp, &edges))?;
+        write(self.topics.scan, laser_scan(scan, stamp, LASER_FRAME, self.limits))?;
+        let poses = step.particles.iter().map(|(pose, _)| pose);
+        write(self.topics.particles, pose_array(stamp, MAP_FRAME, poses))?;
+        write(
+            self.topics.estimate,
+            pose_with_covariance(stamp, MAP_FRAME, map_from_robot, &estimate.covariance),
+        )?;
+        write(self.topics.effective_sample_size, float64(step.report.effective_sample_size))?;
+        if let (Some(topics), Some(map_from_laser)) = (self.topics.truth, scan.map_from_laser) {
+            let reference = map_from_laser.compose(&self.laser_from_robot);
+            write(topics.reference, pose_stamped(stamp, MAP_FRAME, reference))?;
+            // As in the error rows: of the laser.
+            let estimate = map_from_robot.compose(&robot_from_laser);
+            let error = PoseError::between(&map_from_laser, &estimate);
+            write(topics.weighted, float64(self.metric.of(&error)))?;
+            write(topics.translation, float64(error.translation()))?;
+            write(topics.heading, float64(error.heading()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Times of logging, each later than the one before.
+struct Clock {
+    /// Earliest time of the next scan (ns).
+    next: u64,
+}
+
+impl Clock {
+    /// Starts at the first stamp of the log.
+    fn new(first: Option<Stamp>) -> Self {
+        Clock { next: first.map_or(0, nanoseconds) }
+    }
+
+    /// The time of a scan: its stamp, or a [`PAUSE`] after the scan before if that is later.
+    fn tick(&mut self, stamp: Option<Stamp>) -> u64 {
+        let time = stamp.map_or(self.next, |stamp| nanoseconds(stamp).max(self.next));
+        self.next = time + PAUSE;
+        time
+    }
+}
+
+/// Of a checked stamp, which is not negative.
+fn nanoseconds(stamp: Stamp) -> u64 {
+    stamp.nanoseconds() as u64
+}
+
+fn stamp_of(time: u64) -> Stamp {
+    Stamp::from_nanoseconds(time as i64)
+}
