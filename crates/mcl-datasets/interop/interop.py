@@ -3,6 +3,7 @@
 1. Bags that `mcl-eval convert` writes are read by `rosbags` and by `mcap` + `mcap-ros2-support`: every
    field of every message as the CARMEN log says, which is read here on its own.
 2. Bags that `rosbags` and the `mcap` writer write, in every way they can, are read by `mcl-eval`.
+3. Replays that `mcl-eval localize` writes are read by both, and say what the run's files say.
 
 Prints a line for each check, PASS or FAIL; exit code 1 when any failed.
 """
@@ -28,6 +29,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 import carmen_log
+import replay
 
 PROGRAM = "mcl-eval"
 failures = 0
@@ -349,6 +351,23 @@ def others(folder):
         check(f"mcap, {name}", lambda p=path, o=options: read_by_us(write_mcap(p, **o), folder))
 
 
+# --- 3. Replays -----------------------------------------------------------------------------------
+
+
+def replays(name, log, folder):
+    scans = carmen_log.read(log)
+    for what, function in replay.checks(call, name, log, scans, folder):
+        check(what, function)
+
+
+def mounted_replay(log, folder):
+    """A laser beside the middle of the robot, and turned."""
+    scans = carmen_log.read(log)[:200]
+    bag = replay.write_mounted(folder / "mounted.mcap", scans, (0.25, -0.1, 0.5 * math.pi))
+    for what, function in replay.checks(call, "mounted laser", bag, scans, folder):
+        check(what, function)
+
+
 def main():
     global PROGRAM
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -361,9 +380,12 @@ def main():
         office = folder / "office.log"
         call("simulate", "-o", office)
         ours("simulated office", office, folder)
+        replays("simulated office", office, folder)
+        mounted_replay(office, folder)
         intel = Path(data, "intel-lab", "intel.gfs.log") if data else None
         if intel and intel.is_file():
             ours("Intel Research Lab", intel, folder)
+            replays("Intel Research Lab", intel, folder)
         else:
             print("skipped: no intel-lab/intel.gfs.log in MCL_DATA_DIR")
         others(folder)

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
 use mcl_filter::{
     CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise,
-    ParticleFilter, Replay, Run, localize, noisy_increments,
+    ParticleFilter, Replay, Run, localize, localize_with, noisy_increments,
 };
 
 /// Corners of the room (m): no symmetry turns it into itself.
@@ -134,6 +134,55 @@ fn grid_and_reference_agree() {
         assert!(off < 1e-5, "{} for {}", found.log_evidence, expected.log_evidence);
         assert_eq!(found.resampled, expected.resampled);
     }
+}
+
+#[test]
+fn watching_changes_nothing_and_shows_every_step() {
+    let recording = drive(Pose2::new(0.2, 0.0, 0.1));
+    let distances = MapDistances::grid(&map(), 2.0).unwrap();
+    let scans = [0, 3, 4, 9, 20];
+    let increments = odometry(&recording);
+    let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
+    let start = recording.scans[0].map_from_laser;
+    let run = localize(&replay, &distances, &checked(), start, Seed::new(3)).unwrap();
+    let mut steps = Vec::new();
+    let watched = localize_with(&replay, &distances, &checked(), start, Seed::new(3), |step| {
+        let equal = -(step.particles.len() as f64).ln();
+        assert_eq!(step.particles.len(), settings().particles);
+        assert!(!step.report.resampled || step.particles.iter().all(|(_, l)| l == equal));
+        steps.push((step.scan, *step.report));
+        Ok::<(), FilterError>(())
+    });
+    assert_eq!(watched, Ok(run.clone()));
+    assert_eq!(steps, scans.into_iter().zip(run.reports).collect::<Vec<_>>());
+}
+
+#[test]
+fn who_watches_can_end_the_run() {
+    #[derive(Debug, PartialEq)]
+    enum Ended {
+        Enough(usize),
+        Failed(FilterError),
+    }
+    impl From<FilterError> for Ended {
+        fn from(error: FilterError) -> Self {
+            Ended::Failed(error)
+        }
+    }
+    let recording = drive(Pose2::IDENTITY);
+    let distances = MapDistances::grid(&map(), 2.0).unwrap();
+    let mut increments = odometry(&recording);
+    let run = |increments: &[Option<Pose2>], last: usize| {
+        let scans = [0, 1, 2, 3];
+        let replay = Replay { recording: &recording, increments, scans: &scans };
+        let start = recording.scans[0].map_from_laser;
+        localize_with(&replay, &distances, &checked(), start, Seed::new(1), |step| {
+            if step.scan == last { Err(Ended::Enough(last)) } else { Ok(()) }
+        })
+    };
+    assert_eq!(run(&increments, 2), Err(Ended::Enough(2)));
+    increments[1] = None;
+    assert_eq!(run(&increments, 2), Err(Ended::Failed(FilterError::MissingOdometry { scan: 1 })));
 }
 
 #[test]

@@ -231,3 +231,60 @@ fn nanoseconds(stamp: Stamp) -> u64 {
 fn stamp_of(time: u64) -> Stamp {
     Stamp::from_nanoseconds(time as i64)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use mcl_datasets::simulator::{OfficeSettings, simulate};
+    use std::io::{self, Cursor, SeekFrom};
+
+    /// A disk with room for so many bytes.
+    struct FullDisk(Cursor<Vec<u8>>, usize);
+
+    impl Write for FullDisk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            if self.0.get_ref().len() + bytes.len() > self.1 {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.0.write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for FullDisk {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.0.seek(to)
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error_whenever_it_fills_up() {
+        let recording = simulate(&OfficeSettings::default(), Seed::new(1)).unwrap();
+        let map = PointMap::new(vec![[0.0, 0.0]; 100_000]).unwrap();
+        let scene = Scene { recording: &recording, map: &map, max_range: 10.0 };
+        let record = |room: usize| -> Result<usize, WriteBagError> {
+            let disk = FullDisk(Cursor::new(Vec::new()), room);
+            let recorder = Recorder::new(disk, &scene, String::new())?;
+            Ok(recorder.bag.finish()?.0.into_inner().len())
+        };
+        let whole = record(usize::MAX).unwrap();
+        for room in [0, 10, whole / 2, whole - 1] {
+            assert!(record(room).is_err(), "{room} of {whole} bytes");
+        }
+        assert_eq!(record(whole).unwrap(), whole);
+    }
+
+    #[test]
+    fn the_clock_moves_on() {
+        let stamp = |milliseconds| Some(Stamp::from_nanoseconds(milliseconds * 1_000_000));
+        let mut clock = Clock::new(stamp(5000));
+        let stamps = [None, stamp(5000), stamp(5100), stamp(5100), stamp(3), None, stamp(6000)];
+        let times = stamps.map(|stamp| clock.tick(stamp) / 1_000_000);
+        assert_eq!(times, [5000, 5001, 5100, 5101, 5102, 5103, 6000]);
+        assert_eq!(Clock::new(None).tick(None), 0);
+    }
+}
