@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn the_clock_moves_on() {
-        let stamp = |milliseconds| Some(Stamp::from_nanoseconds(milliseconds * 1_000_000));
+        let stamp = |milliseconds: i64| Some(Stamp::from_nanoseconds(milliseconds * 1_000_000));
         let mut clock = Clock::new(stamp(5000));
         let stamps = [None, stamp(5000), stamp(5100), stamp(5100), stamp(3), None, stamp(6000)];
         let times = stamps.map(|stamp| clock.tick(stamp) / 1_000_000);
