@@ -12,6 +12,7 @@
 //! figures/       SVG and PNG, drawn from the files above only
 //! ```
 
+mod compare;
 mod figures;
 mod likelihood;
 mod localization;
@@ -31,6 +32,7 @@ use mcl_maps::files::is_leftover;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+pub use compare::{Comparison, compare};
 pub use sensitivity::{Ranking, write_ranking};
 
 use crate::experiment::{
