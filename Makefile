@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments sensitivity datasets figures test interop bench peers check fmt clippy doc
+.PHONY: build experiments sensitivity datasets figures test interop bench peers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -31,6 +31,17 @@ datasets: build
 figures: build
 	$(MCL_EVAL) plot $(RESULTS)
 
+# Runs the experiments whose results are committed again, on the data sets at hand, and compares: every
+# file byte by byte where they were made (results/README.md); elsewhere with TOLERANCE=0.3 or so.
+REPRODUCED = target/reproduced
+TOLERANCE ?= 0
+reproduce: build
+	$(MCL_EVAL) run experiments/likelihood.toml -o $(REPRODUCED) || test $$? -eq 3
+	$(MCL_EVAL) run experiments/localization.toml -o $(REPRODUCED) || test $$? -eq 3
+	cd $(REPRODUCED) && for folder in */*/; do \
+	  echo "$$folder" && $(CURDIR)/$(MCL_EVAL) compare "$$folder" "$(CURDIR)/results/$$folder" --tolerance $(TOLERANCE) || exit 1; \
+	done
+
 test:
 	$(CARGO) test --workspace --locked
 
@@ -52,6 +63,10 @@ peers:
 	$(PYTHON) benches/peers/run.py -o $(RESULTS)/benchmarks || test $$? -eq 3
 
 check: fmt clippy doc test
+
+# Licences, sources and duplicates of the dependencies; needs cargo-deny.
+deny:
+	$(CARGO) deny --log-level error check bans licenses sources
 
 fmt:
 	$(CARGO) fmt --all --check

@@ -27,7 +27,7 @@ mod trajectory;
 
 pub use error::CoreError;
 pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
-pub use point_map::{PointMap, check_finite};
+pub use point_map::{MAX_COORDINATE, PointMap, check_finite};
 pub use pose::{Pose2, wrap_angle};
 pub use recording::{Bounds, Recording};
 pub use scan::{LaserScan, ScanGeometry, is_usable_range};

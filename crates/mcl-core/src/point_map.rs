@@ -2,7 +2,7 @@ use crate::{Bounds, CoreError, Point};
 
 /// Largest coordinate accepted (m). Far beyond any survey grid on Earth, and small enough that
 /// squared distances neither overflow nor reach the sentinel values of the nearest-neighbour library.
-const MAX_COORDINATE: f64 = 1e12;
+pub const MAX_COORDINATE: f64 = 1e12;
 
 /// Checks that every coordinate is a finite number of reasonable size.
 ///

@@ -1,8 +1,11 @@
 //! Experiments as a user runs them: rows, summaries and figures; interruptions, threads, refusals.
 
+mod office;
+
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
+
+use office::{Bench, LOCALIZATION, assert_same};
 
 const LIKELIHOOD: &str = r#"
     kind = "likelihood"
@@ -12,21 +15,6 @@ const LIKELIHOOD: &str = r#"
     max_iterations = 50
     sizes = [{ percent = [1, 5], repeats = 3 }]
     figures = { overview = 5, comparison = 2 }
-"#;
-
-const LOCALIZATION: &str = r#"
-    kind = "localization"
-    seed = 3
-    runs = 4
-    maps = 2
-    splits = ["same", "held-out"]
-    sizes = [5, 20]
-    odometry_noise = { xy = 0.01, theta = 0.01 }
-    sigma = 0.05
-    tolerance = 1e-3
-    max_iterations = 50
-    filter = { particles = 50, beams = 30 }
-    figures = { trajectory = 5 }
 "#;
 
 const SENSITIVITY: &str = r#"
@@ -54,78 +42,21 @@ const SENSITIVITY: &str = r#"
     scans = 30
 "#;
 
-/// A folder with the first scans of the simulated office as `office.log`, and experiments.
-struct Bench {
-    folder: tempfile::TempDir,
+fn bench() -> Bench {
+    Bench::new(&[
+        ("likelihood", LIKELIHOOD),
+        ("localization", LOCALIZATION),
+        ("sensitivity", SENSITIVITY),
+    ])
 }
 
-impl Bench {
-    fn new() -> Self {
-        let bench = Bench { folder: tempfile::tempdir().unwrap() };
-        bench.mcl_eval(&["simulate", "-o", "whole.log"]);
-        let whole = fs::read_to_string(bench.path("whole.log")).unwrap();
-        // Comment and parameter lines, then each scan with its two odometry lines.
-        let head = whole.lines().position(|line| line.starts_with("FLASER")).unwrap();
-        let lines: Vec<&str> = whole.lines().take(head + 3 * 40).collect();
-        fs::write(bench.path("office.log"), lines.join("\n") + "\n").unwrap();
-        fs::write(bench.path("likelihood.toml"), LIKELIHOOD).unwrap();
-        fs::write(bench.path("localization.toml"), LOCALIZATION).unwrap();
-        fs::write(bench.path("sensitivity.toml"), SENSITIVITY).unwrap();
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_mcl-eval"))
-            .args(arguments)
-            .current_dir(self.folder.path())
-            .output()
-            .unwrap()
-    }
-
-    /// Runs a command that has to succeed, and returns its stdout.
-    #[track_caller]
-    fn mcl_eval(&self, arguments: &[&str]) -> String {
-        let output = self.run(arguments);
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{arguments:?}: {stderr}");
-        String::from_utf8(output.stdout).unwrap()
-    }
-
-    #[track_caller]
-    fn experiment(&self, name: &str, root: &str, more: &[&str]) -> PathBuf {
-        let definition = format!("{name}.toml");
-        let mut arguments = vec!["run", &definition, "--dataset", "office.log", "-o", root];
-        arguments.extend(more);
-        self.mcl_eval(&arguments);
-        self.path(root).join(name).join("office")
-    }
-}
-
-/// The rows without the columns that measure time.
-fn rows(path: &Path) -> Vec<Vec<String>> {
-    let mut reader = csv::Reader::from_path(path).unwrap();
-    let is_time = |name: &str| name.ends_with("seconds");
-    let keep: Vec<usize> = reader
-        .headers()
-        .unwrap()
-        .iter()
-        .enumerate()
-        .filter(|(_, name)| !is_time(name))
-        .map(|(i, _)| i)
-        .collect();
-    reader
-        .records()
-        .map(|record| keep.iter().map(|&i| record.as_ref().unwrap()[i].to_owned()).collect())
-        .collect()
+fn rows(path: &Path) -> Vec<csv::StringRecord> {
+    csv::Reader::from_path(path).unwrap().records().map(Result::unwrap).collect()
 }
 
 #[test]
 fn likelihood_experiment() {
-    let bench = Bench::new();
+    let bench = bench();
     let one = bench.experiment("likelihood", "one", &["--threads", "1"]);
     let trials = rows(&one.join("trials.csv"));
     assert_eq!(trials.len(), 2 * 2 * 3);
@@ -140,8 +71,7 @@ fn likelihood_experiment() {
     // The same bits for any number of threads.
     for threads in ["2", "7"] {
         let other = bench.experiment("likelihood", threads, &["--threads", threads]);
-        assert_eq!(rows(&other.join("trials.csv")), trials);
-        assert_eq!(rows(&other.join("summary.csv")), rows(&one.join("summary.csv")));
+        assert_same(&other, &one);
     }
 
     // The same bits after an interruption in the middle of a row.
@@ -163,7 +93,7 @@ fn likelihood_experiment() {
 
 #[test]
 fn a_map_of_a_trial_can_be_built_again() {
-    let bench = Bench::new();
+    let bench = bench();
     let folder = bench.experiment("likelihood", "results", &[]);
     let mut reader = csv::Reader::from_path(folder.join("trials.csv")).unwrap();
     let header = reader.headers().unwrap().clone();
@@ -187,7 +117,7 @@ fn a_map_of_a_trial_can_be_built_again() {
 
 #[test]
 fn rows_of_other_settings_are_not_mixed() {
-    let bench = Bench::new();
+    let bench = bench();
     bench.experiment("likelihood", "results", &[]);
     fs::write(bench.path("likelihood.toml"), LIKELIHOOD.replace("0.05", "0.1")).unwrap();
     let arguments = ["run", "likelihood.toml", "--dataset", "office.log"];
@@ -207,7 +137,7 @@ fn rows_of_other_settings_are_not_mixed() {
 
 #[test]
 fn localization_experiment() {
-    let bench = Bench::new();
+    let bench = bench();
     let one = bench.experiment("localization", "one", &["--threads", "1"]);
     let trials = rows(&one.join("trials.csv"));
     // Per split: 4 runs on all points, and on each of 2 sizes by 4 strategies.
@@ -223,7 +153,7 @@ fn localization_experiment() {
         assert!(one.join("figures").join(format!("{figure}.svg")).is_file(), "{figure}");
     }
     let two = bench.experiment("localization", "two", &["--threads", "2"]);
-    assert_eq!(rows(&two.join("trials.csv")), trials);
+    assert_same(&two, &one);
 
     let path = one.join("trials.csv");
     let text = fs::read_to_string(&path).unwrap();
@@ -234,7 +164,7 @@ fn localization_experiment() {
 
 #[test]
 fn sensitivity_study() {
-    let bench = Bench::new();
+    let bench = bench();
     let one = bench.experiment("sensitivity", "one", &["--threads", "1"]);
     let trials = rows(&one.join("trials.csv"));
     // 2 runs of 4 settings on 2 maps, in both sweeps; one setting and map is in both.
@@ -252,7 +182,7 @@ fn sensitivity_study() {
     // Every setting of both sweeps, the best first.
     let ranking = rows(&bench.path("one/sensitivity/ranking.csv"));
     assert_eq!(ranking.len(), 8);
-    assert_eq!((&*ranking[0][0], &*ranking[0][1]), ("sensor", "1"));
+    assert_eq!((&ranking[0][0], &ranking[0][1]), ("sensor", "1"));
 
     let two = bench.experiment("sensitivity", "two", &["--threads", "2"]);
     assert_eq!(rows(&two.join("trials.csv")), trials);
@@ -265,7 +195,7 @@ fn sensitivity_study() {
 
 #[test]
 fn a_log_with_malformed_records_ends_with_exit_3() {
-    let bench = Bench::new();
+    let bench = bench();
     let mut text = fs::read_to_string(bench.path("office.log")).unwrap();
     text.push_str("FLASER 180 1 2 3\n");
     fs::write(bench.path("office.log"), text).unwrap();

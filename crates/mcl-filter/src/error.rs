@@ -101,10 +101,10 @@ pub enum FilterError {
         /// Angle between beams in radians.
         angle_step: f64,
     },
-    /// A particle left the plane; its motion noise overflowed.
+    /// A particle left the plane, or went farther than [`mcl_core::MAX_COORDINATE`].
     #[error(
-        "particle {particle} is at {pose:?}, expected finite numbers: are the alpha settings or \
-         the odometry far too large?"
+        "particle {particle} is at {pose:?}, expected finite numbers of at most 1e12 m: are the initial \
+         pose, the alpha settings or the odometry far too large?"
     )]
     NonFiniteParticle {
         /// Index of the particle, from 0.

@@ -101,8 +101,8 @@ impl<'a> ParticleFilter<'a> {
     /// [`initial_pose`](crate::FilterSettings::initial_pose) says.
     ///
     /// # Errors
-    /// [`FilterError::MaxDistanceMismatch`], [`FilterError::NoInitialPose`] or
-    /// [`FilterError::NonFinitePose`].
+    /// [`FilterError::MaxDistanceMismatch`], [`FilterError::NoInitialPose`],
+    /// [`FilterError::NonFinitePose`] or [`FilterError::NonFiniteParticle`].
     pub fn new(
         settings: &CheckedSettings,
         distances: &'a MapDistances,
@@ -172,7 +172,7 @@ impl<'a> ParticleFilter<'a> {
             }
             Proposal::Adaptive => self.predict_for_adaptation(motion, &mut rng),
         }
-        self.particles.check_finite()
+        self.particles.check_places()
     }
 
     /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,
@@ -200,7 +200,8 @@ impl<'a> ParticleFilter<'a> {
     /// effective sample size has become too small.
     ///
     /// # Errors
-    /// [`FilterError::ScanGeometry`]; [`FilterError::DegenerateWeights`] would be a bug.
+    /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
+    /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
         let values = self.settings.values();
         let (beams, max_range) = (values.beams, values.max_range);
@@ -217,6 +218,7 @@ impl<'a> ParticleFilter<'a> {
                 let pilots = number / 2;
                 self.weigh(0..pilots);
                 let proposal = self.redraw(&motion, pilots);
+                self.particles.check_places()?;
                 self.weigh(pilots..number);
                 if let Some(proposal) = proposal {
                     self.correct(&proposal, pilots);

@@ -1,6 +1,6 @@
 use std::f64::consts::PI;
 
-use mcl_core::{Bounds, Pose2, Rng, wrap_angle};
+use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, wrap_angle};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -66,6 +66,7 @@ impl Particles {
                 }
             }
         }
+        particles.check_places()?;
         Ok(particles)
     }
 
@@ -90,9 +91,11 @@ impl Particles {
         Pose2::new(self.x[i], self.y[i], self.theta[i])
     }
 
-    /// Refuses particles that are nowhere.
-    pub(crate) fn check_finite(&self) -> Result<(), FilterError> {
-        match (0..self.len()).find(|&i| !self.pose(i).is_finite()) {
+    /// Refuses particles that are nowhere, or farther away than maps can be.
+    pub(crate) fn check_places(&self) -> Result<(), FilterError> {
+        let is_place =
+            |pose: Pose2| pose.is_finite() && pose.x.abs().max(pose.y.abs()) <= MAX_COORDINATE;
+        match (0..self.len()).find(|&i| !is_place(self.pose(i))) {
             Some(particle) => {
                 Err(FilterError::NonFiniteParticle { particle, pose: self.pose(particle) })
             }

@@ -49,6 +49,8 @@ pub enum Command {
     Run(RunArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
+    /// Whether results that were computed again are those of an earlier run.
+    Compare(CompareArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
     /// Convert a log (CARMEN, ROS 2 bag) or a map into another format.
@@ -260,6 +262,19 @@ pub struct PlotArgs {
     /// Folder that holds <experiment>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Results as they are now.
+    #[arg(value_name = "ROOT")]
+    pub found: PathBuf,
+    /// Results of an earlier run; they may hold only some of the files.
+    #[arg(value_name = "EARLIER")]
+    pub expected: PathBuf,
+    /// Largest relative difference of numbers; with 0 every file is compared byte by byte.
+    #[arg(long, value_name = "R", default_value_t = 0.0)]
+    pub tolerance: f64,
 }
 
 #[derive(Debug, Args)]

@@ -2,6 +2,7 @@
 
 mod args;
 mod claims;
+mod compare;
 mod convert;
 mod datasets;
 mod errors;
@@ -49,6 +50,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(&args, &cli.global),
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
+        Command::Compare(args) => compare::run(&args),
         Command::Claims(args) => claims::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Simulate(args) => simulate::run(&args),

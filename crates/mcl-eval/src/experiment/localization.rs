@@ -1,4 +1,5 @@
 use std::fmt;
+use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
@@ -87,6 +88,8 @@ pub struct LocalizationData<'a> {
     pub scans: Vec<usize>,
     /// Their reference poses.
     pub reference: Vec<Pose2>,
+    /// Distances from all points, once they are needed.
+    all_distances: OnceLock<Arc<MapDistances>>,
 }
 
 impl<'a> LocalizationData<'a> {
@@ -120,7 +123,34 @@ impl<'a> LocalizationData<'a> {
             bail!("{} scans to localize, expected at least 2", reference.len());
         }
         let points = PointSet::new(points)?;
-        Ok(LocalizationData { split, dataset, recording, points, scans, reference })
+        let all_distances = OnceLock::new();
+        Ok(LocalizationData { split, dataset, recording, points, scans, reference, all_distances })
+    }
+
+    /// The distances from a map. Those from all points, the slowest to index, are kept, for many
+    /// trials ask for them.
+    ///
+    /// # Errors
+    /// When the map cannot be indexed.
+    pub fn distances(
+        &self,
+        strategy: MapStrategy,
+        map: &PointMap<2>,
+        max_distance: f64,
+    ) -> Result<Arc<MapDistances>> {
+        let kept = self
+            .all_distances
+            .get()
+            .filter(|kept| strategy == MapStrategy::All && kept.max_distance() == max_distance);
+        if let Some(kept) = kept {
+            return Ok(kept.clone());
+        }
+        let built = Arc::new(MapDistances::grid(map, max_distance)?);
+        if strategy == MapStrategy::All {
+            // Another thread may have been faster; its distances are the same.
+            self.all_distances.get_or_init(|| built.clone());
+        }
+        Ok(built)
     }
 }
 
@@ -340,7 +370,7 @@ impl LocalizationExperiment {
         let maps = self.maps_of(data, trial)?;
         watch.lap("maps");
         for (strategy, map) in maps {
-            let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+            let distances = data.distances(strategy, &map, settings.values().max_distance)?;
             watch.lap("distance fields");
             for &run in &trial.runs {
                 let tracked = self.track(data, &distances, settings, run)?;

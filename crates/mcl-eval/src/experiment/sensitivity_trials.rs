@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use anyhow::Result;
-use mcl_filter::{MapDistances, OdometryNoise, Proposal};
+use mcl_filter::{OdometryNoise, Proposal};
 use serde::{Deserialize, Serialize};
 
 use super::localization::row as localization_row;
@@ -172,7 +172,7 @@ impl SensitivityExperiment {
         let maps = under(any).maps_of(data, map_trial)?;
         watch.lap("maps");
         for (strategy, map) in maps {
-            let distances = MapDistances::grid(&map, self.filter.max_distance)?;
+            let distances = data.distances(strategy, &map, self.filter.max_distance)?;
             watch.lap("distance fields");
             for (setting, _) in trial.cells.iter().filter(|(_, wanted)| *wanted == strategy) {
                 let experiment = under(setting);

@@ -12,6 +12,7 @@
 //! figures/       SVG and PNG, drawn from the files above only
 //! ```
 
+mod compare;
 mod figures;
 mod likelihood;
 mod localization;
@@ -31,6 +32,7 @@ use mcl_maps::files::is_leftover;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+pub use compare::{Comparison, compare};
 pub use sensitivity::{Ranking, write_ranking};
 
 use crate::experiment::{
@@ -156,7 +158,10 @@ impl<T: Trial + Display> Trials<'_, T> {
                 }
                 Err(error) => {
                     let reason = format!("{error:#}");
-                    bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {reason}"));
+                    // Often all fail for the same reason; it is told once.
+                    if failures.iter().all(|failure: &FailureRow| failure.reason != reason) {
+                        bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {reason}"));
+                    }
                     failures.push(FailureRow { trial: trial.to_string(), reason });
                     Ok(())
                 }
@@ -165,10 +170,17 @@ impl<T: Trial + Display> Trials<'_, T> {
         bar.finish_and_clear();
         let outcome = outcome?;
         timings.finish(|row| (row.trial.clone(), row.part.clone()))?;
-        failures.sort_by(|a, b| a.trial.cmp(&b.trial));
-        match failures.is_empty() {
-            true => remove(&folder.join(FAILURES), |path| fs::remove_file(path))?,
-            false => write_rows(&folder.join(FAILURES), &failures)?,
+        let path = folder.join(FAILURES);
+        if failures.is_empty() {
+            remove(&path, |path| fs::remove_file(path))?;
+        } else {
+            failures.sort_by(|a, b| a.trial.cmp(&b.trial));
+            write_rows(&path, &failures)?;
+            let (failed, all) = (failures.len(), done.len() + pending.len());
+            eprintln!("{dataset}: {failed} of {all} trials failed, see {}", path.display());
+        }
+        if store.rows().is_empty() {
+            bail!("no trial succeeded: there is nothing to summarize");
         }
         Ok(TrialOutcome { done: outcome.done + done.len(), failed: outcome.failed })
     }

@@ -1,0 +1,179 @@
+//! Numbers at the edge of what floats can say: refused with an error, or answered with finite numbers.
+
+use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
+use mcl_filter::sensor::DistanceField;
+use mcl_filter::{
+    FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, Proposal, Replay,
+    Resampling, localize,
+};
+use proptest::prelude::*;
+
+fn coordinate() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -20.0..20.0f64,
+        1 => Just(0.0),
+        1 => -1e-310..1e-310f64,
+        1 => 1e8..1e8 + 10.0,
+        1 => prop::sample::select(vec![1e12, -1e12, f64::MAX]),
+    ]
+}
+
+fn map() -> impl Strategy<Value = PointMap<2>> {
+    let any = prop::collection::vec((coordinate(), coordinate()), 1..60);
+    let room = (0..60usize, prop::sample::select(vec![0.0, 1e6, 1e8])).prop_map(|(n, middle)| {
+        (0..=n)
+            .map(|i| (middle + (i as f64 * 0.3).cos() * 5.0, (i as f64 * 0.3).sin() * 3.0))
+            .collect()
+    });
+    let equal = (coordinate(), coordinate(), 1..60usize).prop_map(|(x, y, n)| vec![(x, y); n]);
+    // Coordinates beyond 1e12 m are refused.
+    prop_oneof![any, room, equal].prop_filter_map("no map", |points: Vec<(f64, f64)>| {
+        PointMap::new(points.into_iter().map(|(x, y)| [x, y]).collect()).ok()
+    })
+}
+
+fn length() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        3 => prop::sample::select(vec![1e-9, 0.01, 0.3, 2.0, 1e9]),
+        1 => prop::sample::select(vec![0.0, -1.0, 5e-324, 1e-200, 1e200, f64::NAN, f64::INFINITY]),
+    ]
+}
+
+fn settings() -> impl Strategy<Value = FilterSettings> {
+    (
+        prop::sample::select(vec![0, 1, 2, 3, 17, 300]),
+        length(),
+        prop::sample::select(vec![0.0, 5e-324, 1e-30, 0.5, 1.0, -0.1, 1.1, f64::NAN]),
+        length(),
+        length(),
+        prop::sample::select(vec![0.0, 0.05, 1e9, 1e300, -1.0, f64::NAN]),
+        prop::sample::select(vec![
+            InitialPose::Uniform {},
+            InitialPose::Known { std_x: 0.1, std_y: 0.0, std_theta: 1e3 },
+        ]),
+        prop::sample::select(Proposal::ALL.to_vec()),
+        prop::sample::select(Resampling::ALL.to_vec()),
+        prop::sample::select(vec![1.0, 1e-9, 0.1]),
+    )
+        .prop_map(
+            |(
+                particles,
+                sigma_hit,
+                z_rand,
+                max_distance,
+                max_range,
+                alpha,
+                initial_pose,
+                proposal,
+                resampling,
+                likelihood_exponent,
+            )| {
+                FilterSettings {
+                    particles,
+                    sigma_hit,
+                    z_rand,
+                    max_distance,
+                    max_range,
+                    alpha: [alpha, 0.05, alpha, 0.05],
+                    initial_pose,
+                    proposal,
+                    resampling,
+                    likelihood_exponent,
+                    ..FilterSettings::default()
+                }
+            },
+        )
+}
+
+fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
+    let range = prop_oneof![
+        4 => 0.1..9.0f64,
+        1 => prop::sample::select(vec![0.0, -1.0, 5e-324, 1e9, f64::NAN, f64::INFINITY, f64::NEG_INFINITY]),
+    ];
+    let geometry = (
+        prop::sample::select(vec![-1.5, 0.0, 1e300, f64::NAN]),
+        prop::sample::select(vec![0.02, -0.02, 0.0, f64::MAX]),
+    );
+    let increment = prop_oneof![
+        6 => (-0.5..0.5f64, -0.1..0.1f64, -1.0..1.0f64).prop_map(|(x, y, theta)| Some(Pose2::new(x, y, theta))),
+        1 => Just(Some(Pose2::IDENTITY)),
+        1 => Just(Some(Pose2::new(1e300, -1e300, 1e9))),
+        1 => Just(None),
+    ];
+    (geometry, prop::collection::vec((prop::collection::vec(range, 0..30), increment), 0..6))
+        .prop_map(|((start_angle, angle_step), scans)| {
+            let scan = |(ranges, odometry): (Vec<f64>, Option<Pose2>)| LaserScan {
+                stamp: None,
+                geometry: ScanGeometry { start_angle, angle_step, beams: ranges.len() },
+                ranges,
+                map_from_laser: None,
+                odometry,
+            };
+            scans.into_iter().map(scan).collect()
+        })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn poses_are_finite_or_errors(
+        map in map(),
+        settings in settings(),
+        scans in scans(),
+        start in (coordinate(), coordinate(), -1e3..1e3f64),
+    ) {
+        let Ok(checked) = settings.clone().check() else { return Ok(()) };
+        let Ok(distances) = MapDistances::grid(&map, settings.max_distance) else { return Ok(()) };
+        let recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+        let increments: Vec<_> = recording.scans.iter().map(|scan| scan.odometry).collect();
+        let all: Vec<usize> = (0..recording.scans.len()).collect();
+        let replay = Replay { recording: &recording, increments: &increments, scans: &all };
+        let start = Some(Pose2::new(start.0, start.1, start.2));
+        let Ok(run) = localize(&replay, &distances, &checked, start, Seed::new(7)) else { return Ok(()) };
+        prop_assert_eq!(run.map_from_laser.len(), all.len());
+        for (pose, report) in run.map_from_laser.iter().zip(&run.reports) {
+            prop_assert!(pose.is_finite(), "{pose:?}");
+            prop_assert!(report.log_evidence.is_finite(), "{report:?}");
+            let ess = report.effective_sample_size;
+            prop_assert!(ess >= 1.0 - 1e-9 && ess <= settings.particles as f64 + 1e-6, "{ess}");
+        }
+    }
+
+    #[test]
+    fn distances_are_those_of_the_tree(
+        map in map(),
+        max_distance in length(),
+        places in prop::collection::vec((coordinate(), coordinate()), 1..40),
+    ) {
+        let Ok(field) = DistanceField::build(&map, max_distance) else { return Ok(()) };
+        let places: Vec<[f64; 2]> = places.into_iter().map(|(x, y)| [x, y]).collect();
+        let mut squared = Vec::new();
+        field.distances_squared(&places, &mut squared);
+        for (place, squared) in places.iter().zip(&squared) {
+            let nearest = map
+                .points()
+                .iter()
+                .map(|point| (point[0] - place[0]).hypot(point[1] - place[1]))
+                .fold(f64::INFINITY, f64::min)
+                .min(max_distance);
+            let found = squared.sqrt();
+            prop_assert!((found - nearest).abs() <= 1e-5 + 1e-12 * nearest, "{found} for {nearest} at {place:?}");
+        }
+    }
+}
+
+/// Found by the property above: the weighted mean of such places overflowed.
+#[test]
+fn a_start_beyond_all_maps_is_refused() {
+    let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
+    let settings = FilterSettings::default().check().unwrap();
+    let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
+    for x in [1e13, f64::MAX] {
+        let start = Some(Pose2::new(x, 0.0, 0.0));
+        let filter =
+            ParticleFilter::new(&settings, &distances, Pose2::IDENTITY, start, Seed::new(1));
+        let Err(error) = filter else { panic!("accepted {x}") };
+        assert!(matches!(error, FilterError::NonFiniteParticle { .. }), "{error}");
+    }
+}
