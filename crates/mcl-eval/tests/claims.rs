@@ -121,7 +121,7 @@ fn localization_rows(dataset: &str) -> String {
                 writeln!(
                     text,
                     "{dataset},same,{strategy},{size},{},1,{run},155648,155,910,1000,{error},\
-                     {error},0,{error},{diverged},0,0,250,10,1",
+                     {error},0,{error},{diverged},0,0,250,10",
                     run % 2
                 )
                 .unwrap();
