@@ -1,12 +1,13 @@
 //! `mcl-eval localize --replay`: the bag of a run.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::process::Command;
 
 use mcl_datasets::bag::cdr::{View, decode};
 use mcl_datasets::bag::schema::MessageSchema;
 use mcl_datasets::bag::stream::{Item, read_stream};
+use serde_json::Value;
 use tempfile::TempDir;
 
 const SCANS: usize = 60;
@@ -290,4 +291,49 @@ fn what_cannot_be_written_is_told_before_the_run() {
     let (_, stderr) = lab.ends(&args, 1);
     assert!(stderr.contains("it is the log itself"), "{stderr}");
     assert!(before == lab.bytes("office.mcap"), "the log has changed");
+}
+
+#[test]
+fn the_layout_shows_what_is_in_the_bag() {
+    let layout: Value =
+        serde_json::from_str(include_str!("../../../docs/foxglove-layout.json")).unwrap();
+    let lab = Lab::new();
+    lab.localize(&["--replay", "run.mcap"], 0);
+    let mut unseen: BTreeSet<String> = lab.bag("run.mcap").into_keys().collect();
+    // Frames are drawn without being asked for.
+    unseen.remove("/tf");
+    unseen.remove("/tf_static");
+    let known = unseen.clone();
+    let panels = layout["configById"].as_object().unwrap();
+    for (name, panel) in panels {
+        let shown: Vec<String> = match name.split_once('!').unwrap().0 {
+            "3D" => {
+                let frame = panel["followTf"].as_str().unwrap();
+                assert!(["map", "base_link"].contains(&frame), "{name}: {frame}");
+                panel["topics"].as_object().unwrap().keys().cloned().collect()
+            }
+            "Plot" => {
+                let paths = panel["paths"].as_array().unwrap().iter();
+                let field = |path: &Value| path["value"].as_str().unwrap().to_owned();
+                paths.map(|path| field(path).strip_suffix(".data").unwrap().to_owned()).collect()
+            }
+            other => panic!("panel {other}"),
+        };
+        for topic in shown {
+            assert!(known.contains(&topic), "{name}: {topic}");
+            unseen.remove(&topic);
+        }
+    }
+    assert!(unseen.is_empty(), "not shown: {unseen:?}");
+
+    // Every panel has its place, once.
+    fn places(part: &Value) -> Vec<&str> {
+        match part.as_str() {
+            Some(name) => vec![name],
+            None => [places(&part["first"]), places(&part["second"])].concat(),
+        }
+    }
+    let mut placed = places(&layout["layout"]);
+    placed.sort_unstable();
+    assert_eq!(placed, panels.keys().map(String::as_str).collect::<Vec<_>>());
 }
