@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments sensitivity datasets figures test bench peers check fmt clippy doc
+.PHONY: build experiments sensitivity datasets figures test interop bench peers check fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -33,6 +33,13 @@ figures: build
 
 test:
 	$(CARGO) test --workspace --locked
+
+# Bags of ours read by programs we did not write, and theirs by ours. Needs Python 3.11 or later.
+INTEROP = target/interop
+interop: build
+	python3 -m venv $(INTEROP)
+	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
+	$(INTEROP)/bin/python crates/mcl-datasets/interop/interop.py --program $(MCL_EVAL)
 
 # The inner loops one by one, then how their time grows (fitted exponents).
 bench:

@@ -1,7 +1,9 @@
-//! Laser logs in and out: readers and writers of log formats, the simulated office, and the registry
+//! Laser logs in and out: readers and writers of log formats (CARMEN, ROS 2 bags), the simulated office, and the registry
 //! of public data sets.
 
+pub mod bag;
 pub mod carmen;
 pub mod log;
+mod mount;
 pub mod registry;
 pub mod simulator;

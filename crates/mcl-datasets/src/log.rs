@@ -18,16 +18,15 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::sync::Arc;
 
 use flate2::bufread::MultiGzDecoder;
 use mcl_core::Recording;
 use serde::{Deserialize, Serialize};
 
+use crate::bag::{self, BagError};
 use crate::carmen::{self, CarmenError};
 
 const GZIP_MAGIC: &[u8] = &[0x1f, 0x8b];
-const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Bytes looked at to tell the format, and to refuse binary files before parsing them as text.
 const SNIFFED_BYTES: usize = 1 << 16;
 /// Skipped records described in full in a [`ReadReport`]; further ones are only counted.
@@ -46,6 +45,11 @@ pub struct Log {
     /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
     /// it where the poses of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
+    /// How a bag was read, a line each: its topics, the mount of the laser.
+    pub notes: Vec<String>,
+    /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside
+    /// of the odometry.
+    pub assumptions: Vec<String>,
 }
 
 /// Where the reference poses and the odometry of a log come from.
@@ -59,6 +63,8 @@ pub enum LogKind {
     CorrectedWithOdometry,
     /// Laser poses are raw odometry, at a fixed mount on the robot; there is no reference.
     Raw,
+    /// A ROS 2 bag: odometry and, where it has them, reference poses from topics of their own.
+    Bag,
 }
 
 impl fmt::Display for LogKind {
@@ -67,6 +73,7 @@ impl fmt::Display for LogKind {
             LogKind::GfsCorrected => "corrected log, raw odometry between the scans",
             LogKind::CorrectedWithOdometry => "corrected log, raw odometry beside each laser pose",
             LogKind::Raw => "raw log, no reference poses",
+            LogKind::Bag => "ROS 2 bag",
         })
     }
 }
@@ -117,10 +124,50 @@ impl FromStr for ReferencePoses {
     }
 }
 
+/// Topics to read of a bag, where their types do not tell which are meant.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TopicChoice {
+    /// Topic of the scans (`sensor_msgs/LaserScan`).
+    pub scan: Option<String>,
+    /// Topic of the odometry (`nav_msgs/Odometry`).
+    pub odometry: Option<String>,
+    /// Topic of the reference poses (`geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped` or
+    /// `nav_msgs/Odometry`).
+    pub reference: Option<String>,
+}
+
+impl TopicChoice {
+    /// The first topic asked for, if any is.
+    fn any(&self) -> Option<&str> {
+        [&self.scan, &self.odometry, &self.reference]
+            .into_iter()
+            .flatten()
+            .next()
+            .map(|t| t.as_str())
+    }
+}
+
+/// How to read a log, where its content leaves that open.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Whether the poses in the log are ground truth. For a bag: whether to use reference poses if it
+    /// has them, to insist on them, or not to use them.
+    pub reference: ReferencePoses,
+    /// Topics of a bag.
+    pub topics: TopicChoice,
+}
+
+impl From<ReferencePoses> for ReadOptions {
+    fn from(reference: ReferencePoses) -> Self {
+        ReadOptions { reference, topics: TopicChoice::default() }
+    }
+}
+
 /// What a reader did not use of a log.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReadReport {
-    /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …); nothing is lost.
+    /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …; bags: messages of
+    /// other types); nothing is lost.
     pub ignored: usize,
     /// Malformed records of kinds that are read; what they said is lost.
     pub skipped: usize,
@@ -128,8 +175,8 @@ pub struct ReadReport {
     pub skipped_details: Vec<SkippedRecord>,
     /// Scans whose stamp is a number but no time (uninitialised, negative); they are kept without.
     pub unusable_stamps: usize,
-    /// Why the log ends early, when its compressed data is cut off or damaged; what came before is
-    /// kept.
+    /// Why the log ends early, when a bag or compressed data is cut off or damaged; what came before
+    /// is kept.
     pub truncated: Option<String>,
 }
 
@@ -169,12 +216,40 @@ impl fmt::Display for ReadReport {
     }
 }
 
+/// Where a record stands in its log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// Line of a text, from 1.
+    Line(usize),
+    /// Message of a bag.
+    Message {
+        /// Its topic.
+        topic: String,
+        /// When it was logged, in nanoseconds.
+        log_time: u64,
+        /// Offset in its file of its record, or of the chunk that holds it.
+        offset: u64,
+    },
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Place::Line(line) => write!(f, "line {line}"),
+            Place::Message { topic, log_time, offset } => {
+                let (seconds, rest) = (log_time / 1_000_000_000, log_time % 1_000_000_000);
+                write!(f, "{topic} at {seconds}.{rest:09} s (byte {offset})")
+            }
+        }
+    }
+}
+
 /// A malformed record: where it is, and what is wrong with it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SkippedRecord {
-    /// Line of the log, from 1.
-    pub line: usize,
-    /// Kind of the record (`FLASER`).
+    /// Where it stands.
+    pub place: Place,
+    /// Kind of the record (`FLASER`), or type of the message.
     pub record: String,
     /// Name of the field at fault.
     pub field: String,
@@ -186,8 +261,8 @@ pub struct SkippedRecord {
 
 impl fmt::Display for SkippedRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SkippedRecord { line, record, field, found, expected } = self;
-        write!(f, "line {line}: {record} skipped: {field} is {found}, expected {expected}")
+        let SkippedRecord { place, record, field, found, expected } = self;
+        write!(f, "{place}: {record} skipped: {field} is {found}, expected {expected}")
     }
 }
 
@@ -201,7 +276,7 @@ pub enum LogError {
         path: PathBuf,
     },
     /// The path is a directory.
-    #[error("{}: a directory, expected a log file", path.display())]
+    #[error("{}: a directory, expected a log file, or the folder of a ROS 2 bag with its metadata.yaml", path.display())]
     Directory {
         /// The path asked for.
         path: PathBuf,
@@ -215,14 +290,14 @@ pub enum LogError {
         error: io::Error,
     },
     /// The file, or what it decompresses to, has no bytes.
-    #[error("{}: the file is empty, expected a CARMEN log (.log, .clf, or either as .gz)", path.display())]
+    #[error("{}: the file is empty, expected a CARMEN log (.log, .clf, or either as .gz) or a ROS 2 bag (.mcap)", path.display())]
     Empty {
         /// The file asked for.
         path: PathBuf,
     },
     /// The file, or what it decompresses to, is not text.
     #[error(
-        "{}: a binary file (byte {offset} is NUL), expected a CARMEN log (.log, .clf, or either as .gz)",
+        "{}: a binary file (byte {offset} is NUL), expected a CARMEN log (.log, .clf, or either as .gz) or a ROS 2 bag (.mcap)",
         path.display()
     )]
     Binary {
@@ -231,16 +306,21 @@ pub enum LogError {
         /// Offset of the first NUL byte, from 0, after decompression.
         offset: usize,
     },
-    /// The file is an MCAP bag.
-    #[error(
-        "{}: an MCAP bag ({content}); bags are not read yet, expected a CARMEN log (.log, .clf, or either as .gz)",
-        path.display()
-    )]
-    Mcap {
+    /// No recording could be read from a ROS 2 bag.
+    #[error("{}: {error}", path.display())]
+    Bag {
+        /// The file or folder asked for, or the file of a split bag.
+        path: PathBuf,
+        /// What is wrong with it.
+        error: Box<BagError>,
+    },
+    /// Topics were asked for, but the log is no bag.
+    #[error("{}: a CARMEN log has no topics, and so no {topic:?}; leave out --scan-topic, --odom-topic and --reference-topic", path.display())]
+    NoTopics {
         /// The file asked for.
         path: PathBuf,
-        /// The topics in it with the types of their messages, or why they cannot be told.
-        content: String,
+        /// The first topic asked for.
+        topic: String,
     },
     /// The file begins like gzip, but nothing of it can be decompressed.
     #[error("{}: {reason}; fetch the file again", path.display())]
@@ -260,44 +340,29 @@ pub enum LogError {
     },
 }
 
-/// Reads a log, plain or compressed with gzip; the first bytes decide, not the name.
+/// Reads a log, plain or compressed with gzip, or the folder of a split bag; the first bytes decide,
+/// not the name.
 ///
 /// # Errors
 /// [`LogError`] when the file cannot be opened or holds no scan. Malformed records and a damaged end
 /// of the compressed data are no errors: the rest is read, and [`ReadReport`] says what was lost.
 pub fn read_log(path: &Path) -> Result<Log, LogError> {
-    read_log_as(path, ReferencePoses::Auto)
+    read_log_as(path, &ReadOptions::default())
 }
 
-/// [`read_log`], told whether the laser poses in the log are ground truth.
+/// [`read_log`], told what the content of the log leaves open.
 ///
 /// # Errors
 /// As [`read_log`].
-pub fn read_log_as(path: &Path, reference: ReferencePoses) -> Result<Log, LogError> {
-    let io_error = |error| LogError::Io { path: path.to_owned(), error };
-    let file = File::open(path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => LogError::NotFound { path: path.to_owned() },
-        _ => io_error(error),
-    })?;
+pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> {
     // Opening a directory succeeds on Unix; reading it fails with a less helpful message.
-    if file.metadata().map_err(io_error)?.is_dir() {
-        return Err(LogError::Directory { path: path.to_owned() });
+    if path.is_dir() {
+        return match bag::files::is_bag(path) {
+            true => bag::read_folder(path, options, open),
+            false => Err(LogError::Directory { path: path.to_owned() }),
+        };
     }
-    let mut input = BufReader::with_capacity(SNIFFED_BYTES, file);
-    if input.fill_buf().map_err(io_error)?.starts_with(GZIP_MAGIC) {
-        let decoder = MultiGzDecoder::new(input);
-        read_text(path, BufReader::with_capacity(SNIFFED_BYTES, decoder), reference)
-    } else {
-        read_text(path, input, reference)
-    }
-}
-
-/// Checks that the (decompressed) bytes look like text and hands them to the CARMEN reader.
-fn read_text(
-    path: &Path,
-    mut input: impl BufRead,
-    reference: ReferencePoses,
-) -> Result<Log, LogError> {
+    let mut input = open(path)?;
     let head = match input.fill_buf() {
         Ok(head) => head,
         Err(error) => {
@@ -311,38 +376,41 @@ fn read_text(
     if head.is_empty() {
         return Err(LogError::Empty { path: path.to_owned() });
     }
-    if head.starts_with(MCAP_MAGIC) {
-        let mut bag = Vec::new();
-        let content = match input.read_to_end(&mut bag) {
-            Ok(_) => topics(&bag),
-            Err(error) => error.to_string(),
-        };
-        return Err(LogError::Mcap { path: path.to_owned(), content });
+    let is_named_bag = path.extension().is_some_and(|ending| ending == "mcap");
+    if is_named_bag || head.starts_with(mcap::MAGIC) {
+        return bag::read(input, options)
+            .map_err(|error| LogError::Bag { path: path.to_owned(), error: Box::new(error) });
     }
     if let Some(offset) = head.iter().position(|&byte| byte == 0) {
         return Err(LogError::Binary { path: path.to_owned(), offset });
     }
+    if let Some(topic) = options.topics.any() {
+        return Err(LogError::NoTopics { path: path.to_owned(), topic: topic.to_owned() });
+    }
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    carmen::read(input, &name, reference).map_err(|error| match error {
+    carmen::read(input, &name, options.reference).map_err(|error| match error {
         CarmenError::Io(error) => LogError::Io { path: path.to_owned(), error },
         error => LogError::Carmen { path: path.to_owned(), error },
     })
 }
 
-/// The topics of an MCAP bag with their message types, from the summary at its end.
-fn topics(bag: &[u8]) -> String {
-    let summary = match mcap::Summary::read(bag) {
-        Ok(Some(summary)) => summary,
-        Ok(None) => return "without a summary of its topics".to_owned(),
-        Err(error) => return format!("its summary cannot be read: {error}"),
-    };
-    let describe = |channel: &Arc<mcap::Channel<'_>>| match &channel.schema {
-        Some(schema) => format!("{}: {}", channel.topic, schema.name),
-        None => channel.topic.clone(),
-    };
-    let mut topics: Vec<String> = summary.channels.values().map(describe).collect();
-    topics.sort();
-    if topics.is_empty() { "without topics".to_owned() } else { topics.join(", ") }
+/// Whether a folder holds a bag: a `metadata.yaml`, or files that end with `.mcap`.
+pub fn is_bag_folder(path: &Path) -> bool {
+    path.is_dir() && bag::files::is_bag(path)
+}
+
+/// Opens a file, and unpacks it if it is compressed.
+fn open(path: &Path) -> Result<Box<dyn BufRead>, LogError> {
+    let io_error = |error| LogError::Io { path: path.to_owned(), error };
+    let file = File::open(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => LogError::NotFound { path: path.to_owned() },
+        _ => io_error(error),
+    })?;
+    let mut input = BufReader::with_capacity(SNIFFED_BYTES, file);
+    Ok(match input.fill_buf().map_err(io_error)?.starts_with(GZIP_MAGIC) {
+        true => Box::new(BufReader::with_capacity(SNIFFED_BYTES, MultiGzDecoder::new(input))),
+        false => Box::new(input),
+    })
 }
 
 /// What an error says about compressed data; `None` for errors of the system. Reading a plain file

@@ -2,12 +2,11 @@
 
 mod support;
 
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use flate2::{Compression, write::GzEncoder};
-use mcl_datasets::log::{LogError, read_log, read_log_as};
+use mcl_datasets::log::{LogError, ReadOptions, TopicChoice, read_log, read_log_as};
 use mcl_datasets::log::{LogKind, ReferencePoses};
 use support::*;
 
@@ -71,7 +70,9 @@ fn the_override_reaches_the_reader() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(folder.path(), "a.log", scan(pose(1.0, 2.0, 0.0), 1).as_bytes());
     assert!(!read_log(&path).unwrap().recording.has_reference());
-    assert!(read_log_as(&path, ReferencePoses::Recorded).unwrap().recording.has_reference());
+    assert!(
+        read_log_as(&path, &ReferencePoses::Recorded.into()).unwrap().recording.has_reference()
+    );
     let named = file(folder.path(), "a.gfs.log", scan(pose(1.0, 2.0, 0.0), 1).as_bytes());
     assert!(read_log(&named).unwrap().recording.has_reference());
 }
@@ -102,16 +103,17 @@ fn what_is_no_log_is_refused_with_the_reason() {
 
     let path = file(folder.path(), "bag.mcap", b"\x89MCAP0\r\n\x01\x00");
     let error = read_log(&path).unwrap_err();
-    assert!(matches!(error, LogError::Mcap { .. }), "{error}");
-    assert_message(&error, &path, &["MCAP bag", "summary cannot be read", "not read yet"]);
+    assert!(matches!(error, LogError::Bag { .. }), "{error}");
+    assert_message(&error, &path, &["no sensor_msgs/msg/LaserScan", "topics: none"]);
 
-    let mut bag = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
-    let schema = bag.add_schema("sensor_msgs/msg/LaserScan", "ros2msg", b"").unwrap();
-    bag.add_channel(schema, "/scan", "cdr", &BTreeMap::new()).unwrap();
-    bag.finish().unwrap();
-    let path = file(folder.path(), "bag.mcap", bag.into_inner().get_ref());
-    let error = read_log(&path).unwrap_err();
-    assert_message(&error, &path, &["/scan: sensor_msgs/msg/LaserScan", "not read yet"]);
+    let path = file(folder.path(), "text.mcap", b"FLASER 180 and so on");
+    assert_message(&read_log(&path).unwrap_err(), &path, &["at byte 0", "magic bytes"]);
+
+    let path = file(folder.path(), "a.log", scan(pose(1.0, 2.0, 0.0), 1).as_bytes());
+    let topics = TopicChoice { scan: Some("/scan".into()), ..TopicChoice::default() };
+    let options = ReadOptions { topics, ..ReadOptions::default() };
+    let error = read_log_as(&path, &options).unwrap_err();
+    assert_message(&error, &path, &["no topics", "\"/scan\"", "--scan-topic"]);
 
     let path = file(folder.path(), "notes.log", b"# no scans here\nODOM 0 0 0\n");
     let error = read_log(&path).unwrap_err();

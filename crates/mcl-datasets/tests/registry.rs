@@ -27,7 +27,10 @@ fn every_definition_of_the_repository_is_built_in_as_it_stands() {
         on_disk.insert(name);
     }
     assert_eq!(names(&built_in), on_disk.iter().map(String::as_str).collect::<Vec<_>>());
-    assert_eq!(names(&built_in), ["aces", "freiburg-079", "intel-lab", "simulated-office"]);
+    assert_eq!(
+        names(&built_in),
+        ["aces", "freiburg-079", "intel-lab", "olin-mac", "simulated-office"]
+    );
 }
 
 #[test]
@@ -84,7 +87,8 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     let message = registry.get("intel").unwrap_err().to_string();
     assert_eq!(
         message,
-        "no data set is named `intel`; known are: aces, freiburg-079, intel-lab, simulated-office"
+        "no data set is named `intel`; known are: aces, freiburg-079, intel-lab, \
+         olin-mac, simulated-office"
     );
 }
 
@@ -100,7 +104,10 @@ fn a_folder_of_definitions_is_found_from_below_and_overrides_by_name() {
         std::fs::write(datasets.join(name).join(DEFINITION_FILE), text).unwrap();
     }
     let registry = Registry::discover(&below, None).unwrap();
-    assert_eq!(names(&registry), ["aces", "freiburg-079", "intel-lab", "mine", "simulated-office"]);
+    assert_eq!(
+        names(&registry),
+        ["aces", "freiburg-079", "intel-lab", "mine", "olin-mac", "simulated-office"]
+    );
     assert!(registry.get("aces").unwrap().title.starts_with("our ACES"));
     assert_eq!(registry.fetch_folder(registry.get("mine").unwrap()), datasets.join("mine"));
 

@@ -86,7 +86,7 @@ fn intel() -> Option<PointSet<2>> {
         eprintln!("skipped: the Intel log is not in MCL_DATA_DIR");
         return None;
     }
-    let source = LogSource::open("intel-lab", SourceOptions::default()).unwrap();
+    let source = LogSource::open("intel-lab", &SourceOptions::default()).unwrap();
     Some(PointSet::new(source.points().unwrap()).unwrap())
 }
 

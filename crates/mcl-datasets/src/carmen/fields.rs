@@ -5,7 +5,7 @@ use std::str::SplitAsciiWhitespace;
 
 use mcl_core::{ParseStampError, Pose2, Stamp};
 
-use crate::log::SkippedRecord;
+use crate::log::{Place, SkippedRecord};
 
 /// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough
 /// that composing poses keeps them finite.
@@ -55,7 +55,7 @@ impl Malformed {
     /// The same with its place in the log (line from 1).
     pub fn at_line(self, line: usize) -> SkippedRecord {
         SkippedRecord {
-            line,
+            place: Place::Line(line),
             record: self.record.to_owned(),
             field: self.field.to_string(),
             found: self.found,

@@ -138,7 +138,10 @@ impl Odometry {
             LogKind::GfsCorrected => Some(before.gap.last?.between(&scan.gap.last?)),
             _ if self.are_fields_empty => None,
             LogKind::Raw => return Some(before.laser.between(&scan.laser)),
-            LogKind::CorrectedWithOdometry => Some(before.robot.between(&scan.robot)),
+            // No CARMEN log is detected as a bag.
+            LogKind::CorrectedWithOdometry | LogKind::Bag => {
+                Some(before.robot.between(&scan.robot))
+            }
         }?;
         Some(in_laser_frame(&robot_increment, &self.robot_from_laser))
     }

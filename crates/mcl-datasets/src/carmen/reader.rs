@@ -156,6 +156,8 @@ impl Pass {
             kind,
             report: self.report,
             front_laser_offset: self.front_laser_offset,
+            notes: Vec::new(),
+            assumptions: Vec::new(),
         })
     }
 }

@@ -7,6 +7,7 @@ use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
 
 use super::fields::MAX_POSE_COMPONENT;
 use super::record::{REFERENCE_PARAM, flaser_geometry};
+use crate::mount::Mount;
 
 /// What a reading without return (NaN or infinite) is written as, in metres. CARMEN writes no-return
 /// readings as values beyond the sensor's range, and many of its readers stop at `inf`.
@@ -181,38 +182,6 @@ fn check(recording: &Recording) -> Result<bool, WriteError> {
 /// Whether the reader accepts all three components.
 fn is_readable(pose: Pose2) -> bool {
     [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_POSE_COMPONENT)
-}
-
-/// Carries poses and increments of the laser over to the robot; exactly, where the two are one.
-struct Mount {
-    robot_from_laser: Pose2,
-    laser_from_robot: Pose2,
-    is_identity: bool,
-}
-
-impl Mount {
-    fn new(robot_from_laser: Pose2) -> Self {
-        Mount {
-            robot_from_laser,
-            laser_from_robot: robot_from_laser.inverse(),
-            is_identity: robot_from_laser == Pose2::IDENTITY,
-        }
-    }
-
-    fn robot_pose(&self, laser: Pose2) -> Pose2 {
-        if self.is_identity { laser } else { laser.compose(&self.laser_from_robot) }
-    }
-
-    fn laser_pose(&self, robot: Pose2) -> Pose2 {
-        if self.is_identity { robot } else { robot.compose(&self.robot_from_laser) }
-    }
-
-    fn robot_increment(&self, laser_increment: Pose2) -> Pose2 {
-        if self.is_identity {
-            return laser_increment;
-        }
-        self.robot_from_laser.compose(&laser_increment).compose(&self.laser_from_robot)
-    }
 }
 
 /// `Display` of a float is the shortest decimal that reads back as the same number.

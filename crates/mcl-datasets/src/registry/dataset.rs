@@ -37,8 +37,8 @@ pub struct Dataset {
 /// Where the scans of a data set come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
-    /// A CARMEN log on disk.
-    Carmen(LogFile),
+    /// A log on disk, CARMEN or MCAP; its first bytes say which.
+    File(LogFile),
     /// The built-in simulation, made in memory from this seed.
     Simulated {
         /// Seed of the simulation.
@@ -83,7 +83,7 @@ impl Dataset {
     /// The file of the data set; `None` when it is made in memory.
     pub fn log_file(&self) -> Option<&LogFile> {
         match &self.source {
-            Source::Carmen(file) => Some(file),
+            Source::File(file) => Some(file),
             Source::Simulated { .. } => None,
         }
     }

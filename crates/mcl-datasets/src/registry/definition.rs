@@ -46,6 +46,7 @@ pub enum DefinitionError {
 #[serde(rename_all = "lowercase")]
 enum Format {
     Carmen,
+    Mcap,
     Simulated,
 }
 
@@ -112,12 +113,14 @@ impl Definition {
             });
         }
         let source = match self.format {
-            Format::Carmen => {
-                refuse(self.seed.is_some(), "seed", "carmen")?;
-                let name = self
-                    .file
-                    .ok_or(DefinitionError::MissingKey { key: "file", format: "carmen" })?;
-                Source::Carmen(log_file(name, self.other_names, self.urls, self.copies)?)
+            Format::Carmen | Format::Mcap => {
+                let format = match self.format {
+                    Format::Mcap => "mcap",
+                    _ => "carmen",
+                };
+                refuse(self.seed.is_some(), "seed", format)?;
+                let name = self.file.ok_or(DefinitionError::MissingKey { key: "file", format })?;
+                Source::File(log_file(format, name, self.other_names, self.urls, self.copies)?)
             }
             Format::Simulated => {
                 refuse(self.file.is_some(), "file", "simulated")?;
@@ -150,6 +153,7 @@ fn refuse(given: bool, key: &'static str, format: &'static str) -> Result<(), De
 }
 
 fn log_file(
+    format: &'static str,
     name: String,
     other_names: Vec<String>,
     urls: Vec<String>,
@@ -184,7 +188,7 @@ fn log_file(
     }
     if !urls.is_empty() && copies.is_empty() {
         // Without a digest, whatever a server answers would have to be taken.
-        return Err(DefinitionError::MissingKey { key: "copy", format: "carmen" });
+        return Err(DefinitionError::MissingKey { key: "copy", format });
     }
     Ok(LogFile { name, other_names, urls, copies })
 }

@@ -11,10 +11,11 @@ const REGISTRY_FOLDER: &str = "datasets";
 const DATA_DIR_VARIABLE: &str = "MCL_DATA_DIR";
 
 /// The definitions of this repository.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
     ("aces", include_str!("../../../../datasets/aces/dataset.toml")),
     ("freiburg-079", include_str!("../../../../datasets/freiburg-079/dataset.toml")),
     ("intel-lab", include_str!("../../../../datasets/intel-lab/dataset.toml")),
+    ("olin-mac", include_str!("../../../../datasets/olin-mac/dataset.toml")),
     ("simulated-office", include_str!("../../../../datasets/simulated-office/dataset.toml")),
 ];
 

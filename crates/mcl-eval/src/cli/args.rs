@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use mcl_datasets::log::ReferencePoses;
+use mcl_datasets::log::{ReferencePoses, TopicChoice};
 use mcl_filter::{Beams, FilterSettings, Proposal, Resampling};
 use mcl_maps::MapSize;
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
@@ -11,7 +11,8 @@ use crate::source::SourceOptions;
 
 /// Monte Carlo localization evaluation on sample-based maps.
 ///
-/// LOG is a CARMEN log (.log, .clf, plain or .gz) or the name of a data set (`mcl-eval datasets list`).
+/// LOG is a CARMEN log (.log, .clf, plain or .gz), a ROS 2 bag (.mcap, or the folder of a split bag) or
+/// the name of a data set (`mcl-eval datasets list`).
 #[derive(Debug, Parser)]
 #[command(name = "mcl-eval", version, propagate_version = true, max_term_width = 100)]
 pub struct Cli {
@@ -49,6 +50,8 @@ pub enum Command {
     Plot(PlotArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
+    /// Convert a log (CARMEN, ROS 2 bag) or a map into another format.
+    Convert(ConvertArgs),
     /// Write the simulated office, with exact ground truth, as a CARMEN log.
     Simulate(SimulateArgs),
     /// The registry of public data sets.
@@ -57,19 +60,51 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 pub struct LogArgs {
-    /// CARMEN log or name of a data set.
+    /// CARMEN log, ROS 2 bag or name of a data set.
     pub log: String,
     /// Readings beyond this many metres are not used [default: the data set's, else 10].
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
     /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
+    /// For a bag: use a topic of reference poses if there is one, insist on one, use none.
     #[arg(long, value_name = "WHICH")]
     pub reference: Option<ReferencePoses>,
+    #[command(flatten)]
+    pub topics: TopicArgs,
+}
+
+/// Topics of a ROS 2 bag.
+#[derive(Debug, Args)]
+pub struct TopicArgs {
+    /// Topic of a bag's scans [default: the only LaserScan topic, or /scan].
+    #[arg(long, value_name = "TOPIC")]
+    pub scan_topic: Option<String>,
+    /// Topic of a bag's odometry [default: the only Odometry topic, or /odom].
+    #[arg(long, value_name = "TOPIC")]
+    pub odom_topic: Option<String>,
+    /// Topic of a bag's reference poses: PoseStamped, PoseWithCovarianceStamped or Odometry [default:
+    /// the only topic of poses, or the one named as ground truth].
+    #[arg(long, value_name = "TOPIC")]
+    pub reference_topic: Option<String>,
+}
+
+impl TopicArgs {
+    pub fn choice(&self) -> TopicChoice {
+        TopicChoice {
+            scan: self.scan_topic.clone(),
+            odometry: self.odom_topic.clone(),
+            reference: self.reference_topic.clone(),
+        }
+    }
 }
 
 impl LogArgs {
     pub fn options(&self) -> SourceOptions {
-        SourceOptions { max_range: self.max_range, reference: self.reference }
+        SourceOptions {
+            max_range: self.max_range,
+            reference: self.reference,
+            topics: self.topics.choice(),
+        }
     }
 }
 
@@ -290,6 +325,8 @@ pub struct RunArgs {
     /// Readings beyond this many metres are not used [default: each data set's, else 10].
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Folder that holds <experiment>/<data set>/.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
@@ -316,6 +353,32 @@ pub struct ClaimsArgs {
     /// Write the tables into this file, too, as Markdown.
     #[arg(long, short, value_name = "FILE.md")]
     pub output: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "The ending of OUT says the format.\n\
+    Logs: .mcap (a ROS 2 bag: /scan, /odom, /reference, /tf, /tf_static), .log or .clf (CARMEN), \
+    either with .gz. A bag holds readings and directions of beams as 32-bit floats, and CARMEN no \
+    infinite readings.\n\
+    Maps: .csv, .ply, .pcd.")]
+pub struct ConvertArgs {
+    /// CARMEN log, ROS 2 bag, name of a data set, or map.
+    #[arg(value_name = "IN")]
+    pub input: String,
+    /// The file to write.
+    #[arg(value_name = "OUT")]
+    pub output: PathBuf,
+    /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
+    #[arg(long, value_name = "WHICH")]
+    pub reference: Option<ReferencePoses>,
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// Write PLY and PCD files as text.
+    #[arg(long)]
+    pub ascii: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

@@ -4,7 +4,8 @@ use std::time::Duration;
 use anyhow::{Result, bail};
 use mcl_datasets::log::read_log_as;
 use mcl_datasets::registry::{
-    Dataset, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, Source, Verification,
+    Dataset, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, Source,
+    Verification,
 };
 use serde::Serialize;
 
@@ -59,7 +60,7 @@ fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     let lines = chosen(registry, names)?.into_iter().map(|dataset| {
         let place = match &dataset.source {
             Source::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
-            Source::Carmen(_) => match registry.locate(dataset) {
+            Source::File(_) => match registry.locate(dataset) {
                 Ok(path) => path.display().to_string(),
                 Err(_) => format!("not at hand: mcl-eval datasets fetch {}", dataset.name),
             },
@@ -107,6 +108,10 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
                     thousands(content.bytes as usize)
                 ),
             ),
+            // Without names, data sets that only come by hand are no failure.
+            Err(error @ FetchError::NoUrl { .. }) if names.names.is_empty() => {
+                (true, format!("not at hand: {error}"))
+            }
             Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
         };
         lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
@@ -119,8 +124,7 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     for dataset in chosen(registry, names)? {
         let read = |path: &Path| read_for_facts(dataset, path);
         // Without names, data sets that are not at hand are no failure.
-        let absent =
-            matches!(dataset.source, Source::Carmen(_)) && registry.locate(dataset).is_err();
+        let absent = matches!(dataset.source, Source::File(_)) && registry.locate(dataset).is_err();
         let (good, status) = match registry.verify(dataset, &read) {
             Err(error) if absent && names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
@@ -144,5 +148,5 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
 }
 
 fn read_for_facts(dataset: &Dataset, path: &Path) -> Result<mcl_core::Recording, ReadLogError> {
-    Ok(read_log_as(path, dataset.reference)?.recording)
+    Ok(read_log_as(path, &dataset.reference.into())?.recording)
 }

@@ -24,6 +24,8 @@ struct Inspection {
     backward_stamps: usize,
     has_reference: bool,
     has_odometry: bool,
+    /// How a bag was read, a line each.
+    bag: Vec<String>,
     #[serde(skip)]
     notes: Notes,
 }
@@ -37,12 +39,14 @@ struct Notes {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Outcome> {
-    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let source = LogSource::open_whole(&args.log.log, &args.log.options())?;
+    // What other commands use of a bag.
+    let covered = source.clone().covered().recording;
     let recording = &source.recording;
     let points: usize =
         recording.scans.iter().map(|scan| scan.usable_beams(source.max_range)).sum();
-    let bounds = match recording.has_reference() {
-        true => Bounds::of(&recording.points(source.max_range)?),
+    let bounds = match covered.has_reference() {
+        true => Bounds::of(&covered.points(source.max_range)?),
         false => None,
     };
     let inspection = Inspection {
@@ -56,8 +60,9 @@ pub fn run(args: &InspectArgs) -> Result<Outcome> {
         ignored_records: source.report.ignored,
         skipped_records: source.report.skipped,
         backward_stamps: recording.backward_stamps(),
-        has_reference: recording.has_reference(),
-        has_odometry: recording.has_odometry(),
+        has_reference: covered.has_reference(),
+        has_odometry: covered.has_odometry(),
+        bag: source.notes.clone(),
         notes: Notes {
             heading: source.title.clone(),
             max_range: source.max_range,
@@ -66,7 +71,7 @@ pub fn run(args: &InspectArgs) -> Result<Outcome> {
         },
     };
     print(args.json, &inspection, text)?;
-    Ok(tell_losses(&args.log.log, &source.report))
+    Ok(tell_losses(&args.log.log, &source))
 }
 
 fn text(found: &Inspection) -> String {
@@ -90,6 +95,9 @@ fn text(found: &Inspection) -> String {
         );
     }
     line("path", format!("{:.1} m in {:.0} s", found.path_length_m, found.duration_s));
+    for note in &found.bag {
+        line("bag", note.clone());
+    }
     line("reference", if found.has_reference { "yes" } else { "no" }.to_owned());
     line("odometry", if found.has_odometry { "yes" } else { "no" }.to_owned());
     line(

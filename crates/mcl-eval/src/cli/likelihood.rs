@@ -17,7 +17,7 @@ struct Likelihood {
 
 pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
     let map = mcl_maps::files::read_map(&args.map)?;
-    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let source = LogSource::open(&args.log.log, &args.log.options())?;
     let data = PointSet::new(source.points()?)?;
     let found = mixture_log_likelihood(&data, &map, args.sigma)?;
     let likelihood = Likelihood {
@@ -36,5 +36,5 @@ pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
             found.log_likelihood
         )
     })?;
-    Ok(tell_losses(&args.log.log, &source.report))
+    Ok(tell_losses(&args.log.log, &source))
 }

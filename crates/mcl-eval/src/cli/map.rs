@@ -32,7 +32,7 @@ struct Built {
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let initial = initial_settings(args);
     mcl_maps::files::check_writable(&args.output)?;
-    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let source = LogSource::open(&args.log.log, &args.log.options())?;
     let data = PointSet::new(source.points()?)?;
 
     let initial = initial_map(&data, &initial)?;
@@ -71,7 +71,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
     write_map(&args.output, &map, encoding)?;
     print(args.json, &built, |built| text(built, args))?;
-    Ok(tell_losses(&args.log.log, &source.report))
+    Ok(tell_losses(&args.log.log, &source))
 }
 
 /// What `--init` and its companions mean; combinations that mean nothing are usage errors.

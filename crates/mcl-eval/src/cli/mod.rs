@@ -2,6 +2,7 @@
 
 mod args;
 mod claims;
+mod convert;
 mod datasets;
 mod errors;
 mod evaluate;
@@ -49,6 +50,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Claims(args) => claims::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Datasets(args) => datasets::run(&args, &cli.global),
     });

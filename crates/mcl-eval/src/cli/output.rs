@@ -3,10 +3,10 @@
 use std::io::{self, Write};
 
 use anyhow::Result;
-use mcl_datasets::log::ReadReport;
 use serde::Serialize;
 
 use super::Outcome;
+use crate::source::LogSource;
 
 /// Prints a result as one JSON object, or as lines of text.
 ///
@@ -20,8 +20,12 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
     Ok(())
 }
 
-/// Says on stderr what of a log was lost, and whether anything was.
-pub fn tell_losses(name: &str, report: &ReadReport) -> Outcome {
+/// Says on stderr what a log left open and what of it was lost, and whether anything was.
+pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
+    for assumption in &source.assumptions {
+        eprintln!("note: {name}: {assumption}");
+    }
+    let report = &source.report;
     if report.is_complete() {
         return Outcome::Done;
     }

@@ -27,13 +27,14 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         false => args.datasets.clone(),
         true => at_hand(&experiment, global)?,
     };
-    let options = SourceOptions { max_range: args.max_range, reference: None };
+    let options =
+        SourceOptions { max_range: args.max_range, reference: None, topics: args.topics.choice() };
     let mut total = TrialOutcome { done: 0, failed: 0 };
     let mut complete = true;
     let mut folders: Vec<PathBuf> = Vec::new();
     for dataset in &names {
-        let source = LogSource::open(dataset, options)?;
-        complete &= tell_losses(dataset, &source.report) == Outcome::Done;
+        let source = LogSource::open(dataset, &options)?;
+        complete &= tell_losses(dataset, &source) == Outcome::Done;
         let folder = args.output.join(&name).join(&source.name);
         if folders.contains(&folder) {
             bail!("{dataset}: the results of another log of this name are in {}", folder.display());

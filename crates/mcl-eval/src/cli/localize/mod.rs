@@ -39,7 +39,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
     filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
     let map = mcl_maps::files::read_map(&args.map)?;
-    let source = LogSource::open(&args.log.log, args.log.options())?;
+    let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
     let start = first_pose(args, &source)?;
     check_odometry(&source)?;
@@ -73,7 +73,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
 
     let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
     let found = Localization::of(&runs, args.particles, source.recording.scans.len(), seed)?;
-    let mut complete = tell_losses(&args.log.log, &source.report) == Outcome::Done;
+    let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
     if let Some(folder) = &folder {
         let setup = Setup::new(args, &source, map.len(), settings.values(), start);
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;

@@ -1,0 +1,381 @@
+//! Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1: XCDR version 1, plain), decoded as a
+//! schema says.
+
+use super::schema::{Count, Definition, ElementType, MessageSchema, NumberType, SchemaError};
+
+/// A decoded message, or a part of one.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// A number; integers beyond 2⁵³ are rounded.
+    Number(f64),
+    /// A text.
+    Text(String),
+    /// An array of numbers.
+    Numbers(Vec<f64>),
+    /// An array of texts or messages.
+    List(Vec<Value>),
+    /// A message: its fields in order.
+    Message(Vec<Value>),
+}
+
+/// Why bytes are no message of their schema.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CdrError {
+    /// The bytes end before the message does.
+    #[error("the message ends at byte {length}, {missing} bytes before the end of field {field}")]
+    TooShort {
+        /// Field at fault.
+        field: String,
+        /// Bytes of the message.
+        length: usize,
+        /// Bytes that are missing, at least.
+        missing: u64,
+    },
+    /// An array or text longer than the message.
+    #[error(
+        "field {field} says that it has {count} elements, but {left} bytes are left of the message"
+    )]
+    Length {
+        /// Field at fault.
+        field: String,
+        /// Elements it says.
+        count: u64,
+        /// Bytes left.
+        left: usize,
+    },
+    /// A text that is no UTF-8.
+    #[error("field {field} is no UTF-8 text")]
+    NotText {
+        /// Field at fault.
+        field: String,
+    },
+    /// Encoded in another way.
+    #[error(
+        "its representation is {0:#06x}, expected 0x0000 or 0x0001 (plain CDR, big- or little-endian)"
+    )]
+    Representation(u16),
+    /// A text of wide characters.
+    #[error("field {field} is a wstring, which is not read")]
+    WideText {
+        /// Field at fault.
+        field: String,
+    },
+}
+
+/// Decodes a message with its 4-byte head.
+///
+/// # Errors
+/// [`CdrError`] when the bytes are no message of this schema. Bytes after its end (padding) are
+/// passed over.
+pub fn decode(schema: &MessageSchema, bytes: &[u8]) -> Result<Value, CdrError> {
+    decode_prefix(schema, bytes).map(|(value, _)| value)
+}
+
+/// [`decode`], with the number of bytes that the message takes, its head included.
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_prefix(schema: &MessageSchema, bytes: &[u8]) -> Result<(Value, usize), CdrError> {
+    let Some((&[high, low, _, _], body)) = bytes.split_first_chunk() else {
+        let missing = (4 - bytes.len()) as u64;
+        return Err(CdrError::TooShort { field: "head".to_owned(), length: bytes.len(), missing });
+    };
+    let representation = u16::from_be_bytes([high, low]);
+    if representation > 1 {
+        return Err(CdrError::Representation(representation));
+    }
+    let mut decoder = Decoder { schema, body, at: 0, is_little: representation == 1 };
+    let value = decoder.message(schema.root())?;
+    Ok((value, 4 + decoder.at))
+}
+
+struct Decoder<'a> {
+    schema: &'a MessageSchema,
+    /// After the head; alignment counts from here.
+    body: &'a [u8],
+    at: usize,
+    is_little: bool,
+}
+
+impl<'a> Decoder<'a> {
+    fn message(&mut self, definition: &'a Definition) -> Result<Value, CdrError> {
+        if definition.fields.is_empty() {
+            self.take(1, "(message without fields)")?;
+        }
+        let mut values = Vec::with_capacity(definition.fields.len());
+        for field in &definition.fields {
+            values.push(match field.count {
+                Count::One => self.element(&field.element, &field.name)?,
+                Count::Fixed(count) => self.array(&field.element, count, &field.name)?,
+                Count::Sequence => {
+                    let count = self.length(&field.name)?;
+                    self.array(&field.element, u64::from(count), &field.name)?
+                }
+            });
+        }
+        Ok(Value::Message(values))
+    }
+
+    fn element(&mut self, element: &ElementType<usize>, field: &str) -> Result<Value, CdrError> {
+        match element {
+            ElementType::Number(number) => self.number(*number, field).map(Value::Number),
+            ElementType::Text => self.text(field).map(Value::Text),
+            ElementType::WideText => Err(CdrError::WideText { field: field.to_owned() }),
+            ElementType::Message(index) => self.message(self.schema.definition(*index)),
+        }
+    }
+
+    fn array(
+        &mut self,
+        element: &ElementType<usize>,
+        count: u64,
+        field: &str,
+    ) -> Result<Value, CdrError> {
+        let element_bytes = match element {
+            ElementType::Number(number) => number.width() as u64,
+            ElementType::Text | ElementType::WideText => 4,
+            ElementType::Message(index) => self.schema.definition(*index).min_bytes,
+        };
+        // Before anything is allocated for them.
+        let left = self.body.len() - self.at;
+        if count.saturating_mul(element_bytes) > left as u64 {
+            return Err(CdrError::Length { field: field.to_owned(), count, left });
+        }
+        if let ElementType::Number(number) = element {
+            let numbers = (0..count).map(|_| self.number(*number, field));
+            return numbers.collect::<Result<_, _>>().map(Value::Numbers);
+        }
+        let values = (0..count).map(|_| self.element(element, field));
+        values.collect::<Result<_, _>>().map(Value::List)
+    }
+
+    fn number(&mut self, number: NumberType, field: &str) -> Result<f64, CdrError> {
+        let width = number.width();
+        self.align(width);
+        let bytes = self.take(width, field)?;
+        let mut wide = [0; 8];
+        wide[..width].copy_from_slice(bytes);
+        if !self.is_little {
+            wide[..width].reverse();
+        }
+        let bits = u64::from_le_bytes(wide);
+        let unused = 64 - 8 * width as u32;
+        Ok(match number {
+            NumberType::Bool => f64::from(u8::from(bits != 0)),
+            NumberType::Unsigned(_) => bits as f64,
+            // Shifted up and down again to extend the sign.
+            NumberType::Signed(_) => (((bits << unused) as i64) >> unused) as f64,
+            NumberType::Float(4) => f64::from(f32::from_bits(bits as u32)),
+            NumberType::Float(_) => f64::from_bits(bits),
+        })
+    }
+
+    fn length(&mut self, field: &str) -> Result<u32, CdrError> {
+        self.number(NumberType::Unsigned(4), field).map(|length| length as u32)
+    }
+
+    /// Text after its length, which counts the NUL at its end.
+    fn text(&mut self, field: &str) -> Result<String, CdrError> {
+        let length = self.length(field)?;
+        let left = self.body.len() - self.at;
+        if length as usize > left {
+            let count = u64::from(length);
+            return Err(CdrError::Length { field: field.to_owned(), count, left });
+        }
+        let bytes = self.take(length as usize, field)?;
+        let bytes = bytes.strip_suffix(b"\0").unwrap_or(bytes);
+        match std::str::from_utf8(bytes) {
+            Ok(text) => Ok(text.to_owned()),
+            Err(_) => Err(CdrError::NotText { field: field.to_owned() }),
+        }
+    }
+
+    fn align(&mut self, width: usize) {
+        self.at = self.at.next_multiple_of(width).min(self.body.len());
+    }
+
+    fn take(&mut self, length: usize, field: &str) -> Result<&'a [u8], CdrError> {
+        let bytes = self.body.get(self.at..self.at + length).ok_or_else(|| CdrError::TooShort {
+            field: field.to_owned(),
+            length: 4 + self.body.len(),
+            missing: (self.at + length - self.body.len()) as u64,
+        })?;
+        self.at += length;
+        Ok(bytes)
+    }
+}
+
+/// A decoded message with the names of its fields.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    schema: &'a MessageSchema,
+    definition: &'a Definition,
+    values: &'a [Value],
+}
+
+impl<'a> View<'a> {
+    /// A view of a whole message of this schema, as [`decode`] gives it.
+    pub fn new(schema: &'a MessageSchema, value: &'a Value) -> Self {
+        View { schema, definition: schema.root(), values: fields_of(value) }
+    }
+
+    fn field(&self, name: &str) -> Result<(&'a ElementType<usize>, &'a Value), SchemaError> {
+        let index = self.definition.fields.iter().position(|field| field.name == name);
+        index
+            .and_then(|index| {
+                Some((&self.definition.fields.get(index)?.element, self.values.get(index)?))
+            })
+            .ok_or_else(|| SchemaError::MissingField {
+                definition: self.definition.name.clone(),
+                field: name.to_owned(),
+            })
+    }
+
+    fn wrong(&self, name: &str, found: &Value, expected: &'static str) -> SchemaError {
+        SchemaError::FieldType {
+            definition: self.definition.name.clone(),
+            field: name.to_owned(),
+            found: match found {
+                Value::Number(_) => "a number",
+                Value::Text(_) => "a text",
+                Value::Numbers(_) => "an array of numbers",
+                Value::List(_) => "an array",
+                Value::Message(_) => "a message",
+            },
+            expected,
+        }
+    }
+
+    /// A number.
+    ///
+    /// # Errors
+    /// When the schema has no such field, or another type for it; so for all these.
+    pub fn number(&self, name: &str) -> Result<f64, SchemaError> {
+        match self.field(name)?.1 {
+            Value::Number(number) => Ok(*number),
+            other => Err(self.wrong(name, other, "a number")),
+        }
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// As [`View::number`].
+    pub fn text(&self, name: &str) -> Result<&'a str, SchemaError> {
+        match self.field(name)?.1 {
+            Value::Text(text) => Ok(text),
+            other => Err(self.wrong(name, other, "a text")),
+        }
+    }
+
+    /// An array of numbers.
+    ///
+    /// # Errors
+    /// As [`View::number`].
+    pub fn numbers(&self, name: &str) -> Result<&'a [f64], SchemaError> {
+        match self.field(name)?.1 {
+            Value::Numbers(numbers) => Ok(numbers),
+            other => Err(self.wrong(name, other, "an array of numbers")),
+        }
+    }
+
+    /// A message.
+    ///
+    /// # Errors
+    /// As [`View::number`].
+    pub fn message(&self, name: &str) -> Result<View<'a>, SchemaError> {
+        match self.field(name)? {
+            (ElementType::Message(index), value @ Value::Message(_)) => Ok(View {
+                schema: self.schema,
+                definition: self.schema.definition(*index),
+                values: fields_of(value),
+            }),
+            (_, other) => Err(self.wrong(name, other, "a message")),
+        }
+    }
+
+    /// An array of messages.
+    ///
+    /// # Errors
+    /// As [`View::number`].
+    pub fn messages(&self, name: &str) -> Result<Vec<View<'a>>, SchemaError> {
+        match self.field(name)? {
+            (ElementType::Message(index), Value::List(values)) => {
+                let definition = self.schema.definition(*index);
+                let view =
+                    |value| View { schema: self.schema, definition, values: fields_of(value) };
+                Ok(values.iter().map(view).collect())
+            }
+            (_, other) => Err(self.wrong(name, other, "an array of messages")),
+        }
+    }
+}
+
+fn fields_of(value: &Value) -> &[Value] {
+    match value {
+        Value::Message(values) => values,
+        _ => &[],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn schema(text: &str) -> MessageSchema {
+        MessageSchema::parse("p/A", "ros2msg", text.as_bytes()).unwrap()
+    }
+
+    #[test]
+    fn alignment_counts_from_the_end_of_the_head() {
+        let schema = schema("uint8 a\nfloat64 b\nint16 c\nstring s\nint8[] d\n");
+        let mut bytes = vec![0, 1, 0, 0, 7];
+        bytes.extend([0; 7]);
+        bytes.extend(1.5_f64.to_le_bytes());
+        bytes.extend((-2_i16).to_le_bytes());
+        bytes.extend([0, 0, 3, 0, 0, 0, b'o', b'k', 0, 0]);
+        bytes.extend([2, 0, 0, 0, 0xff, 1]);
+        let expected = Value::Message(vec![
+            Value::Number(7.0),
+            Value::Number(1.5),
+            Value::Number(-2.0),
+            Value::Text("ok".into()),
+            Value::Numbers(vec![-1.0, 1.0]),
+        ]);
+        assert_eq!(decode_prefix(&schema, &bytes), Ok((expected, bytes.len())));
+        for end in 0..bytes.len() {
+            assert!(decode(&schema, &bytes[..end]).is_err(), "{end}");
+        }
+    }
+
+    #[test]
+    fn both_byte_orders() {
+        let schema = schema("int32 a\nfloat32[2] b");
+        let mut little = vec![0, 1, 0, 0];
+        let mut big = vec![0, 0, 0, 0];
+        little.extend((-5_i32).to_le_bytes());
+        big.extend((-5_i32).to_be_bytes());
+        for value in [0.5_f32, f32::INFINITY] {
+            little.extend(value.to_le_bytes());
+            big.extend(value.to_be_bytes());
+        }
+        assert_eq!(decode(&schema, &little), decode(&schema, &big));
+        let values = vec![Value::Number(-5.0), Value::Numbers(vec![0.5, f64::INFINITY])];
+        assert_eq!(decode(&schema, &big), Ok(Value::Message(values)));
+        big[1] = 7;
+        assert_eq!(decode(&schema, &big), Err(CdrError::Representation(7)));
+    }
+
+    #[test]
+    fn lengths_are_believed_only_as_far_as_there_are_bytes() {
+        let schema = schema("float64[] a");
+        let error = decode(&schema, &[0, 1, 0, 0, 0xff, 0xff, 0xff, 0xff, 1]).unwrap_err();
+        assert_eq!(error, CdrError::Length { field: "a".into(), count: 0xffff_ffff, left: 1 });
+        let huge = self::schema(
+            "B[1000000] b\n===\nMSG: p/B\nC[1000000] c\n===\nMSG: p/C\nD[1000000000] d\n===\nMSG: p/D\nuint8 x",
+        );
+        assert!(matches!(decode(&huge, &[0; 100]), Err(CdrError::Length { .. })));
+        let empties = self::schema("B[] b\n===\nMSG: p/B\n");
+        assert!(decode(&empties, &[0, 1, 0, 0, 0xff, 0xff, 0xff, 0x7f]).is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! The files of a bag: one, or those that the `metadata.yaml` of a folder lists.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::error::BagError;
+
+const METADATA_FILE: &str = "metadata.yaml";
+
+/// What is read of `metadata.yaml`.
+#[derive(Deserialize)]
+struct Metadata {
+    rosbag2_bagfile_information: Information,
+}
+
+#[derive(Deserialize)]
+struct Information {
+    storage_identifier: String,
+    relative_file_paths: Vec<String>,
+    #[serde(default)]
+    compression_mode: Option<String>,
+}
+
+/// Whether a folder looks like that of a bag.
+pub(crate) fn is_bag(folder: &Path) -> bool {
+    folder.join(METADATA_FILE).is_file() || !bags_in(folder).is_empty()
+}
+
+/// Files in the folder whose names end with `.mcap`, in order of name.
+fn bags_in(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut bags: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|ending| ending == "mcap")).collect();
+    bags.sort();
+    bags
+}
+
+/// The files of the bag in this folder, in the order they were written.
+pub(super) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
+    let path = folder.join(METADATA_FILE);
+    let text = match fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let mut bags = bags_in(folder);
+            return match bags.len() {
+                1 => Ok(vec![bags.remove(0)]),
+                _ => Err(BagError::Folder(format!(
+                    "{} .mcap files but no {METADATA_FILE} that says which belong together; name one of them, or write the file with `ros2 bag reindex`",
+                    bags.len()
+                ))),
+            };
+        }
+        Err(error) => {
+            return Err(BagError::Folder(format!("{METADATA_FILE} cannot be read: {error}")));
+        }
+    };
+    let metadata: Metadata = serde_saphyr::from_str(&text)
+        .map_err(|error| BagError::Folder(format!("{METADATA_FILE}: {error}")))?;
+    let Information { storage_identifier, relative_file_paths, compression_mode } =
+        metadata.rosbag2_bagfile_information;
+    if storage_identifier != "mcap" {
+        return Err(BagError::Folder(format!(
+            "{METADATA_FILE}: storage_identifier is {storage_identifier:?}, expected \"mcap\"; convert the bag with `ros2 bag convert` or `rosbags-convert`"
+        )));
+    }
+    if let Some(mode) =
+        compression_mode.filter(|mode| !matches!(mode.as_str(), "" | "NONE" | "none"))
+    {
+        return Err(BagError::Folder(format!(
+            "{METADATA_FILE}: compression_mode is {mode:?}, expected none (MCAP compresses its own chunks); convert the bag with `ros2 bag convert`"
+        )));
+    }
+    if relative_file_paths.is_empty() {
+        return Err(BagError::Folder(format!("{METADATA_FILE}: relative_file_paths is empty")));
+    }
+    Ok(relative_file_paths.iter().map(|path| folder.join(path)).collect())
+}

@@ -1,0 +1,197 @@
+//! The messages that are used, as values: scans, odometry, poses and transforms.
+
+use mcl_core::{Pose2, ScanGeometry};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+use super::cdr::{CdrError, View};
+use super::schema::SchemaError;
+
+/// Largest position accepted, in metres; beyond any place on Earth.
+const MAX_POSITION: f64 = 1e9;
+const NANOSECONDS: i64 = 1_000_000_000;
+
+/// Why a message gives no value.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum MessageError {
+    /// The schema lacks what is needed: no message of the topic can be read.
+    Schema(SchemaError),
+    /// This message is malformed.
+    Malformed { field: String, found: String, expected: String },
+}
+
+impl From<SchemaError> for MessageError {
+    fn from(error: SchemaError) -> Self {
+        MessageError::Schema(error)
+    }
+}
+
+impl From<CdrError> for MessageError {
+    fn from(error: CdrError) -> Self {
+        malformed("the message", error.to_string(), "a message of its schema")
+    }
+}
+
+pub(super) fn malformed(
+    field: &str,
+    found: impl Into<String>,
+    expected: impl Into<String>,
+) -> MessageError {
+    MessageError::Malformed {
+        field: field.to_owned(),
+        found: found.into(),
+        expected: expected.into(),
+    }
+}
+
+/// `std_msgs/Header`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Header {
+    /// Nanoseconds; 0 means that the writer knew no time.
+    pub stamp: i64,
+    /// Without the slash that older writers put before it.
+    pub frame: String,
+}
+
+fn header(view: &View<'_>) -> Result<Header, MessageError> {
+    let header = view.message("header")?;
+    let stamp = header.message("stamp")?;
+    let (sec, nanosec) = (stamp.number("sec")?, stamp.number("nanosec")?);
+    if !(0.0..NANOSECONDS as f64).contains(&nanosec) {
+        return Err(malformed("header.stamp.nanosec", nanosec.to_string(), "less than 1000000000"));
+    }
+    // 32-bit seconds, so there is no overflow.
+    let stamp = (sec as i32 as i64) * NANOSECONDS + nanosec as i64;
+    Ok(Header { stamp, frame: frame(header.text("frame_id")?) })
+}
+
+fn frame(name: &str) -> String {
+    name.trim_start_matches('/').to_owned()
+}
+
+/// `sensor_msgs/LaserScan`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ScanMessage {
+    pub header: Header,
+    pub geometry: ScanGeometry,
+    /// Readings nearer than `range_min` are −∞, beyond `range_max` +∞ (REP 117).
+    pub ranges: Vec<f64>,
+}
+
+impl ScanMessage {
+    pub fn new(view: &View<'_>) -> Result<Self, MessageError> {
+        let header = header(view)?;
+        let start_angle = view.number("angle_min")?;
+        let angle_step = view.number("angle_increment")?;
+        let (min, max) = (view.number("range_min")?, view.number("range_max")?);
+        let mut ranges = view.numbers("ranges")?.to_vec();
+        if ranges.is_empty() {
+            return Err(malformed("ranges", "empty", "at least one reading"));
+        }
+        for (name, angle) in [("angle_min", start_angle), ("angle_increment", angle_step)] {
+            if !angle.is_finite() {
+                return Err(malformed(name, angle.to_string(), "an angle in radians"));
+            }
+        }
+        if angle_step == 0.0 && ranges.len() > 1 {
+            return Err(malformed("angle_increment", "0", "the angle between two beams, not 0"));
+        }
+        // Drivers that do not know their limits leave both at 0.
+        if min < max {
+            for range in &mut ranges {
+                if *range < min {
+                    *range = f64::NEG_INFINITY;
+                } else if *range > max {
+                    *range = f64::INFINITY;
+                }
+            }
+        }
+        let geometry = ScanGeometry { start_angle, angle_step, beams: ranges.len() };
+        Ok(ScanMessage { header, geometry, ranges })
+    }
+}
+
+/// A stamped pose: `nav_msgs/Odometry`, `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PoseMessage {
+    pub header: Header,
+    /// Frame whose pose it is, where the message says so (`Odometry`).
+    pub child: Option<String>,
+    /// Projected onto the plane.
+    pub pose: Pose2,
+}
+
+impl PoseMessage {
+    pub fn odometry(view: &View<'_>) -> Result<Self, MessageError> {
+        let child = Some(frame(view.text("child_frame_id")?));
+        let pose = planar(&pose(&view.message("pose")?.message("pose")?)?);
+        Ok(PoseMessage { header: header(view)?, child, pose })
+    }
+
+    pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
+        let pose = planar(&pose(&view.message("pose")?)?);
+        Ok(PoseMessage { header: header(view)?, child: None, pose })
+    }
+
+    pub fn pose_with_covariance(view: &View<'_>) -> Result<Self, MessageError> {
+        let pose = planar(&pose(&view.message("pose")?.message("pose")?)?);
+        Ok(PoseMessage { header: header(view)?, child: None, pose })
+    }
+}
+
+/// One transform of a `tf2_msgs/TFMessage`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct TransformMessage {
+    pub header: Header,
+    pub child: String,
+    pub parent_from_child: Isometry3<f64>,
+}
+
+impl TransformMessage {
+    pub fn all(view: &View<'_>) -> Result<Vec<Self>, MessageError> {
+        let transforms = view.messages("transforms")?;
+        let transform = |view: &View<'_>| {
+            let transform = view.message("transform")?;
+            Ok(TransformMessage {
+                header: header(view)?,
+                child: frame(view.text("child_frame_id")?),
+                parent_from_child: isometry(&transform, "translation", "rotation")?,
+            })
+        };
+        transforms.iter().map(transform).collect()
+    }
+}
+
+fn pose(view: &View<'_>) -> Result<Isometry3<f64>, MessageError> {
+    isometry(view, "position", "orientation")
+}
+
+fn isometry(
+    view: &View<'_>,
+    position: &str,
+    rotation: &str,
+) -> Result<Isometry3<f64>, MessageError> {
+    let vector = view.message(position)?;
+    let [x, y, z] = [vector.number("x")?, vector.number("y")?, vector.number("z")?];
+    if ![x, y, z].iter().all(|value| value.abs() <= MAX_POSITION) {
+        return Err(malformed(position, format!("({x}, {y}, {z})"), "at most 1e9 m from 0"));
+    }
+    let view = view.message(rotation)?;
+    let [i, j, k, w] = [view.number("x")?, view.number("y")?, view.number("z")?, view.number("w")?];
+    let quaternion = Quaternion::new(w, i, j, k);
+    let norm = quaternion.norm();
+    // Writers round; one that did not set the orientation leaves it at 0.
+    if !(0.9..1.1).contains(&norm) {
+        return Err(malformed(rotation, format!("({i}, {j}, {k}, {w})"), "a quaternion of norm 1"));
+    }
+    Ok(Isometry3::from_parts(
+        Translation3::new(x, y, z),
+        UnitQuaternion::from_quaternion(quaternion),
+    ))
+}
+
+/// The pose seen from above: position and yaw, the direction of the x axis.
+pub(super) fn planar(pose: &Isometry3<f64>) -> Pose2 {
+    let q = pose.rotation.quaternion();
+    let yaw = (2.0 * (q.w * q.k + q.i * q.j)).atan2(1.0 - 2.0 * (q.j * q.j + q.k * q.k));
+    Pose2::new(pose.translation.x, pose.translation.y, yaw)
+}

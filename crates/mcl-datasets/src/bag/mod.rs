@@ -1,0 +1,105 @@
+//! ROS 2 bags in MCAP files: reading them as recordings, and writing recordings as bags.
+//!
+//! A bag is a `.mcap` file or the folder of a split bag with its `metadata.yaml`: profile `ros2`,
+//! messages in CDR, descriptions in `ros2msg` or `ros2idl`, chunks packed by zstd, lz4 or not at all, or
+//! no chunks; an index is not needed. Messages are decoded as the bag describes them, whatever the
+//! order of their fields.
+//!
+//! * **Topics** are found by the types of their messages; [`TopicChoice`](crate::log::TopicChoice)
+//!   chooses where several could be meant. Scans: `sensor_msgs/LaserScan`, the only topic or `/scan`.
+//!   Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference: `geometry_msgs/PoseStamped` or
+//!   `PoseWithCovarianceStamped`, the only topic or the one named as ground truth (`/reference`,
+//!   `/ground_truth`, …), but for goals and initial poses. Where that leaves several, it is an error
+//!   that lists them.
+//! * **Stamps** are those of the headers, or the time of logging where a header's is zero.
+//! * **Readings** nearer than `range_min` are −∞ and beyond `range_max` +∞ (REP 117), so never points;
+//!   limits that are equal or in the wrong order are none. A scanner that turns clockwise has a
+//!   negative `angle_increment`, and keeps it.
+//! * **The mount** of the laser is the chain of transforms from the odometry's `child_frame_id` to the
+//!   scan's `frame_id` on `/tf_static`, or on `/tf` where they do not change, seen from above. A laser
+//!   mounted upside down has its directions turned over. Without such a chain the laser is taken to be
+//!   at the robot's origin, and the log's notes say so.
+//! * **Odometry** at the time of a scan lies between its two neighbours: on the line between the
+//!   positions, on the shorter arc between the headings. `/tf` tells the same poses, and is used before
+//!   the first and after the last message of the topic, or without one. Nothing is extrapolated: scans
+//!   outside have no odometry. The **reference** is taken in the same way; its poses are those of the
+//!   robot's frame, or of the `child_frame_id` of an odometry topic.
+//!
+//! # Example
+//! ```
+//! use mcl_core::Seed;
+//! use mcl_datasets::bag;
+//! use mcl_datasets::log::{LogKind, ReadOptions, read_log_as};
+//! use mcl_datasets::simulator::{OfficeSettings, simulate};
+//! use std::io::Cursor;
+//!
+//! let recording = simulate(&OfficeSettings::default(), Seed::new(1))?;
+//! let bytes = bag::write(&recording, Cursor::new(Vec::new()))?.into_inner();
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("office.mcap");
+//! std::fs::write(&path, bytes)?;
+//! let log = read_log_as(&path, &ReadOptions::default())?;
+//! assert_eq!(log.kind, LogKind::Bag);
+//! assert_eq!(log.recording.scans.len(), recording.scans.len());
+//! assert!(log.recording.has_reference() && log.recording.has_odometry());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod bytes;
+pub mod cdr;
+mod chunk;
+mod encode;
+mod error;
+pub(crate) mod files;
+mod idl_text;
+mod messages;
+mod msg_text;
+mod recording;
+pub mod schema;
+pub mod stream;
+mod topics;
+mod track;
+mod transforms;
+pub mod types;
+mod writer;
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+pub use bytes::BadRecord;
+pub use chunk::MAX_CHUNK_BYTES;
+pub use encode::Encoder;
+pub use error::{BagError, StreamProblem};
+pub use recording::MAX_MESSAGE_BYTES;
+pub use topics::MAX_KEPT_BYTES;
+pub use writer::{BagWriter, Delivery, TopicId, WriteBagError, write};
+
+use crate::log::{Log, LogError, ReadOptions};
+
+/// Reads a bag of one file.
+///
+/// # Errors
+/// [`BagError`] for bytes that are no MCAP or damaged, and for a bag without scans.
+pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
+    let mut content = topics::Content::default();
+    content.add(input, None)?;
+    recording::assemble(content, options)
+}
+
+/// Reads the bag in a folder. `open` opens one of its files.
+pub(crate) fn read_folder<R: Read>(
+    folder: &Path,
+    options: &ReadOptions,
+    open: impl Fn(&Path) -> Result<R, LogError>,
+) -> Result<Log, LogError> {
+    let at = |path: &Path| {
+        let path: PathBuf = path.to_owned();
+        move |error| LogError::Bag { path, error: Box::new(error) }
+    };
+    let mut content = topics::Content::default();
+    for file in files::files_of(folder).map_err(at(folder))? {
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        content.add(open(&file)?, Some(&name)).map_err(at(&file))?;
+    }
+    recording::assemble(content, options).map_err(at(folder))
+}

@@ -1,0 +1,314 @@
+//! How a message is laid out: the description that a bag carries, resolved so that it can be followed.
+
+use std::collections::BTreeMap;
+
+use super::{idl_text, msg_text};
+
+/// Nesting accepted. Messages of sensors and poses nest five deep.
+const MAX_DEPTH: usize = 32;
+/// The two types that every `.msg` may use without its bag describing them.
+const BUILTIN: &str = "int32 sec\nuint32 nanosec\n";
+
+/// Why a description cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SchemaError {
+    /// Not in a language that is read.
+    #[error("is written in {0:?}, expected ros2msg or ros2idl")]
+    Language(String),
+    /// Not text.
+    #[error("is not UTF-8")]
+    NotText,
+    /// A line that says nothing known.
+    #[error("line {line}: {found:?} is not {expected}")]
+    Syntax {
+        /// Line, from 1.
+        line: usize,
+        /// What stands there.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A type that is used but not described.
+    #[error("field {field} of {definition} is of type {found}, which is not described")]
+    UnknownType {
+        /// The message that has the field.
+        definition: String,
+        /// The field.
+        field: String,
+        /// Its type.
+        found: String,
+    },
+    /// Types that hold themselves, or nest without end.
+    #[error("{0} holds itself or nests more than {MAX_DEPTH} deep")]
+    Nesting(String),
+    /// The message's own type is not described.
+    #[error("no description of {0} in it")]
+    NoRoot(String),
+    /// A field that is needed is not there.
+    #[error("{definition} has no field {field}, which is needed")]
+    MissingField {
+        /// The message that should have it.
+        definition: String,
+        /// The field.
+        field: String,
+    },
+    /// A field that is needed is of another type.
+    #[error("field {field} of {definition} is {found}, expected {expected}")]
+    FieldType {
+        /// The message that has the field.
+        definition: String,
+        /// The field.
+        field: String,
+        /// What it is.
+        found: &'static str,
+        /// What it should be.
+        expected: &'static str,
+    },
+}
+
+/// Types of numbers, by their width in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NumberType {
+    /// One byte that is zero or not.
+    Bool,
+    /// Signed integer of 1, 2, 4 or 8 bytes.
+    Signed(u8),
+    /// Unsigned integer of 1, 2, 4 or 8 bytes.
+    Unsigned(u8),
+    /// Floating point number of 4 or 8 bytes.
+    Float(u8),
+}
+
+impl NumberType {
+    /// Width in bytes.
+    pub fn width(self) -> usize {
+        match self {
+            NumberType::Bool => 1,
+            NumberType::Signed(width) | NumberType::Unsigned(width) | NumberType::Float(width) => {
+                usize::from(width)
+            }
+        }
+    }
+}
+
+/// Type of a field's element.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ElementType<M> {
+    /// A number.
+    Number(NumberType),
+    /// A text.
+    Text,
+    /// A text of wide characters; its layout depends on the middleware, so it is not read.
+    WideText,
+    /// A message.
+    Message(M),
+}
+
+/// How many elements a field has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Count {
+    /// One, not an array.
+    One,
+    /// As many as the description says.
+    Fixed(u64),
+    /// As many as the message says.
+    Sequence,
+}
+
+/// A field: name, element and number of elements. `M` names the message of the element.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Field<M> {
+    /// Its name.
+    pub name: String,
+    /// Type of its elements.
+    pub element: ElementType<M>,
+    /// How many there are.
+    pub count: Count,
+}
+
+/// A message as its text describes it: types of fields are still names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Described {
+    /// `package/Name`.
+    pub name: String,
+    pub fields: Vec<Field<String>>,
+}
+
+/// A message, its fields in order.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Definition {
+    /// `package/Name`.
+    pub name: String,
+    /// Fields in the order they are encoded in.
+    pub fields: Vec<Field<usize>>,
+    /// Bytes that any encoded message of it takes at least.
+    pub min_bytes: u64,
+}
+
+/// A message type with all types it holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MessageSchema {
+    definitions: Vec<Definition>,
+    root: usize,
+}
+
+impl MessageSchema {
+    /// Parses a description as a bag holds it: `encoding` is `ros2msg` or `ros2idl`, `name` the
+    /// message's type (`sensor_msgs/msg/LaserScan`).
+    ///
+    /// # Errors
+    /// [`SchemaError`] says where the text is wrong or what it lacks.
+    pub fn parse(name: &str, encoding: &str, text: &[u8]) -> Result<Self, SchemaError> {
+        let is_known = matches!(encoding, "ros2msg" | "ros2idl");
+        if !is_known {
+            return Err(SchemaError::Language(encoding.to_owned()));
+        }
+        let text = std::str::from_utf8(text).map_err(|_| SchemaError::NotText)?;
+        let root = plain_name(name);
+        let described = match encoding {
+            "ros2msg" => msg_text::parse(&root, text)?,
+            _ => idl_text::parse(text)?,
+        };
+        resolve(&root, described)
+    }
+
+    /// The message itself.
+    pub fn root(&self) -> &Definition {
+        &self.definitions[self.root]
+    }
+
+    /// A message that a field holds.
+    pub fn definition(&self, index: usize) -> &Definition {
+        &self.definitions[index]
+    }
+}
+
+/// `sensor_msgs/msg/LaserScan` and `sensor_msgs::msg::LaserScan` as `sensor_msgs/LaserScan`.
+pub(super) fn plain_name(name: &str) -> String {
+    let name = name.replace("::", "/");
+    let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty()).collect();
+    match parts.as_slice() {
+        [package, "msg", message] => format!("{package}/{message}"),
+        _ => parts.join("/"),
+    }
+}
+
+fn resolve(root: &str, described: Vec<Described>) -> Result<MessageSchema, SchemaError> {
+    let mut by_name: BTreeMap<String, Described> = BTreeMap::new();
+    for definition in described {
+        by_name.entry(definition.name.clone()).or_insert(definition);
+    }
+    for builtin in ["builtin_interfaces/Time", "builtin_interfaces/Duration"] {
+        if !by_name.contains_key(builtin) {
+            let described = msg_text::parse(builtin, BUILTIN)?;
+            by_name.extend(described.into_iter().map(|found| (found.name.clone(), found)));
+        }
+    }
+    let mut resolver = Resolver { by_name, done: BTreeMap::new(), definitions: Vec::new() };
+    if !resolver.by_name.contains_key(root) {
+        return Err(SchemaError::NoRoot(root.to_owned()));
+    }
+    let root = resolver.resolve(root, 0)?;
+    Ok(MessageSchema { definitions: resolver.definitions, root })
+}
+
+struct Resolver {
+    by_name: BTreeMap<String, Described>,
+    done: BTreeMap<String, usize>,
+    definitions: Vec<Definition>,
+}
+
+impl Resolver {
+    /// Index of the resolved definition of `name`, which is described.
+    fn resolve(&mut self, name: &str, depth: usize) -> Result<usize, SchemaError> {
+        if let Some(&index) = self.done.get(name) {
+            return Ok(index);
+        }
+        if depth > MAX_DEPTH {
+            return Err(SchemaError::Nesting(name.to_owned()));
+        }
+        let described = self.by_name[name].clone();
+        let mut fields = Vec::with_capacity(described.fields.len());
+        let mut min_bytes: u64 = 0;
+        for field in described.fields {
+            let (element, element_bytes) = match field.element {
+                ElementType::Number(number) => (ElementType::Number(number), number.width() as u64),
+                ElementType::Text => (ElementType::Text, 4),
+                ElementType::WideText => (ElementType::WideText, 4),
+                ElementType::Message(found) => {
+                    let found = self.find(&described.name, &field.name, &found)?;
+                    let index = self.resolve(&found, depth + 1)?;
+                    (ElementType::Message(index), self.definitions[index].min_bytes)
+                }
+            };
+            min_bytes = min_bytes.saturating_add(match field.count {
+                Count::One => element_bytes,
+                Count::Fixed(count) => element_bytes.saturating_mul(count),
+                Count::Sequence => 4,
+            });
+            fields.push(Field { name: field.name, element, count: field.count });
+        }
+        // A message without fields is encoded as one byte.
+        let min_bytes = min_bytes.max(1);
+        self.definitions.push(Definition { name: described.name, fields, min_bytes });
+        let index = self.definitions.len() - 1;
+        self.done.insert(name.to_owned(), index);
+        Ok(index)
+    }
+
+    /// The full name of a type used in `definition`: of its package, where it names none.
+    fn find(&self, definition: &str, field: &str, found: &str) -> Result<String, SchemaError> {
+        let name = plain_name(found);
+        let package = definition.split('/').next().unwrap_or_default();
+        let candidates = match name.as_str() {
+            "Header" => vec!["std_msgs/Header".to_owned(), format!("{package}/Header")],
+            "time" | "Time" => {
+                vec![format!("{package}/Time"), "builtin_interfaces/Time".to_owned()]
+            }
+            "duration" | "Duration" => {
+                vec![format!("{package}/Duration"), "builtin_interfaces/Duration".to_owned()]
+            }
+            _ if name.contains('/') => vec![name.clone()],
+            _ => vec![format!("{package}/{name}")],
+        };
+        candidates.into_iter().find(|name| self.by_name.contains_key(name)).ok_or_else(|| {
+            SchemaError::UnknownType {
+                definition: definition.to_owned(),
+                field: field.to_owned(),
+                found: name,
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<MessageSchema, SchemaError> {
+        MessageSchema::parse("p/msg/A", "ros2msg", text.as_bytes())
+    }
+
+    #[test]
+    fn names_are_looked_up_in_the_package_first() {
+        let text = "B b\nstd_msgs/Header h\nbuiltin_interfaces/Time t\n===\nMSG: p/B\nfloat64[3] x\n\
+                    =====\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n";
+        let schema = parse(text).unwrap();
+        let root = schema.root();
+        assert_eq!(root.fields.len(), 3);
+        assert_eq!(root.min_bytes, 24 + 12 + 8);
+        let ElementType::Message(b) = root.fields[0].element else { panic!() };
+        assert_eq!(schema.definition(b).fields[0].count, Count::Fixed(3));
+    }
+
+    #[test]
+    fn descriptions_that_lead_nowhere_are_refused() {
+        assert!(matches!(parse("B b").unwrap_err(), SchemaError::UnknownType { .. }));
+        assert!(matches!(parse("A a").unwrap_err(), SchemaError::Nesting(_)));
+        let error = MessageSchema::parse("p/A", "omgidl", b"").unwrap_err();
+        assert_eq!(error, SchemaError::Language("omgidl".to_owned()));
+        assert_eq!(MessageSchema::parse("p/A", "ros2msg", b"\xff"), Err(SchemaError::NotText));
+        let error = MessageSchema::parse("p/A", "ros2idl", b"module q { struct B { long x; }; };");
+        assert_eq!(error, Err(SchemaError::NoRoot("p/A".to_owned())));
+    }
+}

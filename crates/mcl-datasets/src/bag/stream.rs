@@ -1,0 +1,374 @@
+//! The messages of one MCAP file, from its first byte to its last: chunked or not, with or without an
+//! index, which is not used.
+//!
+//! Records are framed here and not by the `mcap` crate, because its reader neither tells where in the
+//! file a record is, nor keeps what a cut chunk still holds, and overflows on a record that is longer
+//! than its uncompressed chunk (0.26).
+
+use std::collections::BTreeMap;
+use std::io::{self, Read};
+use std::sync::Arc;
+
+use mcap::records::op;
+
+use super::bytes::Fields;
+use super::chunk::{self, MAX_CHUNK_BYTES};
+use super::error::{BagError, StreamProblem};
+use crate::log::damaged_gzip;
+
+/// Largest record accepted outside of chunks that is passed over unread (attachments), in bytes.
+pub const MAX_SKIPPED_BYTES: u64 = 1 << 40;
+/// Bytes of a chunk record before its content, generously.
+const CHUNK_HEADER_BYTES: u64 = 1 << 16;
+/// Code and length of a record.
+const PREFIX_BYTES: usize = 9;
+
+/// How messages are laid out, as written in the bag.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SchemaText {
+    /// Name of the message type.
+    pub name: String,
+    /// Language of the text: `ros2msg`, `ros2idl`, …
+    pub encoding: String,
+    /// The text.
+    pub data: Vec<u8>,
+}
+
+/// A topic as one file describes it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Channel {
+    /// Number in this file.
+    pub id: u16,
+    /// Name of the topic.
+    pub topic: String,
+    /// How messages are encoded: `cdr`, …
+    pub message_encoding: String,
+    /// How messages are laid out, if the file says so.
+    pub schema: Option<Arc<SchemaText>>,
+}
+
+/// One message, with where it stands.
+#[derive(Debug, Clone, Copy)]
+pub struct Message<'a> {
+    /// Its topic.
+    pub channel: &'a Channel,
+    /// Number the writer gave it.
+    pub sequence: u32,
+    /// When it was recorded, in nanoseconds.
+    pub log_time: u64,
+    /// When it was published, in nanoseconds.
+    pub publish_time: u64,
+    /// The encoded message.
+    pub data: &'a [u8],
+    /// Offset in the file of its record, or of the chunk that holds it.
+    pub offset: u64,
+}
+
+/// What a visitor of [`read_stream`] gets to see.
+#[derive(Debug, Clone, Copy)]
+pub enum Item<'a> {
+    /// A channel, when it first appears.
+    Channel(&'a Channel),
+    /// A message.
+    Message(Message<'a>),
+    /// A metadata record: its name, and pairs of keys and values.
+    Metadata(&'a str, &'a [(&'a str, &'a str)]),
+}
+
+/// Reads an MCAP file and shows everything of use in it to `visit`, in the file's order.
+///
+/// A file that ends early is no error: what came before the cut is shown, that of a cut chunk too,
+/// and the result says what is missing. Memory is bounded by [`MAX_CHUNK_BYTES`] for a packed and an
+/// unpacked chunk, and nothing is allocated by a length field that the bytes there do not bear out.
+///
+/// # Errors
+/// [`BagError::Stream`] for a file that is no MCAP or is damaged, with the offset; and what `visit`
+/// returns.
+pub fn read_stream(
+    input: impl Read,
+    mut visit: impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+) -> Result<Option<String>, BagError> {
+    let mut reader = Reader {
+        input: Input { input, offset: 0, crc: crc32fast::Hasher::new(), damaged: None },
+        channels: BTreeMap::new(),
+        schemas: BTreeMap::new(),
+        record_start: 0,
+    };
+    match reader.read(&mut visit) {
+        Ok(end) => Ok(end),
+        Err(problem) => Err(BagError::Stream { offset: reader.record_start, problem }),
+    }
+}
+
+struct Reader<R> {
+    input: Input<R>,
+    channels: BTreeMap<u16, Channel>,
+    schemas: BTreeMap<u16, Arc<SchemaText>>,
+    /// Where the record being read begins.
+    record_start: u64,
+}
+
+impl<R: Read> Reader<R> {
+    fn read(
+        &mut self,
+        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+    ) -> Result<Option<String>, StreamProblem> {
+        let mut body = Vec::new();
+        self.input.read_up_to(mcap::MAGIC.len() as u64, &mut body)?;
+        if !mcap::MAGIC.starts_with(&body) {
+            return Err(StreamProblem::Magic);
+        }
+        let mut is_data_complete = false;
+        loop {
+            self.record_start = self.input.offset;
+            let crc_before = self.input.crc.clone();
+            body.clear();
+            self.input.read_up_to(PREFIX_BYTES as u64, &mut body)?;
+            let Some((opcode, length)) = prefix(&body) else {
+                return Ok(Some(self.cut(is_data_complete, "the end of the bag is missing")));
+            };
+            let limit = match opcode {
+                0 => return Err(StreamProblem::Opcode),
+                op::CHUNK => MAX_CHUNK_BYTES + CHUNK_HEADER_BYTES,
+                op::HEADER
+                | op::SCHEMA
+                | op::CHANNEL
+                | op::MESSAGE
+                | op::METADATA
+                | op::DATA_END
+                | op::FOOTER => MAX_CHUNK_BYTES,
+                _ => MAX_SKIPPED_BYTES,
+            };
+            if length > limit {
+                return Err(StreamProblem::RecordLength { opcode, length, limit });
+            }
+            if limit == MAX_SKIPPED_BYTES {
+                if self.input.skip(length)? < length {
+                    return Ok(Some(self.cut(is_data_complete, "it ends within a record")));
+                }
+                continue;
+            }
+            body.clear();
+            self.input.read_up_to(length, &mut body)?;
+            let is_cut = (body.len() as u64) < length;
+            if opcode == op::CHUNK {
+                self.chunk(&body, is_cut, visit)?;
+            }
+            if is_cut {
+                let what = match opcode {
+                    op::CHUNK => {
+                        format!("{} of the {length} bytes of its last chunk are there", body.len())
+                    }
+                    _ => "it ends within a record".to_owned(),
+                };
+                return Ok(Some(self.cut(is_data_complete, &what)));
+            }
+            match opcode {
+                op::METADATA => {
+                    let mut fields = Fields::new("Metadata", &body);
+                    let name = fields.text("name")?;
+                    visit(Item::Metadata(name, &fields.map("metadata")?))?;
+                }
+                op::DATA_END => {
+                    let declared = Fields::new("DataEnd", &body).u32("data_section_crc")?;
+                    let found = crc_before.finalize();
+                    if declared != 0 && declared != found {
+                        return Err(StreamProblem::DataCrc { declared, found });
+                    }
+                    is_data_complete = true;
+                }
+                op::FOOTER => return self.end(is_data_complete),
+                op::CHUNK | op::HEADER => {}
+                _ => self.record(opcode, &body, visit)?,
+            }
+        }
+    }
+
+    /// Schemas, channels and messages stand in chunks and outside of them.
+    fn record(
+        &mut self,
+        opcode: u8,
+        body: &[u8],
+        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+    ) -> Result<(), StreamProblem> {
+        match opcode {
+            op::SCHEMA => {
+                let mut fields = Fields::new("Schema", body);
+                let id = fields.u16("id")?;
+                let schema = SchemaText {
+                    name: fields.text("name")?.to_owned(),
+                    encoding: fields.text("encoding")?.to_owned(),
+                    data: fields.blob("data")?.to_vec(),
+                };
+                match self.schemas.get(&id) {
+                    Some(known) if **known != schema => {
+                        return Err(StreamProblem::Conflict("Schema", id));
+                    }
+                    Some(_) => {}
+                    None => drop(self.schemas.insert(id, Arc::new(schema))),
+                }
+            }
+            op::CHANNEL => {
+                let mut fields = Fields::new("Channel", body);
+                let id = fields.u16("id")?;
+                let schema_id = fields.u16("schema_id")?;
+                let topic = fields.text("topic")?.to_owned();
+                let message_encoding = fields.text("message_encoding")?.to_owned();
+                let schema = match schema_id {
+                    0 => None,
+                    _ => match self.schemas.get(&schema_id) {
+                        Some(schema) => Some(schema.clone()),
+                        None => {
+                            return Err(StreamProblem::UnknownSchema { topic, schema: schema_id });
+                        }
+                    },
+                };
+                let channel = Channel { id, topic, message_encoding, schema };
+                match self.channels.get(&id) {
+                    Some(known) if *known != channel => {
+                        return Err(StreamProblem::Conflict("Channel", id));
+                    }
+                    Some(_) => {}
+                    None => {
+                        visit(Item::Channel(&channel))?;
+                        self.channels.insert(id, channel);
+                    }
+                }
+            }
+            op::MESSAGE => {
+                let mut fields = Fields::new("Message", body);
+                let id = fields.u16("channel_id")?;
+                let sequence = fields.u32("sequence")?;
+                let log_time = fields.u64("log_time")?;
+                let publish_time = fields.u64("publish_time")?;
+                let channel = self.channels.get(&id).ok_or(StreamProblem::UnknownChannel(id))?;
+                visit(Item::Message(Message {
+                    channel,
+                    sequence,
+                    log_time,
+                    publish_time,
+                    data: fields.rest(),
+                    offset: self.record_start,
+                }))?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn chunk(
+        &mut self,
+        body: &[u8],
+        is_cut: bool,
+        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+    ) -> Result<(), StreamProblem> {
+        let records = match chunk::unpack(body, is_cut) {
+            // The cut is in the chunk's own fields: nothing of it can be told.
+            Err(StreamProblem::Record(_)) if is_cut => return Ok(()),
+            other => other?,
+        };
+        let mut rest = records.as_slice();
+        while let Some((opcode, length)) = prefix(rest) {
+            let body = &rest[PREFIX_BYTES..];
+            let Some((body, after)) =
+                usize::try_from(length).ok().and_then(|length| body.split_at_checked(length))
+            else {
+                let there = body.len();
+                return match is_cut {
+                    true => Ok(()),
+                    false => Err(StreamProblem::RecordInChunk { opcode, length, there }),
+                };
+            };
+            self.record(opcode, body, visit)?;
+            rest = after;
+        }
+        match rest.first() {
+            Some(&opcode) if !is_cut => {
+                Err(StreamProblem::RecordInChunk { opcode, length: 0, there: rest.len() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What follows the footer.
+    fn end(&mut self, is_data_complete: bool) -> Result<Option<String>, StreamProblem> {
+        let mut magic = Vec::new();
+        self.input.read_up_to(mcap::MAGIC.len() as u64 + 1, &mut magic)?;
+        if magic.len() > mcap::MAGIC.len() && magic.starts_with(mcap::MAGIC) {
+            let offset = self.input.offset - 1;
+            return Ok(Some(format!(
+                "the bag ends at byte {offset}, what comes after is not read"
+            )));
+        }
+        Ok((magic != mcap::MAGIC)
+            .then(|| self.cut(is_data_complete, "the magic bytes at its end are missing")))
+    }
+
+    fn cut(&self, is_data_complete: bool, what: &str) -> String {
+        let offset = self.input.offset;
+        let kept = match is_data_complete {
+            true => "all messages come before",
+            false => "the messages up to there are used",
+        };
+        match &self.input.damaged {
+            Some(reason) => format!("{reason} after {offset} unpacked bytes; {kept}"),
+            None => format!("the file ends at byte {offset}, {what}; {kept}"),
+        }
+    }
+}
+
+/// Code and length of the record that `bytes` begin with.
+fn prefix(bytes: &[u8]) -> Option<(u8, u64)> {
+    let (&[opcode], rest) = bytes.split_first_chunk()?;
+    let (&length, _) = rest.split_first_chunk()?;
+    Some((opcode, u64::from_le_bytes(length)))
+}
+
+/// Counts and sums up what is read.
+struct Input<R> {
+    input: R,
+    offset: u64,
+    crc: crc32fast::Hasher,
+    /// Why the compressed file ends early, if it does.
+    damaged: Option<String>,
+}
+
+impl<R: Read> Input<R> {
+    /// Appends up to `length` bytes to `bytes`, fewer only at the end of the file.
+    fn read_up_to(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<(), StreamProblem> {
+        let start = bytes.len();
+        let outcome = self.input.by_ref().take(length).read_to_end(bytes);
+        self.offset += (bytes.len() - start) as u64;
+        self.crc.update(&bytes[start..]);
+        self.ended(outcome.map(|_| ()))
+    }
+
+    /// Passes over up to `length` bytes, and says over how many.
+    fn skip(&mut self, length: u64) -> Result<u64, StreamProblem> {
+        let mut skipped = 0;
+        let mut buffer = Vec::new();
+        while skipped < length {
+            buffer.clear();
+            self.read_up_to((length - skipped).min(1 << 16), &mut buffer)?;
+            if buffer.is_empty() {
+                break;
+            }
+            skipped += buffer.len() as u64;
+        }
+        Ok(skipped)
+    }
+
+    /// A compressed file that is cut or damaged ends there.
+    fn ended(&mut self, outcome: io::Result<()>) -> Result<(), StreamProblem> {
+        match outcome {
+            Ok(()) => Ok(()),
+            Err(error) => match damaged_gzip(&error) {
+                Some(reason) => {
+                    self.damaged = Some(reason);
+                    Ok(())
+                }
+                None => Err(StreamProblem::Io(error)),
+            },
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! The topics of a bag, the messages of those that could be of use, and which of them are meant.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read;
+use std::sync::Arc;
+
+use super::error::{BagError, StreamProblem};
+use super::schema::plain_name;
+use super::stream::{Item, SchemaText, read_stream};
+use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
+use crate::log::{ReferencePoses, TopicChoice};
+
+/// Bytes of messages kept in memory, at most: some 300,000 scans of 720 beams.
+pub const MAX_KEPT_BYTES: u64 = 2 << 30;
+
+const SCAN: &str = "sensor_msgs/LaserScan";
+const ODOMETRY: &str = "nav_msgs/Odometry";
+const POSE: &str = "geometry_msgs/PoseStamped";
+const POSE_WITH_COVARIANCE: &str = "geometry_msgs/PoseWithCovarianceStamped";
+const TRANSFORMS: &str = "tf2_msgs/TFMessage";
+/// Last part of the names of pose topics that say where the robot should be, or was told it is.
+const NO_REFERENCE: [&str; 5] = ["goal_pose", "goal", "initialpose", "clicked_pose", "target_pose"];
+/// Last part of the names of topics that hold ground truth.
+const REFERENCE: [&str; 8] = [
+    "reference",
+    "ground_truth",
+    "groundtruth",
+    "ground_truth_pose",
+    "ground_truth/pose",
+    "ground_truth_odom",
+    "base_pose_ground_truth",
+    "gt_pose",
+];
+
+/// What messages of a type are used as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Scan,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Transforms,
+}
+
+impl Kind {
+    fn of(type_name: &str) -> Option<Self> {
+        Some(match type_name {
+            SCAN => Kind::Scan,
+            ODOMETRY => Kind::Odometry,
+            POSE => Kind::Pose,
+            POSE_WITH_COVARIANCE => Kind::PoseWithCovariance,
+            TRANSFORMS | "tf/tfMessage" => Kind::Transforms,
+            _ => return None,
+        })
+    }
+}
+
+/// A topic with one type and description of its messages.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Topic {
+    pub name: String,
+    pub encoding: String,
+    pub schema: Option<Arc<SchemaText>>,
+    pub kind: Option<Kind>,
+    pub messages: usize,
+}
+
+impl Topic {
+    pub fn type_name(&self) -> &str {
+        self.schema.as_ref().map_or("no type", |schema| &schema.name)
+    }
+}
+
+/// A message of a topic that could be of use.
+#[derive(Debug, Clone)]
+pub(super) struct Kept {
+    /// Index of its topic.
+    pub topic: usize,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub offset: u64,
+    pub data: Vec<u8>,
+}
+
+/// The content of a bag, of one file or several.
+#[derive(Debug, Default)]
+pub(super) struct Content {
+    pub topics: Vec<Topic>,
+    pub messages: Vec<Kept>,
+    /// Why the bag ends early, if it does.
+    pub truncated: Option<String>,
+    /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
+    /// stamps of 0 are times otherwise.
+    pub unstamped: Option<BTreeSet<u32>>,
+    kept_bytes: u64,
+}
+
+impl Content {
+    /// Reads one more file; `name` tells it from the others of a split bag.
+    pub fn add(&mut self, input: impl Read, name: Option<&str>) -> Result<(), BagError> {
+        let mut by_id: BTreeMap<u16, usize> = BTreeMap::new();
+        let truncated = read_stream(input, |item| {
+            match item {
+                Item::Channel(channel) => {
+                    let kind = channel
+                        .schema
+                        .as_ref()
+                        .and_then(|schema| Kind::of(&plain_name(&schema.name)));
+                    let topic = Topic {
+                        name: channel.topic.clone(),
+                        encoding: channel.message_encoding.clone(),
+                        schema: channel.schema.clone(),
+                        kind,
+                        messages: 0,
+                    };
+                    let same = |known: &Topic| Topic { messages: 0, ..known.clone() } == topic;
+                    let index = self.topics.iter().position(same).unwrap_or_else(|| {
+                        self.topics.push(topic);
+                        self.topics.len() - 1
+                    });
+                    by_id.insert(channel.id, index);
+                }
+                Item::Message(message) => {
+                    let Some(&topic) = by_id.get(&message.channel.id) else { return Ok(()) };
+                    self.topics[topic].messages += 1;
+                    if self.topics[topic].kind.is_some() {
+                        // What a message takes beside its bytes, so that empty ones count, too.
+                        self.kept_bytes += message.data.len() as u64 + size_of::<Kept>() as u64;
+                        if self.kept_bytes > MAX_KEPT_BYTES {
+                            return Err(StreamProblem::TooMuch(MAX_KEPT_BYTES));
+                        }
+                        self.messages.push(Kept {
+                            topic,
+                            sequence: message.sequence,
+                            log_time: message.log_time,
+                            offset: message.offset,
+                            data: message.data.to_vec(),
+                        });
+                    }
+                }
+                Item::Metadata(METADATA_NAME, entries) => {
+                    let unstamped = entries.iter().find(|(key, _)| *key == UNSTAMPED_KEY);
+                    let list = unstamped.map_or("", |(_, list)| list);
+                    let numbers =
+                        list.split_ascii_whitespace().filter_map(|n| n.parse::<u32>().ok());
+                    self.unstamped.get_or_insert_default().extend(numbers);
+                }
+                Item::Metadata(..) => {}
+            }
+            Ok(())
+        })?;
+        let told = |reason| match name {
+            Some(name) => format!("{name}: {reason}"),
+            None => reason,
+        };
+        self.truncated = self.truncated.take().or(truncated.map(told));
+        Ok(())
+    }
+
+    /// Every topic with its type and number of messages.
+    pub fn list(&self) -> String {
+        list(self.topics.iter())
+    }
+
+    /// Messages of kinds that are not read.
+    pub fn ignored(&self) -> usize {
+        self.topics.iter().filter(|topic| topic.kind.is_none()).map(|topic| topic.messages).sum()
+    }
+
+    /// Names of the topics with messages of one of these kinds.
+    fn names(&self, kinds: &[Kind]) -> Vec<&str> {
+        let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
+        let mut names: Vec<&str> = Vec::new();
+        for topic in self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0) {
+            if !names.contains(&topic.name.as_str()) {
+                names.push(&topic.name);
+            }
+        }
+        names.sort_unstable();
+        names
+    }
+
+    /// The topic asked for, if its messages are of one of these kinds.
+    fn asked<'a>(
+        &self,
+        topic: &'a str,
+        kinds: &[Kind],
+        option: &'static str,
+        expected: &'static str,
+    ) -> Result<&'a str, BagError> {
+        let mut of_name = self.topics.iter().filter(|found| found.name == topic).peekable();
+        let Some(&first) = of_name.peek() else {
+            return Err(BagError::NoTopic { topic: topic.to_owned(), option, topics: self.list() });
+        };
+        if of_name.any(|found| found.kind.is_some_and(|kind| kinds.contains(&kind))) {
+            return Ok(topic);
+        }
+        let found = first.type_name().to_owned();
+        Err(BagError::WrongType { topic: topic.to_owned(), option, found, expected })
+    }
+
+    fn ambiguous(&self, what: &'static str, names: &[&str], option: &'static str) -> BagError {
+        let candidates = list(self.topics.iter().filter(|topic| names.contains(&&*topic.name)));
+        BagError::Ambiguous { what, candidates, option }
+    }
+}
+
+fn list<'a>(topics: impl Iterator<Item = &'a Topic>) -> String {
+    let mut topics: Vec<String> = topics
+        .map(|topic| {
+            let s = if topic.messages == 1 { "" } else { "s" };
+            format!("{} ({}, {} message{s})", topic.name, topic.type_name(), topic.messages)
+        })
+        .collect();
+    topics.sort();
+    if topics.is_empty() { "none".to_owned() } else { topics.join(", ") }
+}
+
+/// The topics that a recording is made of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Chosen<'a> {
+    pub scan: &'a str,
+    pub odometry: Option<&'a str>,
+    pub reference: Option<&'a str>,
+}
+
+/// Chooses the topics. A topic that is asked for must be there with messages of the right type. Else:
+///
+/// * scans: the only topic of its type, or among several the one named `/scan`;
+/// * odometry: the only topic of its type, or among several the one named `/odom`; topics with the
+///   name of a ground truth do not count;
+/// * reference: the only topic of poses, or among several the one with the name of a ground truth;
+///   goals and initial poses do not count. Without any topic of poses, an odometry topic with the
+///   name of a ground truth.
+pub(super) fn choose<'a>(
+    content: &'a Content,
+    asked: &'a TopicChoice,
+    reference: ReferencePoses,
+) -> Result<Chosen<'a>, BagError> {
+    const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, geometry_msgs/msg/PoseWithCovarianceStamped or nav_msgs/msg/Odometry";
+    let scan = match &asked.scan {
+        Some(topic) => {
+            content.asked(topic, &[Kind::Scan], "--scan-topic", "sensor_msgs/msg/LaserScan")?
+        }
+        None => only_or_named(&content.names(&[Kind::Scan]), "/scan")
+            .map_err(|names| {
+                content.ambiguous("sensor_msgs/msg/LaserScan", &names, "--scan-topic")
+            })?
+            .ok_or_else(|| BagError::NoScan {
+                topics: content.list(),
+                because: content.truncated.clone(),
+            })?,
+    };
+    let odometry_topics: Vec<&str> = content
+        .names(&[Kind::Odometry])
+        .into_iter()
+        .filter(|name| asked.reference.as_deref() != Some(*name))
+        .collect();
+    let raw: Vec<&str> =
+        odometry_topics.iter().copied().filter(|name| !is_named(name, &REFERENCE)).collect();
+    let odometry = match &asked.odometry {
+        Some(topic) => Some(content.asked(
+            topic,
+            &[Kind::Odometry],
+            "--odom-topic",
+            "nav_msgs/msg/Odometry",
+        )?),
+        None => only_or_named(&raw, "/odom")
+            .map_err(|names| content.ambiguous("nav_msgs/msg/Odometry", &names, "--odom-topic"))?,
+    };
+    if reference == ReferencePoses::None {
+        return Ok(Chosen { scan, odometry, reference: None });
+    }
+    let pose_kinds = [Kind::Pose, Kind::PoseWithCovariance];
+    let poses: Vec<&str> = content
+        .names(&pose_kinds)
+        .into_iter()
+        .filter(|name| !is_named(name, &NO_REFERENCE))
+        .collect();
+    let truths = |names: &[&'a str]| -> Vec<&'a str> {
+        names.iter().copied().filter(|name| is_named(name, &REFERENCE)).collect()
+    };
+    let found = match (&asked.reference, poses.as_slice()) {
+        (Some(topic), _) => {
+            let kinds = [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry];
+            Some(content.asked(topic, &kinds, "--reference-topic", POSE_TYPES)?)
+        }
+        (None, &[only]) => Some(only),
+        (None, several) => {
+            let named = match truths(several).as_slice() {
+                [] if several.is_empty() => truths(&odometry_topics),
+                [] => several.to_vec(),
+                named => named.to_vec(),
+            };
+            match named.as_slice() {
+                [] => None,
+                &[only] => Some(only),
+                named => {
+                    return Err(content.ambiguous("poses", named, "--reference-topic"));
+                }
+            }
+        }
+    };
+    if found.is_none() && reference == ReferencePoses::Recorded {
+        return Err(BagError::NoReference { topics: content.list() });
+    }
+    Ok(Chosen { scan, odometry, reference: found })
+}
+
+/// The only name, or among several `obvious`; all of them, when that decides nothing.
+fn only_or_named<'a>(names: &[&'a str], obvious: &str) -> Result<Option<&'a str>, Vec<&'a str>> {
+    match names {
+        [] => Ok(None),
+        &[only] => Ok(Some(only)),
+        several => match several.iter().find(|name| **name == obvious) {
+            Some(name) => Ok(Some(name)),
+            None => Err(several.to_vec()),
+        },
+    }
+}
+
+fn is_named(topic: &str, endings: &[&str]) -> bool {
+    endings.iter().any(|ending| {
+        topic.strip_suffix(ending).is_some_and(|before| before.is_empty() || before.ends_with('/'))
+    })
+}

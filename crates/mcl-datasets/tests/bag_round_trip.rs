@@ -1,0 +1,165 @@
+//! What is written as a bag is read back, to the last bit that a bag can hold.
+
+mod bag_support;
+
+use std::f64::consts::FRAC_PI_2;
+use std::io::Cursor;
+use std::path::PathBuf;
+
+use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Seed, Stamp, wrap_angle};
+use mcl_datasets::bag::{self, WriteBagError};
+use mcl_datasets::log::{ReadOptions, read_log};
+use mcl_datasets::simulator::{OfficeSettings, simulate};
+
+fn written(recording: &Recording) -> Vec<u8> {
+    bag::write(recording, Cursor::new(Vec::new())).unwrap().into_inner()
+}
+
+fn round_trip(recording: &Recording) -> Recording {
+    let bytes = written(recording);
+    assert_eq!(bytes, written(recording), "the same bytes each time");
+    let log = bag::read(&*bytes, &ReadOptions::default()).unwrap();
+    assert!(log.report.is_complete(), "{}", log.report);
+    log.recording
+}
+
+fn assert_close(found: Option<Pose2>, expected: Option<Pose2>, tolerance: f64) {
+    match (found, expected) {
+        (Some(found), Some(expected)) => {
+            let turn = wrap_angle(found.theta - expected.theta).abs();
+            assert!(
+                found.distance(&expected) <= tolerance && turn <= tolerance,
+                "{found:?}, expected {expected:?}"
+            );
+        }
+        (found, expected) => assert_eq!(found, expected),
+    }
+}
+
+fn assert_same(found: &Recording, expected: &Recording, tolerance: f64) {
+    let narrow = |value: f64| f64::from(value as f32);
+    assert_eq!(found.scans.len(), expected.scans.len());
+    assert_close(Some(found.robot_from_laser), Some(expected.robot_from_laser), 1e-15);
+    for (found, expected) in found.scans.iter().zip(&expected.scans) {
+        assert_eq!(found.stamp, expected.stamp);
+        let ranges: Vec<f64> = expected.ranges.iter().map(|&range| narrow(range)).collect();
+        assert_eq!(found.ranges, ranges);
+        let ScanGeometry { start_angle, angle_step, beams } = expected.geometry;
+        let (start_angle, angle_step) = (narrow(start_angle), narrow(angle_step));
+        assert_eq!(found.geometry, ScanGeometry { start_angle, angle_step, beams });
+        assert_close(found.map_from_laser, expected.map_from_laser, tolerance);
+        assert_close(found.odometry, expected.odometry, tolerance);
+    }
+}
+
+#[test]
+fn the_simulated_office() {
+    let recording = simulate(&OfficeSettings::default(), Seed::new(1)).unwrap();
+    let found = round_trip(&recording);
+    assert_same(&found, &recording, 1e-12);
+    assert!(found.has_reference() && found.has_odometry());
+}
+
+#[test]
+fn the_real_logs() {
+    let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
+        eprintln!("skipped: MCL_DATA_DIR is not set");
+        return;
+    };
+    let folder = PathBuf::from(folder);
+    // Intel's stamps step back four times.
+    for name in ["intel-lab/intel.gfs.log", "aces/aces-corrected.log.gz"] {
+        let log = read_log(&folder.join(name)).unwrap();
+        let found = round_trip(&log.recording);
+        assert_same(&found, &log.recording, 1e-12);
+        assert_eq!(found.backward_stamps(), log.recording.backward_stamps());
+    }
+}
+
+fn scan(stamp: Option<i64>, x: f64) -> LaserScan {
+    LaserScan {
+        stamp: stamp.map(Stamp::from_nanoseconds),
+        geometry: ScanGeometry { start_angle: -FRAC_PI_2, angle_step: 0.1, beams: 3 },
+        ranges: vec![x, f64::INFINITY, 81.83],
+        map_from_laser: Some(Pose2::new(x, -x, 0.5 * x)),
+        odometry: Some(Pose2::new(0.5, 0.1 * x, 0.25)),
+    }
+}
+
+#[test]
+fn stamps_that_repeat_step_back_or_are_missing() {
+    let stamps = [None, Some(0), Some(7), Some(7), None, Some(3), Some(7), None, Some(0), Some(90)];
+    let mut scans: Vec<LaserScan> =
+        stamps.iter().enumerate().map(|(k, &stamp)| scan(stamp, k as f64)).collect();
+    scans[0].odometry = None;
+    let robot_from_laser = Pose2::new(0.2, 0.1, 0.3);
+    let recording = Recording { scans, robot_from_laser };
+    assert_same(&round_trip(&recording), &recording, 1e-12);
+    for part in ["reference", "odometry", "both"] {
+        let mut without = recording.clone();
+        for scan in &mut without.scans {
+            if part != "odometry" {
+                scan.map_from_laser = None;
+            }
+            if part != "reference" {
+                scan.odometry = None;
+            }
+        }
+        assert_same(&round_trip(&without), &without, 1e-12);
+    }
+}
+
+#[test]
+fn what_a_bag_cannot_hold_is_refused_with_the_scan() {
+    let mut base = Recording {
+        scans: (0..4).map(|k| scan(Some(k * 1000), k as f64)).collect(),
+        robot_from_laser: Pose2::IDENTITY,
+    };
+    base.scans[0].odometry = None;
+    let error = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = base.clone();
+        change(&mut recording);
+        bag::write(&recording, Cursor::new(Vec::new())).unwrap_err()
+    };
+    let late = Stamp::from_nanoseconds((1 << 31) * 1_000_000_000);
+    let found = error(&|recording| recording.scans[2].stamp = Some(late));
+    assert!(found.to_string().contains("scan 2 has the stamp 2147483648.000000000 s"), "{found}");
+    for nanoseconds in [-1, i64::MIN] {
+        let stamp = Some(Stamp::from_nanoseconds(nanoseconds));
+        let found = error(&|recording| recording.scans[1].stamp = stamp);
+        assert!(matches!(found, WriteBagError::Stamp { scan: 1, .. }), "{found}");
+    }
+    let found = error(&|recording| recording.scans[2].odometry = None);
+    assert!(matches!(found, WriteBagError::Gap { scan: 2, .. }), "{found}");
+    let found = error(&|recording| recording.scans[1].map_from_laser = None);
+    assert!(found.to_string().contains("scan 1 has no reference pose"), "{found}");
+    let found = error(&|recording| recording.scans.clear());
+    assert!(matches!(found, WriteBagError::NoScan));
+    let found = error(&|recording| recording.scans[3].ranges.clear());
+    assert!(matches!(found, WriteBagError::Readings { scan: 3, .. }), "{found}");
+    // The last second of 32 bits is one.
+    let mut recording = base.clone();
+    let last = Stamp::from_nanoseconds(((1 << 31) - 1) * 1_000_000_000 + 999_999_999);
+    recording.scans[3].stamp = Some(last);
+    assert_same(&round_trip(&recording), &recording, 1e-12);
+}
+
+#[test]
+fn the_bag_names_its_frames_and_describes_its_messages() {
+    let recording = simulate(&OfficeSettings::default(), Seed::new(1)).unwrap();
+    let bytes = written(&recording);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let scans = recording.scans.len() as u64;
+    assert_eq!(summary.stats.unwrap().message_count, 4 * scans + 1);
+    assert!(!summary.chunk_indexes.is_empty());
+    assert!(summary.chunk_indexes.iter().all(|chunk| chunk.compression == "zstd"));
+    let mut topics: Vec<&str> = summary.channels.values().map(|c| c.topic.as_str()).collect();
+    topics.sort_unstable();
+    assert_eq!(topics, ["/odom", "/reference", "/scan", "/tf", "/tf_static"]);
+    // Players go by these times.
+    let times: Vec<u64> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|message| message.unwrap().log_time)
+        .collect();
+    assert!(times.is_sorted());
+}
