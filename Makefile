@@ -34,7 +34,7 @@ figures: build
 test:
 	$(CARGO) test --workspace --locked
 
-# Bags of ours read by programs we did not write, and theirs by ours. Needs Python 3.11 or later.
+# Bags of ours read by programs we did not write, theirs by ours, and evo's figures beside ours. Needs Python 3.11 or later.
 INTEROP = target/interop
 interop: build
 	python3 -m venv $(INTEROP)

@@ -3,6 +3,7 @@
 1. Bags that `mcl-eval convert` writes are read by `rosbags` and by `mcap` + `mcap-ros2-support`: every
    field of every message as the CARMEN log says, which is read here on its own.
 2. Bags that `rosbags` and the `mcap` writer write, in every way they can, are read by `mcl-eval`.
+3. `evo_ape` and `evo_rpe` give the ATE and RPE of `mcl-eval evaluate` (evo_check.py).
 
 Prints a line for each check, PASS or FAIL; exit code 1 when any failed.
 """
@@ -28,6 +29,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 import carmen_log
+import evo_check
 
 PROGRAM = "mcl-eval"
 failures = 0
@@ -361,9 +363,11 @@ def main():
         office = folder / "office.log"
         call("simulate", "-o", office)
         ours("simulated office", office, folder)
+        evo_check.checks(check, call, "simulated office", office, folder)
         intel = Path(data, "intel-lab", "intel.gfs.log") if data else None
         if intel and intel.is_file():
             ours("Intel Research Lab", intel, folder)
+            evo_check.checks(check, call, "Intel Research Lab", intel, folder)
         else:
             print("skipped: no intel-lab/intel.gfs.log in MCL_DATA_DIR")
         others(folder)

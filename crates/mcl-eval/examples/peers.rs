@@ -95,7 +95,7 @@ fn timed(mut work: impl FnMut()) -> f64 {
 /// Writes `points.f64`, `queries.f64` and `scans.jsonl` (per scan the directions of its beams, its
 /// readings, its reference pose, and its pose by raw odometry from the origin).
 fn export(log: &str, folder: &Path) -> Result<Value> {
-    let source = LogSource::open(log, SourceOptions::default())?;
+    let source = LogSource::open(log, &SourceOptions::default())?;
     let points = source.points()?;
     write(&folder.join("points.f64"), &points)?;
     write(&folder.join("queries.f64"), &queries(&source)?)?;

@@ -17,7 +17,7 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
     let first = stamps.min().copied().unwrap_or(Stamp::from_nanoseconds(0));
     let panel = |label: &str, values: fn(&Evaluated) -> Vec<f64>| CurvePanel {
         title: String::new(),
-        x: axis(&format!("time since {first} s [s]")),
+        x: axis("time since the first pose [s]"),
         y: axis(label),
         curves: estimates
             .iter()
@@ -37,7 +37,9 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
             }),
         ],
         interval: Interval::Bars,
-        caption: vec![format!("Error against {reference} of poses matched by stamp.")],
+        caption: vec![format!(
+            "Error against {reference} of poses matched by stamp. The first pose is at {first} s."
+        )],
     };
     draw_curve_file(path, &figure)?;
     Ok(())

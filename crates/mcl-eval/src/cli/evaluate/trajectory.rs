@@ -2,12 +2,13 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Pose2, Trajectory};
 use mcl_datasets::bag::PoseRole;
 use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
+use mcl_datasets::registry::Registry;
 use mcl_metrics::tum::{self, NonPlanar};
 
 use crate::cli::Outcome;
@@ -40,24 +41,25 @@ impl Source {
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
 enum Format {
     Tum,
     Log,
-    Bag,
+    /// With its path, which may be that of a data set.
+    Bag(PathBuf),
 }
 
 /// The trajectory of `--reference`.
 pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let file = &args.reference;
     let format = format_of(file)?;
-    if format != Format::Bag && args.reference_topic.is_some() {
+    if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
         refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
     }
     let source = match format {
         Format::Tum => tum_file(file, args)?,
-        Format::Bag => {
-            bag(file, args.reference_topic.as_deref(), PoseRole::Reference, args, global)?
+        Format::Bag(path) => {
+            let topic = args.reference_topic.as_deref();
+            bag(file, &path, topic, PoseRole::Reference, args, global)?
         }
         Format::Log => log(file, PoseRole::Reference, global)?,
     };
@@ -75,7 +77,8 @@ pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
 pub fn estimates(args: &EvaluateArgs, global: &Global) -> Result<Vec<Source>> {
     let formats: Vec<Format> =
         args.estimates.iter().map(|file| format_of(file)).collect::<Result<_>>()?;
-    if !args.topics.is_empty() && !formats.contains(&Format::Bag) {
+    let any_bag = formats.iter().any(|format| matches!(format, Format::Bag(_)));
+    if !args.topics.is_empty() && !any_bag {
         refuse("--topic goes with bags, and none of the estimates is one");
     }
     let mut sources = Vec::new();
@@ -83,12 +86,12 @@ pub fn estimates(args: &EvaluateArgs, global: &Global) -> Result<Vec<Source>> {
         match format {
             Format::Tum => sources.push(tum_file(file, args)?),
             Format::Log => sources.push(log(file, PoseRole::Estimate, global)?),
-            Format::Bag if args.topics.is_empty() => {
-                sources.push(bag(file, None, PoseRole::Estimate, args, global)?);
+            Format::Bag(path) if args.topics.is_empty() => {
+                sources.push(bag(file, &path, None, PoseRole::Estimate, args, global)?);
             }
-            Format::Bag => {
+            Format::Bag(path) => {
                 for topic in &args.topics {
-                    sources.push(bag(file, Some(topic), PoseRole::Estimate, args, global)?);
+                    sources.push(bag(file, &path, Some(topic), PoseRole::Estimate, args, global)?);
                 }
             }
         }
@@ -100,17 +103,31 @@ pub fn estimates(args: &EvaluateArgs, global: &Global) -> Result<Vec<Source>> {
 fn format_of(file: &str) -> Result<Format> {
     let path = Path::new(file);
     if path.is_dir() || (path.is_file() && is_bag(path)?) {
-        return Ok(Format::Bag);
+        return Ok(Format::Bag(path.to_owned()));
     }
     if !path.is_file() {
         // The name of a data set, or a file that is not there.
         let is_name = path.components().count() == 1 && path.extension().is_none();
-        return Ok(if is_name { Format::Log } else { Format::Tum });
+        return Ok(match is_name.then(|| bag_of_dataset(file)).transpose()? {
+            Some(Some(bag)) => Format::Bag(bag),
+            Some(None) => Format::Log,
+            None => Format::Tum,
+        });
     }
     let first = first_line(path).with_context(|| format!("cannot read {file}"))?;
     let is_log =
         first.starts_with(&GZIP_MAGIC) || first.first().is_some_and(u8::is_ascii_uppercase);
     Ok(if is_log { Format::Log } else { Format::Tum })
+}
+
+/// The bag of a data set; `None` if its file is none or not at hand, or there is no such data set.
+fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
+    let registry = Registry::from_environment()?;
+    let located = registry.get(name).ok().and_then(|dataset| registry.locate(dataset).ok());
+    Ok(match located {
+        Some(path) if is_bag(&path)? => Some(path),
+        _ => None,
+    })
 }
 
 /// The first line that is neither empty nor a comment; empty without any.
@@ -167,12 +184,13 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
 /// The poses of a bag's topic; of its laser, unless asked otherwise.
 fn bag(
     file: &str,
+    path: &Path,
     topic: Option<&str>,
     role: PoseRole,
     args: &EvaluateArgs,
     global: &Global,
 ) -> Result<Source> {
-    let found = read_poses(Path::new(file), topic, role)?;
+    let found = read_poses(path, topic, role)?;
     let name = found.name;
     if !found.report.is_complete() {
         eprintln!("warning: {file}: {}", found.report);
