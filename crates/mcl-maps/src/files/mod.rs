@@ -16,7 +16,7 @@
 //! error, because dropping it would silently flatten a 3-D cloud.
 //!
 //! A grid map is not a point map: [`read_map`] takes the centres of its occupied cells, [`write_map`] marks
-//! the cells ([`DEFAULT_RESOLUTION`](crate::occupancy::DEFAULT_RESOLUTION)) that hold a point. Whoever
+//! the cells ([`DEFAULT_RESOLUTION`]) that hold a point. Whoever
 //! wants another resolution, or free space, makes the grid ([`crate::occupancy`]) and calls
 //! [`write_grid`].
 //!
