@@ -45,7 +45,8 @@ reproduce: build
 test:
 	$(CARGO) test --workspace --locked
 
-# Bags of ours read by programs we did not write, and theirs by ours. Needs Python 3.11 or later.
+# Bags of ours read by programs we did not write, theirs by ours, and evo's figures beside ours.
+# Needs Python 3.11 or later.
 INTEROP = target/interop
 interop: build
 	$(PYTHON) -m venv $(INTEROP)

@@ -4,6 +4,7 @@
    field of every message as the CARMEN log says, which is read here on its own.
 2. Bags that `rosbags` and the `mcap` writer write, in every way they can, are read by `mcl-eval`.
 3. Replays that `mcl-eval localize` writes are read by both, and say what the run's files say.
+4. `evo_ape` and `evo_rpe` give the ATE and RPE of `mcl-eval evaluate` (evo_check.py).
 
 Prints a line for each check, PASS or FAIL; exit code 1 when any failed.
 """
@@ -29,6 +30,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 import carmen_log
+import evo_check
 import replay
 
 PROGRAM = "mcl-eval"
@@ -382,10 +384,12 @@ def main():
         ours("simulated office", office, folder)
         replays("simulated office", office, folder)
         mounted_replay(office, folder)
+        evo_check.checks(check, call, "simulated office", office, folder)
         intel = Path(data, "intel-lab", "intel.gfs.log") if data else None
         if intel and intel.is_file():
             ours("Intel Research Lab", intel, folder)
             replays("Intel Research Lab", intel, folder)
+            evo_check.checks(check, call, "Intel Research Lab", intel, folder)
         else:
             print("skipped: no intel-lab/intel.gfs.log in MCL_DATA_DIR")
         others(folder)

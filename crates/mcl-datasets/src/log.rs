@@ -15,7 +15,7 @@
 
 use std::fmt;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -23,7 +23,7 @@ use flate2::bufread::MultiGzDecoder;
 use mcl_core::Recording;
 use serde::{Deserialize, Serialize};
 
-use crate::bag::{self, BagError};
+use crate::bag::{self, BagError, PoseRole, PoseTopic};
 use crate::carmen::{self, CarmenError};
 
 const GZIP_MAGIC: &[u8] = &[0x1f, 0x8b];
@@ -392,6 +392,37 @@ pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> 
         CarmenError::Io(error) => LogError::Io { path: path.to_owned(), error },
         error => LogError::Carmen { path: path.to_owned(), error },
     })
+}
+
+/// Whether a path is that of a bag: the folder of one, or a file, plain or compressed with gzip, that
+/// begins like one or is named `.mcap`.
+///
+/// # Errors
+/// [`LogError`] when the file cannot be opened.
+pub fn is_bag(path: &Path) -> Result<bool, LogError> {
+    if path.is_dir() {
+        return Ok(bag::files::is_bag(path));
+    }
+    if path.extension().is_some_and(|ending| ending == "mcap") {
+        return Ok(true);
+    }
+    let mut head = Vec::new();
+    // A damaged end of a short file says nothing about its beginning.
+    let read = open(path)?.take(mcap::MAGIC.len() as u64).read_to_end(&mut head);
+    Ok(read.is_ok() && head == mcap::MAGIC)
+}
+
+/// Reads the poses of one topic of a bag, a file or a folder: the topic asked for, or the one that its
+/// type and name tell.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
+pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
+    if path.is_dir() {
+        return bag::read_poses_of_folder(path, topic, role, open);
+    }
+    bag::read_poses(open(path)?, topic, role)
+        .map_err(|error| LogError::Bag { path: path.to_owned(), error: Box::new(error) })
 }
 
 /// Whether a folder holds a bag: a `metadata.yaml`, or files that end with `.mcap`.

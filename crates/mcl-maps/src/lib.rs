@@ -8,9 +8,10 @@
 //!
 //! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
 //! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) makes of it. The parts stand
-//! beside it: [`sampling`], [`mixture`], [`fuzzy_k_means`], and map [`files`].
+//! beside it: [`sampling`], [`mixture`], [`fuzzy_k_means`], [`occupancy`]
+//! grids, and map [`files`].
 //!
-//! Everything but files is generic in the dimension.
+//! Everything but grids and files is generic in the dimension.
 //!
 //! # Example
 //! ```
@@ -37,6 +38,7 @@ pub mod files;
 mod fkm;
 mod fkm_accelerated;
 pub mod mixture;
+pub mod occupancy;
 mod point_set;
 pub mod sampling;
 mod size;

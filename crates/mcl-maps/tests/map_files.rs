@@ -189,10 +189,10 @@ fn unknown_endings_list_the_known_ones() {
             assert!(error.to_string().contains(".csv, .ply, .pcd"), "{error}");
         }
     }
-    for name in ["office.yaml", "office.pgm"] {
+    for name in ["office.pgm", "office.png"] {
         let error = read_map::<2>(name).unwrap_err();
-        assert!(matches!(error, MapFileError::GridMap { .. }));
-        assert!(error.to_string().contains("not supported"), "{error}");
+        assert!(matches!(error, MapFileError::BareImage { .. }));
+        assert!(error.to_string().contains("name the .yaml file"), "{error}");
     }
     let error = read_map::<2>("absent/map.csv").unwrap_err();
     assert!(matches!(error, MapFileError::Unreadable { .. }), "{error}");

@@ -9,6 +9,9 @@ pub enum Alignment {
     /// Nothing: both trajectories are in the same map frame.
     #[default]
     None,
+    /// The rotation and translation that bring the estimate's first pose onto the reference's (evo's
+    /// `--align_origin`).
+    Origin,
     /// The rotation and translation that bring the estimate's positions nearest to the reference's
     /// in the least-squares sense (Umeyama 1991, without scale).
     Rigid,
@@ -41,12 +44,13 @@ pub fn ate(
     check_poses(reference, estimate)?;
     let reference_from_estimate = match alignment {
         Alignment::None => Pose2::IDENTITY,
+        Alignment::Origin => reference[0].compose(&estimate[0].inverse()),
         Alignment::Rigid => align(reference, estimate)?,
     };
     let error = |(r, e): (&Pose2, &Pose2)| match alignment {
         // Without the detour over the identity the errors are exact.
         Alignment::None => r.between(e),
-        Alignment::Rigid => r.between(&reference_from_estimate.compose(e)),
+        Alignment::Origin | Alignment::Rigid => r.between(&reference_from_estimate.compose(e)),
     };
     let errors: Vec<Pose2> = reference.iter().zip(estimate).map(error).collect();
     Ok(Ate {

@@ -206,6 +206,14 @@ pub enum BagError {
         /// The topics of the bag with their types.
         topics: String,
     },
+    /// Poses were wanted, and the bag has none.
+    #[error(
+        "no such poses in the bag: no topic of geometry_msgs/msg/PoseStamped or PoseWithCovarianceStamped; an Odometry topic, a reference or a goal must be named (--reference-topic for the reference, --topic for an estimate); topics: {topics}"
+    )]
+    NoPoses {
+        /// The topics of the bag with their types.
+        topics: String,
+    },
     /// The reference was recorded at another time than the scans.
     #[error(
         "the reference poses on {topic} ({reference_start} s to {reference_end} s) do not overlap in time with the scans on {scan_topic} ({scan_start} s to {scan_end} s); were they stamped by different clocks?"

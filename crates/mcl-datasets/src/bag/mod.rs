@@ -55,6 +55,7 @@ mod idl_text;
 mod messages;
 mod msg_text;
 pub mod planar;
+mod poses;
 mod recording;
 pub mod schema;
 pub mod stream;
@@ -71,8 +72,9 @@ pub use bytes::BadRecord;
 pub use chunk::MAX_CHUNK_BYTES;
 pub use encode::Encoder;
 pub use error::{BagError, StreamProblem};
+pub use poses::PoseTopic;
 pub use recording::MAX_MESSAGE_BYTES;
-pub use topics::MAX_KEPT_BYTES;
+pub use topics::{MAX_KEPT_BYTES, PoseRole};
 pub use writer::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
     write,
@@ -85,9 +87,26 @@ use crate::log::{Log, LogError, ReadOptions};
 /// # Errors
 /// [`BagError`] for bytes that are no MCAP or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
+    recording::assemble(content_of(input)?, options)
+}
+
+/// Reads the poses of one topic of a bag of one file: the topic asked for, or the one that its type and
+/// name tell.
+///
+/// # Errors
+/// [`BagError`] for bytes that are no MCAP or damaged, and where no topic, or several, could be meant.
+pub fn read_poses(
+    input: impl Read,
+    topic: Option<&str>,
+    role: PoseRole,
+) -> Result<PoseTopic, BagError> {
+    poses::poses(&content_of(input)?, topic, role)
+}
+
+fn content_of(input: impl Read) -> Result<topics::Content, BagError> {
     let mut content = topics::Content::default();
     content.add(input, None)?;
-    recording::assemble(content, options)
+    Ok(content)
 }
 
 /// Reads the bag in a folder. `open` opens one of its files.
@@ -96,14 +115,34 @@ pub(crate) fn read_folder<R: Read>(
     options: &ReadOptions,
     open: impl Fn(&Path) -> Result<R, LogError>,
 ) -> Result<Log, LogError> {
-    let at = |path: &Path| {
-        let path: PathBuf = path.to_owned();
-        move |error| LogError::Bag { path, error: Box::new(error) }
-    };
+    let content = content_of_folder(folder, open)?;
+    recording::assemble(content, options).map_err(at(folder))
+}
+
+/// [`read_poses`] of the bag in a folder.
+pub(crate) fn read_poses_of_folder<R: Read>(
+    folder: &Path,
+    topic: Option<&str>,
+    role: PoseRole,
+    open: impl Fn(&Path) -> Result<R, LogError>,
+) -> Result<PoseTopic, LogError> {
+    let content = content_of_folder(folder, open)?;
+    poses::poses(&content, topic, role).map_err(at(folder))
+}
+
+fn content_of_folder<R: Read>(
+    folder: &Path,
+    open: impl Fn(&Path) -> Result<R, LogError>,
+) -> Result<topics::Content, LogError> {
     let mut content = topics::Content::default();
     for file in files::files_of(folder).map_err(at(folder))? {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         content.add(open(&file)?, Some(&name)).map_err(at(&file))?;
     }
-    recording::assemble(content, options).map_err(at(folder))
+    Ok(content)
+}
+
+fn at(path: &Path) -> impl FnOnce(BagError) -> LogError {
+    let path: PathBuf = path.to_owned();
+    move |error| LogError::Bag { path, error: Box::new(error) }
 }

@@ -19,22 +19,14 @@ use crate::log::{Log, LogKind, Place, ReadOptions, ReadReport, SkippedRecord};
 /// kind takes some fifty times its bytes.
 pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
 /// Frames that robots call their own, where no odometry says which it is.
-const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
+pub(super) const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 /// Parent of the robot's frame in odometry, by REP 105.
 const ODOMETRY_FRAME: &str = "odom";
 
 /// Makes a recording of a bag's content.
 pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let chosen = choose(&content, &options.topics, options.reference)?;
-    let mut decoder = Decoder {
-        content: &content,
-        schemas: BTreeMap::new(),
-        report: ReadReport {
-            ignored: content.ignored(),
-            truncated: content.truncated.clone(),
-            ..ReadReport::default()
-        },
-    };
+    let mut decoder = Decoder::new(&content);
     let scans = decoder.scans(chosen.scan)?;
     let odometry = match chosen.odometry {
         Some(topic) => decoder.poses(topic)?,
@@ -62,26 +54,35 @@ pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, B
 }
 
 /// A message's value with what its record says.
-struct Logged<T> {
-    value: T,
+pub(super) struct Logged<T> {
+    pub value: T,
     sequence: u32,
-    log_time: i64,
+    pub log_time: i64,
 }
 
 /// When the robot's frame was where, according to `/tf`.
-struct Frames {
-    tree: Transforms,
+pub(super) struct Frames {
+    pub tree: Transforms,
     /// Transforms from the odometry's frame, by child, with stamp or else log time.
     from_odometry: BTreeMap<String, Vec<(i64, Pose2)>>,
 }
 
-struct Decoder<'a> {
+pub(super) struct Decoder<'a> {
     content: &'a Content,
     schemas: BTreeMap<usize, MessageSchema>,
-    report: ReadReport,
+    pub report: ReadReport,
 }
 
 impl<'a> Decoder<'a> {
+    pub fn new(content: &'a Content) -> Self {
+        let report = ReadReport {
+            ignored: content.ignored(),
+            truncated: content.truncated.clone(),
+            ..ReadReport::default()
+        };
+        Decoder { content, schemas: BTreeMap::new(), report }
+    }
+
     /// The values of all messages of a topic and of these kinds; malformed ones are skipped.
     fn topic<T>(
         &mut self,
@@ -144,7 +145,7 @@ impl<'a> Decoder<'a> {
         Ok(values)
     }
 
-    fn scans(&mut self, topic: &str) -> Result<Vec<Logged<ScanMessage>>, BagError> {
+    pub fn scans(&mut self, topic: &str) -> Result<Vec<Logged<ScanMessage>>, BagError> {
         let mut frame: Option<String> = None;
         let scans = self.topic(
             |name, kind| name == topic && kind == Kind::Scan,
@@ -164,7 +165,7 @@ impl<'a> Decoder<'a> {
         Ok(scans)
     }
 
-    fn poses(&mut self, topic: &str) -> Result<Vec<Logged<PoseMessage>>, BagError> {
+    pub fn poses(&mut self, topic: &str) -> Result<Vec<Logged<PoseMessage>>, BagError> {
         let (mut frame, mut child) = (None, None);
         self.topic(
             |name, kind| name == topic && !matches!(kind, Kind::Scan | Kind::Transforms),
@@ -183,7 +184,15 @@ impl<'a> Decoder<'a> {
         )
     }
 
-    fn frames(&mut self) -> Result<Frames, BagError> {
+    /// The frame whose poses the bag's only odometry topic holds.
+    pub fn odometry_frame(&mut self) -> Result<Option<String>, BagError> {
+        let content = self.content;
+        let &[only] = content.names(&[Kind::Odometry]).as_slice() else { return Ok(None) };
+        let first = self.poses(only)?.into_iter().next();
+        Ok(first.and_then(|pose| pose.value.child).filter(|child| !child.is_empty()))
+    }
+
+    pub fn frames(&mut self) -> Result<Frames, BagError> {
         let mut tree = Transforms::default();
         let mut from_odometry: BTreeMap<String, Vec<(i64, Pose2)>> = BTreeMap::new();
         for is_static in [true, false] {
@@ -223,7 +232,7 @@ fn same_frame(field: &str, known: &mut Option<String>, found: &str) -> Result<()
 }
 
 /// When a message was: its stamp, or when it was logged, where the stamp is 0 or before 1970.
-fn time(stamp: i64, log_time: i64) -> i64 {
+pub(super) fn time(stamp: i64, log_time: i64) -> i64 {
     if stamp > 0 { stamp } else { log_time }
 }
 
@@ -374,8 +383,7 @@ impl Assembly<'_> {
     /// The robot's frame where no odometry tells it: of the usual ones that which the laser is fixed
     /// to, else the laser's own.
     fn base_frame(&self, laser: &str) -> String {
-        let is_mounted = |base: &&&str| matches!(self.frames.tree.mount(base, laser), Ok(Some(_)));
-        BASE_FRAMES.iter().find(is_mounted).map_or(laser, |base| base).to_owned()
+        self.frames.tree.base_of(laser).unwrap_or(laser).to_owned()
     }
 
     fn mount(&mut self, base: &str, laser: &str) -> Result<Mount, BagError> {

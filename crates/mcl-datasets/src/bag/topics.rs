@@ -32,6 +32,10 @@ const REFERENCE: [&str; 8] = [
     "gt_pose",
 ];
 
+/// Kinds of messages with a pose, and their names.
+const POSE_KINDS: [Kind; 3] = [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry];
+const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, geometry_msgs/msg/PoseWithCovarianceStamped or nav_msgs/msg/Odometry";
+
 /// What messages of a type are used as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -168,7 +172,7 @@ impl Content {
     }
 
     /// Names of the topics with messages of one of these kinds.
-    fn names(&self, kinds: &[Kind]) -> Vec<&str> {
+    pub fn names(&self, kinds: &[Kind]) -> Vec<&str> {
         let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
         let mut names: Vec<&str> = Vec::new();
         for topic in self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0) {
@@ -237,7 +241,6 @@ pub(super) fn choose<'a>(
     asked: &'a TopicChoice,
     reference: ReferencePoses,
 ) -> Result<Chosen<'a>, BagError> {
-    const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, geometry_msgs/msg/PoseWithCovarianceStamped or nav_msgs/msg/Odometry";
     let scan = match &asked.scan {
         Some(topic) => {
             content.asked(topic, &[Kind::Scan], "--scan-topic", "sensor_msgs/msg/LaserScan")?
@@ -271,40 +274,71 @@ pub(super) fn choose<'a>(
     if reference == ReferencePoses::None {
         return Ok(Chosen { scan, odometry, reference: None });
     }
-    let pose_kinds = [Kind::Pose, Kind::PoseWithCovariance];
-    let poses: Vec<&str> = content
-        .names(&pose_kinds)
-        .into_iter()
-        .filter(|name| !is_named(name, &NO_REFERENCE))
-        .collect();
-    let truths = |names: &[&'a str]| -> Vec<&'a str> {
-        names.iter().copied().filter(|name| is_named(name, &REFERENCE)).collect()
-    };
-    let found = match (&asked.reference, poses.as_slice()) {
-        (Some(topic), _) => {
-            let kinds = [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry];
-            Some(content.asked(topic, &kinds, "--reference-topic", POSE_TYPES)?)
-        }
-        (None, &[only]) => Some(only),
-        (None, several) => {
-            let named = match truths(several).as_slice() {
-                [] if several.is_empty() => truths(&odometry_topics),
-                [] => several.to_vec(),
-                named => named.to_vec(),
-            };
-            match named.as_slice() {
-                [] => None,
-                &[only] => Some(only),
-                named => {
-                    return Err(content.ambiguous("poses", named, "--reference-topic"));
-                }
-            }
-        }
-    };
+    let found = reference_topic(content, asked.reference.as_deref())?;
     if found.is_none() && reference == ReferencePoses::Recorded {
         return Err(BagError::NoReference { topics: content.list() });
     }
     Ok(Chosen { scan, odometry, reference: found })
+}
+
+/// The topic of the reference poses, as [`choose`] says; `None` if there is none.
+fn reference_topic<'a>(
+    content: &'a Content,
+    asked: Option<&'a str>,
+) -> Result<Option<&'a str>, BagError> {
+    const OPTION: &str = "--reference-topic";
+    if let Some(topic) = asked {
+        return content.asked(topic, &POSE_KINDS, OPTION, POSE_TYPES).map(Some);
+    }
+    let mut poses = content.names(&[Kind::Pose, Kind::PoseWithCovariance]);
+    poses.retain(|name| !is_named(name, &NO_REFERENCE));
+    let truths = |names: &[&'a str]| -> Vec<&'a str> {
+        names.iter().copied().filter(|name| is_named(name, &REFERENCE)).collect()
+    };
+    let candidates = match (poses.as_slice(), truths(&poses)) {
+        ([], _) => truths(&content.names(&[Kind::Odometry])),
+        (&[only], _) => vec![only],
+        (several, named) if named.is_empty() => several.to_vec(),
+        (_, named) => named,
+    };
+    match candidates.as_slice() {
+        [] => Ok(None),
+        &[only] => Ok(Some(only)),
+        several => Err(content.ambiguous("poses", several, OPTION)),
+    }
+}
+
+/// What the poses of a topic are wanted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PoseRole {
+    /// Ground truth.
+    Reference,
+    /// Poses to be held against it.
+    Estimate,
+}
+
+/// The topic of poses that is asked for; else, for a reference, the one that a recording would take,
+/// and for an estimate the only one that is neither ground truth, goal nor initial pose.
+pub(super) fn pose_topic<'a>(
+    content: &'a Content,
+    asked: Option<&'a str>,
+    role: PoseRole,
+) -> Result<&'a str, BagError> {
+    let none = || BagError::NoPoses { topics: content.list() };
+    if role == PoseRole::Reference {
+        return reference_topic(content, asked)?.ok_or_else(none);
+    }
+    const OPTION: &str = "--topic";
+    if let Some(topic) = asked {
+        return content.asked(topic, &POSE_KINDS, OPTION, POSE_TYPES);
+    }
+    let mut candidates = content.names(&POSE_KINDS);
+    candidates.retain(|name| !is_named(name, &NO_REFERENCE) && !is_named(name, &REFERENCE));
+    match candidates.as_slice() {
+        [] => Err(none()),
+        &[only] => Ok(only),
+        several => Err(content.ambiguous("poses", several, OPTION)),
+    }
 }
 
 /// The only name, or among several `obvious`; all of them, when that decides nothing.

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::error::BagError;
 use super::messages::{TransformMessage, planar};
+use super::recording::BASE_FRAMES;
 
 /// A transform on `/tf` that varies by less (metres, parts of a quaternion) is fixed.
 const FIXED: f64 = 1e-6;
@@ -86,6 +87,11 @@ impl Transforms {
             at = &edge.parent;
         }
         chain
+    }
+
+    /// The first of the usual names of the robot's frame that the laser is fixed to.
+    pub fn base_of(&self, laser: &str) -> Option<&'static str> {
+        BASE_FRAMES.into_iter().find(|base| matches!(self.mount(base, laser), Ok(Some(_))))
     }
 
     /// How `laser` sits on `base`; `None` when no transforms lead from one to the other.

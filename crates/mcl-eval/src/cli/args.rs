@@ -43,7 +43,7 @@ pub enum Command {
     Likelihood(LikelihoodArgs),
     /// Localize the robot of a log on a map with a particle filter.
     Localize(LocalizeArgs),
-    /// Error of estimated trajectories (TUM files), one row each.
+    /// Error of estimated trajectories (TUM files, logs, bags), one row each.
     Evaluate(EvaluateArgs),
     /// Run an experiment; an interrupted run goes on where it stopped.
     Run(RunArgs),
@@ -172,10 +172,14 @@ pub struct MapArgs {
     /// Keep the fitted means instead of replacing each by its nearest data point.
     #[arg(long, requires = "refine")]
     pub no_snap: bool,
+    /// Edge length of a cell of a grid map (.yaml) in metres [default: 0.05].
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    pub resolution: Option<f64>,
     /// Write PLY and PCD files as text.
     #[arg(long)]
     pub ascii: bool,
-    /// The map's file: .csv, .ply or .pcd.
+    /// The map's file: .csv, .ply, .pcd, or .yaml: a map_server grid with its image beside it, free where
+    /// beams of the log crossed.
     #[arg(long, short, value_name = "MAP")]
     pub output: PathBuf,
     /// One JSON object on stdout.
@@ -187,7 +191,7 @@ pub struct MapArgs {
 pub struct LikelihoodArgs {
     #[command(flatten)]
     pub log: LogArgs,
-    /// The map: .csv, .ply or .pcd.
+    /// The map: .csv, .ply, .pcd or .yaml (map_server).
     #[arg(long, value_name = "MAP")]
     pub map: PathBuf,
     /// Standard deviation of a map point's Gaussian in metres.
@@ -198,6 +202,22 @@ pub struct LikelihoodArgs {
     pub json: bool,
 }
 
+/// Whose poses a bag's are taken as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Frame {
+    Laser,
+    Robot,
+}
+
+/// What an estimate is aligned by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AlignTo {
+    None,
+    Origin,
+    #[value(alias = "se2")]
+    Rigid,
+}
+
 #[derive(Debug, Args)]
 #[command(
     after_help = "Poses are matched one to one by stamp, nearest first. Poses of either file \
@@ -205,28 +225,50 @@ pub struct LikelihoodArgs {
     `unmatched`, and the exit code is 3."
 )]
 pub struct EvaluateArgs {
-    /// Reference trajectory, a TUM file (t x y z qx qy qz qw).
+    /// Reference trajectory: a TUM file, the reference poses of a CARMEN log, a topic of a ROS 2 bag, or
+    /// the name of a data set.
     #[arg(long, value_name = "REF")]
-    pub reference: PathBuf,
-    /// Estimated trajectories, TUM files.
+    pub reference: String,
+    /// Estimated trajectories: TUM files, CARMEN logs (also raw odometry), ROS 2 bags.
     #[arg(value_name = "EST", required = true)]
-    pub estimates: Vec<PathBuf>,
+    pub estimates: Vec<String>,
+    /// Topic of the reference in a bag: PoseStamped, PoseWithCovarianceStamped or Odometry [default: the
+    /// only topic of poses, or the one named as ground truth].
+    #[arg(long, value_name = "TOPIC")]
+    pub reference_topic: Option<String>,
+    /// Topic of the estimate in a bag; may be given several times, for a row each [default: the only
+    /// one].
+    #[arg(long = "topic", value_name = "TOPIC")]
+    pub topics: Vec<String>,
+    /// Whose poses those of a bag are taken as: the laser's, by its mount, as in logs and in what
+    /// `localize` writes; or the robot's, as they stand in the topic.
+    #[arg(long, default_value = "laser", value_name = "WHOSE")]
+    pub frame: Frame,
     /// ξ of the weighted error √(ξ·δθ² + (1 − ξ)(δx² + δy²)).
     #[arg(long, default_value_t = DEFAULT_XI, value_name = "XI", value_parser = fraction)]
     pub xi: f64,
     /// Stamps match when they differ by at most this many seconds.
-    #[arg(long, default_value_t = DEFAULT_TOLERANCE_S, value_name = "S", value_parser = non_negative)]
+    #[arg(long, visible_alias = "max-difference", default_value_t = DEFAULT_TOLERANCE_S, value_name = "S", value_parser = non_negative)]
     pub tolerance: f64,
-    /// Relative errors over this many metres of the estimated path; may be given several times.
-    #[arg(long = "rpe-distance", default_values_t = [1.0, 5.0, 10.0], value_name = "M", value_parser = positive)]
+    /// Relative errors over this many metres of the estimated path; several parted by commas.
+    #[arg(long = "rpe-distance", visible_alias = "delta", default_values_t = [1.0, 5.0, 10.0],
+          value_delimiter = ',', value_name = "M", value_parser = positive)]
     pub rpe_distances: Vec<f64>,
     /// Drop height, roll and pitch instead of refusing poses that are not in the plane.
     #[arg(long)]
     pub project: bool,
-    /// Move each estimate rigidly onto the reference (least squares) before its absolute errors are
-    /// taken.
-    #[arg(long)]
-    pub align: bool,
+    /// Move each estimate onto the reference before its absolute errors are taken: by the rigid motion
+    /// that brings the positions nearest (rigid, which --align alone means, or se2), or by its first
+    /// pose (origin) [default: none].
+    #[arg(long, value_name = "HOW", num_args = 0..=1, require_equals = true, default_value = "none",
+          default_missing_value = "rigid", hide_default_value = true)]
+    pub align: AlignTo,
+    /// Write the error of every pair of poses into this file.
+    #[arg(long, value_name = "FILE.csv")]
+    pub errors: Option<PathBuf>,
+    /// Draw the errors over time.
+    #[arg(long, value_name = "FILE.svg|png")]
+    pub plot: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -295,7 +337,8 @@ pub struct ClaimsArgs {
     Logs: .mcap (a ROS 2 bag: /scan, /odom, /reference, /tf, /tf_static), .log or .clf (CARMEN), \
     either with .gz. A bag holds readings and directions of beams as 32-bit floats, and CARMEN no \
     infinite readings.\n\
-    Maps: .csv, .ply, .pcd.")]
+    Maps: .csv, .ply, .pcd, .yaml (map_server, with its image beside it; a grid map as a point map is the \
+    centres of its occupied cells).")]
 pub struct ConvertArgs {
     /// CARMEN log, ROS 2 bag, name of a data set, or map.
     #[arg(value_name = "IN")]
@@ -308,6 +351,15 @@ pub struct ConvertArgs {
     pub reference: Option<ReferencePoses>,
     #[command(flatten)]
     pub topics: TopicArgs,
+    /// To a grid map: the log whose beams say which cells are free [default: none is].
+    #[arg(long, value_name = "LOG")]
+    pub log: Option<String>,
+    /// With --log: readings beyond this many metres are not used [default: the data set's, else 10].
+    #[arg(long, value_name = "M", requires = "log", value_parser = positive, allow_negative_numbers = true)]
+    pub max_range: Option<f64>,
+    /// To a grid map: edge length of a cell in metres [default: that of a grid map, else 0.05].
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    pub resolution: Option<f64>,
     /// Write PLY and PCD files as text.
     #[arg(long)]
     pub ascii: bool,

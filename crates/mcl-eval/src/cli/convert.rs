@@ -4,12 +4,16 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use mcl_core::PointMap;
 use mcl_datasets::{bag, carmen};
-use mcl_maps::files::{Encoding, read_map, write_atomically, write_map};
+use mcl_maps::files::{
+    Encoding, is_grid, read_grid, read_map, write_atomically, write_grid, write_map,
+};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ConvertArgs;
+use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{print, tell_losses, thousands};
 use crate::source::{LogSource, SourceOptions};
 
@@ -17,7 +21,7 @@ use crate::source::{LogSource, SourceOptions};
 #[serde(tag = "converted", rename_all = "lowercase")]
 enum Converted {
     Log { scans: usize, readings: usize, has_reference: bool, has_odometry: bool },
-    Map { map_points: usize },
+    Map { map_points: usize, grid: Option<GridFigures> },
 }
 
 /// What the ending of OUT asks for.
@@ -38,10 +42,10 @@ impl Format {
         match (ending, is_packed) {
             ("mcap", false) => Ok(Format::Bag),
             ("log" | "clf", _) => Ok(Format::Carmen { is_packed }),
-            ("csv" | "ply" | "pcd", false) => Ok(Format::Map),
+            ("csv" | "ply" | "pcd" | "yaml" | "yml", false) => Ok(Format::Map),
             _ => bail!(
                 "{}: the ending says no format, expected .mcap (ROS 2 bag), .log or .clf (CARMEN, also \
-                 with .gz), or .csv, .ply or .pcd (maps)",
+                 with .gz), or .csv, .ply, .pcd or .yaml (maps)",
                 path.display()
             ),
         }
@@ -50,6 +54,7 @@ impl Format {
 
 pub fn run(args: &ConvertArgs) -> Result<Outcome> {
     let format = Format::of(&args.output)?;
+    check_options(&args.output, args.resolution, args.log.as_deref());
     if let Some(folder) = args.output.parent().filter(|folder| !folder.as_os_str().is_empty())
         && !folder.is_dir()
     {
@@ -62,20 +67,56 @@ pub fn run(args: &ConvertArgs) -> Result<Outcome> {
 }
 
 fn map(args: &ConvertArgs) -> Result<Outcome> {
-    let map = read_map::<2>(&args.input)
-        .with_context(|| format!("{} is the ending of a map", args.output.display()))?;
+    if is_grid(&args.output) {
+        return grid(args);
+    }
+    let map = read_points(args)?;
     let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
     write_map(&args.output, &map, encoding)?;
-    print(args.json, &Converted::Map { map_points: map.len() }, |_| {
+    print(args.json, &Converted::Map { map_points: map.len(), grid: None }, |_| {
         format!("{}: {} points", args.output.display(), thousands(map.len()))
     })?;
     Ok(Outcome::Done)
 }
 
+fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
+    read_map(&args.input)
+        .with_context(|| format!("{} is the ending of a map", args.output.display()))
+}
+
+fn grid(args: &ConvertArgs) -> Result<Outcome> {
+    let input = Path::new(&args.input);
+    let source = args
+        .log
+        .as_ref()
+        .map(|log| LogSource::open(log, &options(args, args.max_range)))
+        .transpose()?;
+    let grid = match (is_grid(input), args.resolution, &source) {
+        // Nothing is asked for but another name: the same cells, free ones, too.
+        (true, None, None) => read_grid(input)?,
+        (true, None, Some(_)) => {
+            let resolution = read_grid(input)?.resolution();
+            grid_of(&read_points(args)?, Some(resolution), source.as_ref())?
+        }
+        _ => grid_of(&read_points(args)?, args.resolution, source.as_ref())?,
+    };
+    write_grid(&args.output, &grid)?;
+    let figures = GridFigures::of(&grid);
+    let told = format!("{}: {}", args.output.display(), figures.text());
+    let map_points = grid.occupied_points().len();
+    print(args.json, &Converted::Map { map_points, grid: Some(figures) }, |_| told)?;
+    Ok(match (&source, &args.log) {
+        (Some(source), Some(log)) => tell_losses(log, source),
+        _ => Outcome::Done,
+    })
+}
+
+fn options(args: &ConvertArgs, max_range: Option<f64>) -> SourceOptions {
+    SourceOptions { max_range, reference: args.reference, topics: args.topics.choice() }
+}
+
 fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
-    let options =
-        SourceOptions { max_range: None, reference: args.reference, topics: args.topics.choice() };
-    let source = LogSource::open_whole(&args.input, &options)?;
+    let source = LogSource::open_whole(&args.input, &options(args, None))?;
     // A bag says by their absence which scans lie outside of its odometry; a CARMEN log cannot.
     let source = if matches!(format, Format::Carmen { .. }) { source.covered() } else { source };
     let recording = &source.recording;

@@ -1,8 +1,6 @@
 use anyhow::Result;
-use clap::CommandFactory;
-use clap::error::ErrorKind;
 use mcl_core::{PointMap, Seed};
-use mcl_maps::files::{Encoding, write_map};
+use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::{
     FkmReport, FkmSettings, GridOffset, InitialMap, PointSet, accelerated_fuzzy_k_means,
     fuzzy_k_means, initial_map, mixture_log_likelihood,
@@ -10,8 +8,9 @@ use mcl_maps::{
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{Cli, Global, Init, MapArgs, Refine};
-use super::output::{print, tell_losses, thousands};
+use super::args::{Global, Init, MapArgs, Refine};
+use super::grid::{GridFigures, check_options, grid_of};
+use super::output::{print, refuse, tell_losses, thousands};
 use crate::progress;
 use crate::source::LogSource;
 
@@ -27,10 +26,13 @@ struct Built {
     converged: Option<bool>,
     log_likelihood_trace: Vec<f64>,
     log_likelihood_per_point: Option<f64>,
+    /// Of a grid map; null for a point map.
+    grid: Option<GridFigures>,
 }
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let initial = initial_settings(args);
+    check_options(&args.output, args.resolution, None);
     mcl_maps::files::check_writable(&args.output)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let data = PointSet::new(source.points()?)?;
@@ -46,6 +48,15 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
             };
             (map, Some(report))
         }
+    };
+    let grid = match is_grid(&args.output) {
+        true => Some(grid_of(&map, args.resolution, Some(&source))?),
+        false => None,
+    };
+    // What the file holds, and all that is told of it: points that share a cell are one.
+    let map = match &grid {
+        Some(grid) => PointMap::new(grid.occupied_points())?,
+        None => map,
     };
     // Likelihoods cost more than the sampling itself: only where somebody looks at them.
     let wanted = args.json || report.is_some();
@@ -63,21 +74,24 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
         converged: report.as_ref().map(|report| report.converged),
         log_likelihood_trace: match report {
             Some(report) => report.log_likelihood_trace,
-            // Without a refinement the map written is the initial one.
-            None => log_likelihood_per_point.into_iter().collect(),
+            // Without a refinement a point map written is the initial one.
+            None if grid.is_none() => log_likelihood_per_point.into_iter().collect(),
+            None => likelihood(&initial.map)?.into_iter().collect(),
         },
         log_likelihood_per_point,
+        grid: grid.as_ref().map(GridFigures::of),
     };
     let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
-    write_map(&args.output, &map, encoding)?;
+    match &grid {
+        Some(grid) => write_grid(&args.output, grid)?,
+        None => write_map(&args.output, &map, encoding)?,
+    }
     print(args.json, &built, |built| text(built, args))?;
     Ok(tell_losses(&args.log.log, &source))
 }
 
 /// What `--init` and its companions mean; combinations that mean nothing are usage errors.
 fn initial_settings(args: &MapArgs) -> InitialMap<2> {
-    let refuse =
-        |message: &str| -> ! { Cli::command().error(ErrorKind::ArgumentConflict, message).exit() };
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
         refuse("--cell and --offset go with --init grid");
     }
@@ -142,6 +156,9 @@ fn text(built: &Built, args: &MapArgs) -> String {
     );
     if let (Some(cell), Some([x, y])) = (built.cell_m, built.offset_m) {
         text += &format!("\ngrid: cells of {cell:.6} m, corner at ({x:.3}, {y:.3}) m");
+    }
+    if let Some(grid) = &built.grid {
+        text += &format!("\n{}", grid.text());
     }
     if let (Some(converged), [first, .., last]) = (built.converged, &built.log_likelihood_trace[..])
     {

@@ -7,6 +7,7 @@ mod convert;
 mod datasets;
 mod errors;
 mod evaluate;
+mod grid;
 mod inspect;
 mod likelihood;
 mod localize;

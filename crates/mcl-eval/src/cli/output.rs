@@ -3,9 +3,12 @@
 use std::io::{self, Write};
 
 use anyhow::Result;
+use clap::CommandFactory;
+use clap::error::ErrorKind;
 use serde::Serialize;
 
 use super::Outcome;
+use super::args::Cli;
 use crate::source::LogSource;
 
 /// Prints a result as one JSON object, or as lines of text.
@@ -31,6 +34,11 @@ pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
     }
     eprintln!("warning: {name}: {report}");
     Outcome::Incomplete
+}
+
+/// A usage error that the parser of arguments cannot see.
+pub fn refuse(message: &str) -> ! {
+    Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
 }
 
 /// Whether an error is that nobody reads our output any more.

@@ -16,7 +16,7 @@ use super::page::{
 };
 use super::style::{CurveStyle, Dash, LINE, stroke};
 use super::text::{self, TEXT, wrap};
-use super::{FigureError, render_error};
+use super::{FigureError, render_error, save_file};
 
 const PANEL_HEIGHT: f64 = 235.0;
 /// Right of a panel, for half of its last tick label.
@@ -148,6 +148,18 @@ impl CurvePanel {
 /// panel has a point that its axes can show; a single empty panel says so in the figure.
 /// [`FigureError::Render`] and [`FigureError::Write`] when a file cannot be made.
 pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], FigureError> {
+    page_of(stem, figure)?.save(stem)
+}
+
+/// Draws curves and writes them as one file, `.svg` or `.png`.
+///
+/// # Errors
+/// As [`draw_curves`], and [`FigureError::Ending`] for a path with another ending.
+pub fn draw_curve_file(path: &Path, figure: &CurveFigure) -> Result<(), FigureError> {
+    save_file(path, &page_of(path, figure)?.into_svg())
+}
+
+fn page_of(stem: &Path, figure: &CurveFigure) -> Result<Page, FigureError> {
     for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
         if let Some(range) = axis.range
             && !(range[0] < range[1] && range.iter().all(|&end| axis.scale.holds(end)))
@@ -164,7 +176,7 @@ pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], Fi
             expected: "point within the axes",
         });
     }
-    draw_page(figure).map_err(render_error(stem))?.save(stem)
+    draw_page(figure).map_err(render_error(stem))
 }
 
 fn draw_page(figure: &CurveFigure) -> Result<Page, DrawError> {

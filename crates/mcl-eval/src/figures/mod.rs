@@ -26,7 +26,9 @@ use resvg::{tiny_skia, usvg};
 
 pub use axis::Scale;
 pub use clouds::{Arrangement, CloudFigure, CloudPanel, CloudPath, draw_clouds};
-pub use curves::{AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, Interval, draw_curves};
+pub use curves::{
+    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, Interval, draw_curve_file, draw_curves,
+};
 pub use style::{CurveStyle, Dash, Marker};
 
 /// Width of a figure (SVG user units): at a text width of 160 mm, letters of 12 units are 2.5 mm.
@@ -59,6 +61,12 @@ pub enum FigureError {
         label: String,
         /// Its ends.
         range: [f64; 2],
+    },
+    /// The ending of a file names no format.
+    #[error("{}: the ending says no format of figures, expected .svg or .png", path.display())]
+    Ending {
+        /// The file.
+        path: PathBuf,
     },
     /// The figure could not be rendered as a picture.
     #[error("{}: cannot render the figure: {reason}", stem.display())]
@@ -97,6 +105,32 @@ fn save(stem: &Path, svg: &str) -> Result<[PathBuf; 2], FigureError> {
         }
     };
     Ok([write(".svg", svg.as_bytes())?, write(".png", &png)?])
+}
+
+/// Checks that the ending of a path says a format that figures are written in.
+///
+/// # Errors
+/// [`FigureError::Ending`] for anything but `.svg` and `.png`.
+pub fn check_figure_ending(path: &Path) -> Result<(), FigureError> {
+    is_png(path).map(drop)
+}
+
+fn is_png(path: &Path) -> Result<bool, FigureError> {
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("svg") => Ok(false),
+        Some("png") => Ok(true),
+        _ => Err(FigureError::Ending { path: path.into() }),
+    }
+}
+
+/// Writes one file, in the format that its ending says.
+fn save_file(path: &Path, svg: &str) -> Result<(), FigureError> {
+    let bytes = match is_png(path)? {
+        true => render(svg).map_err(|reason| FigureError::Render { stem: path.into(), reason })?,
+        false => svg.as_bytes().to_vec(),
+    };
+    mcl_maps::files::write_atomically(path, &bytes)
+        .map_err(|source| FigureError::Write { path: path.into(), source })
 }
 
 fn render(svg: &str) -> Result<Vec<u8>, String> {

@@ -106,8 +106,13 @@ impl Page {
 
     /// Cuts the page here, and writes `<stem>.svg` and `<stem>.png`.
     pub(super) fn save(self, stem: &Path) -> Result<[PathBuf; 2], FigureError> {
+        save(stem, &self.into_svg())
+    }
+
+    /// Cuts the page here.
+    pub(super) fn into_svg(self) -> String {
         let bottom = svg_units(self.free.get_base_pixel().1);
-        save(stem, &self.canvas.take().into_svg(bottom + MARGIN))
+        self.canvas.take().into_svg(bottom + MARGIN)
     }
 }
 

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use mcl_core::CoreError;
 
+use crate::occupancy::GridError;
+
 /// Why a map file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
     /// The ending names no map format.
     #[error(
-        "{}: {} is no map format, expected one of .csv, .ply, .pcd", path.display(),
+        "{}: {} is no map format, expected one of .csv, .ply, .pcd, .yaml", path.display(),
         if ending.is_empty() { "a file without ending".into() } else { format!("\".{ending}\"") }
     )]
     UnknownEnding {
@@ -18,12 +20,18 @@ pub enum MapFileError {
         /// Its ending in lower case, without the dot.
         ending: String,
     },
-    /// A grid map (map_server's `.yaml` + `.pgm`).
+    /// The image of a grid map, without its description.
     #[error(
-        "{}: grid maps (.yaml and .pgm) are not supported, expected one of .csv, .ply, .pcd",
+        "{}: an image alone has neither scale nor place; name the .yaml file that describes it",
         path.display()
     )]
-    GridMap {
+    BareImage {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A grid map where points in space are wanted.
+    #[error("{}: a grid map is planar, expected one of .csv, .ply, .pcd for a map in 3-D", path.display())]
+    PlanarFormat {
         /// The file.
         path: PathBuf,
     },
@@ -80,6 +88,26 @@ pub enum MapProblem {
         /// The place, where known, and what was found and expected.
         reason: String,
     },
+    /// A field that is needed is not there.
+    #[error("no field \"{field}\", found {found}; expected {expected}")]
+    MissingField {
+        /// The field.
+        field: &'static str,
+        /// The fields of the file.
+        found: String,
+        /// What the field should say.
+        expected: &'static str,
+    },
+    /// A field with a value that cannot be used.
+    #[error("field \"{field}\": found {found}, expected {expected}")]
+    Field {
+        /// The field.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What would have been right.
+        expected: &'static str,
+    },
     /// A coordinate has no column.
     #[error("no column \"{column}\", found {found}")]
     MissingColumn {
@@ -133,11 +161,32 @@ pub enum MapProblem {
     /// No points, or coordinates too large for a map.
     #[error("{0}")]
     Points(CoreError),
+    /// No grid of this size and resolution.
+    #[error("{0}")]
+    Grid(GridError),
+    /// A grid without points.
+    #[error(
+        "no cell of {width} × {height} is occupied (p > occupied_thresh), so the map has no point"
+    )]
+    NothingOccupied {
+        /// Columns of the grid.
+        width: usize,
+        /// Rows of the grid.
+        height: usize,
+    },
 }
 
 impl MapProblem {
     pub(super) fn syntax(reason: impl Into<String>) -> Self {
         MapProblem::Syntax { reason: reason.into() }
+    }
+
+    pub(super) fn field(
+        field: &'static str,
+        found: impl Into<String>,
+        expected: &'static str,
+    ) -> Self {
+        MapProblem::Field { field, found: found.into(), expected }
     }
 
     pub(super) fn count(

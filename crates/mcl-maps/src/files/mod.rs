@@ -1,4 +1,4 @@
-//! Map files: point maps in CSV, PLY and PCD.
+//! Map files: point maps in CSV, PLY and PCD, and the grid maps of ROS's map_server.
 //!
 //! The file's ending says the format. Coordinates are metres in the map's frame, stored as 64-bit
 //! numbers (in text as the shortest decimals that read back to the same bits), so a map survives
@@ -9,10 +9,16 @@
 //! | `.csv` | header `x,y` (`x,y,z` in 3-D) | any column order, further columns, `#` comments, CRLF |
 //! | `.ply` | `double x y z`, binary little-endian or ASCII | also big-endian, any scalar type, further columns and elements |
 //! | `.pcd` | version 0.7, `x y z` as `SIZE 8 TYPE F`, binary or ASCII | also `binary_compressed`, any scalar type, further columns |
+//! | `.yaml`, `.yml` | map_server grid beside a `.pgm` image, mode trinary | also P2 and `.png`, 16 bits, modes scale and raw, a turned origin |
 //!
 //! Point-cloud tools expect three coordinates, so a planar map is written to PLY and PCD with z = 0.
 //! Reading a planar map accepts a file without z or with z = 0 everywhere; any other height is an
 //! error, because dropping it would silently flatten a 3-D cloud.
+//!
+//! A grid map is not a point map: [`read_map`] takes the centres of its occupied cells, [`write_map`] marks
+//! the cells ([`DEFAULT_RESOLUTION`]) that hold a point. Whoever
+//! wants another resolution, or free space, makes the grid ([`crate::occupancy`]) and calls
+//! [`write_grid`].
 //!
 //! # Example
 //! ```
@@ -33,16 +39,20 @@ mod atomic;
 mod columns;
 mod csv_points;
 mod error;
+mod map_server;
 mod pcd_points;
 mod ply_points;
 mod text_rows;
 
 use std::path::Path;
 
-use mcl_core::PointMap;
+use mcl_core::{Point, PointMap};
+
+use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
 
 pub use atomic::{is_leftover, write_atomically};
 pub use error::{MapFileError, MapProblem, Place};
+pub use map_server::{read_grid, write_grid};
 
 /// How numbers are written to PLY and PCD. CSV is always text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -59,6 +69,7 @@ enum Format {
     Csv,
     Ply,
     Pcd,
+    Grid,
 }
 
 impl Format {
@@ -68,10 +79,16 @@ impl Format {
             "csv" => Ok(Format::Csv),
             "ply" => Ok(Format::Ply),
             "pcd" => Ok(Format::Pcd),
-            "yaml" | "yml" | "pgm" => Err(MapFileError::GridMap { path: path.into() }),
+            "yaml" | "yml" => Ok(Format::Grid),
+            "pgm" | "png" => Err(MapFileError::BareImage { path: path.into() }),
             _ => Err(MapFileError::UnknownEnding { path: path.into(), ending }),
         }
     }
+}
+
+/// Whether the ending of a path is that of a grid map (`.yaml`, `.yml`).
+pub fn is_grid(path: impl AsRef<Path>) -> bool {
+    matches!(Format::of(path.as_ref()), Ok(Format::Grid))
 }
 
 /// Checks that a path is one that [`write_map`] can write to (a known ending, a folder that exists),
@@ -105,16 +122,45 @@ const fn planar_or_spatial(dimensions: usize) {
 pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, MapFileError> {
     const { planar_or_spatial(D) };
     let path = path.as_ref();
-    let format = Format::of(path)?;
+    let parse: fn(&[u8]) -> Result<Vec<Point<D>>, MapProblem> = match Format::of(path)? {
+        Format::Csv => csv_points::parse,
+        Format::Ply => ply_points::parse,
+        Format::Pcd => pcd_points::parse,
+        Format::Grid => return read_grid_points(path),
+    };
     let bytes = std::fs::read(path)
         .map_err(|source| MapFileError::Unreadable { path: path.into(), source })?;
-    match format {
-        Format::Csv => csv_points::parse(&bytes),
-        Format::Ply => ply_points::parse(&bytes),
-        Format::Pcd => pcd_points::parse(&bytes),
+    parse(&bytes)
+        .and_then(|points| PointMap::new(points).map_err(MapProblem::Points))
+        .map_err(|problem| MapFileError::Content { path: path.into(), problem })
+}
+
+/// The occupied cells of a grid map.
+fn read_grid_points<const D: usize>(path: &Path) -> Result<PointMap<D>, MapFileError> {
+    if D != 2 {
+        return Err(MapFileError::PlanarFormat { path: path.into() });
     }
-    .and_then(|points| PointMap::new(points).map_err(MapProblem::Points))
-    .map_err(|problem| MapFileError::Content { path: path.into(), problem })
+    let grid = read_grid(path)?;
+    let content = |problem| MapFileError::Content { path: path.into(), problem };
+    let centres = grid.occupied_points();
+    if centres.is_empty() {
+        let (width, height) = (grid.width(), grid.height());
+        return Err(content(MapProblem::NothingOccupied { width, height }));
+    }
+    let points = centres.iter().map(|centre| std::array::from_fn(|axis| centre[axis])).collect();
+    PointMap::new(points).map_err(|error| content(MapProblem::Points(error)))
+}
+
+fn write_grid_of<const D: usize>(path: &Path, map: &PointMap<D>) -> Result<(), MapFileError> {
+    if D != 2 {
+        return Err(MapFileError::PlanarFormat { path: path.into() });
+    }
+    let content = |problem| MapFileError::Content { path: path.into(), problem };
+    let points = map.points().iter().map(|point| [point[0], point[1]]).collect();
+    let planar = PointMap::new(points).map_err(|error| content(MapProblem::Points(error)))?;
+    let grid = rasterize(&planar, DEFAULT_RESOLUTION, None)
+        .map_err(|error| content(MapProblem::Grid(error)))?;
+    write_grid(path, &grid)
 }
 
 /// Writes a point map; the ending of `path` says the format.
@@ -134,6 +180,7 @@ pub fn write_map<const D: usize>(
         Format::Csv => csv_points::encode(map.points()),
         Format::Ply => ply_points::encode(map.points(), encoding),
         Format::Pcd => pcd_points::encode(map.points(), encoding),
+        Format::Grid => return write_grid_of(path, map),
     };
     bytes
         .and_then(|bytes| write_atomically(path, &bytes))

@@ -45,6 +45,8 @@ for reference_path in sorted(pathlib.Path(sys.argv[1]).glob("*.reference.tum")):
     pair = sync.associate_trajectories(reference, estimate, max_diff=0.01)
     for name, relation in RELATIONS.items():
         row(case, f"ape-{name}", main_ape.ape(*copy.deepcopy(pair), relation))
+        origin = main_ape.ape(*copy.deepcopy(pair), relation, align_origin=True)
+        row(case, f"ape-origin-{name}", origin)
         if case != "straight":  # evo refuses to align positions on a line
             aligned = main_ape.ape(*copy.deepcopy(pair), relation, align=True)
             row(case, f"ape-aligned-{name}", aligned)

@@ -29,7 +29,7 @@ pub enum Initial {
 pub struct LocalizeArgs {
     #[command(flatten)]
     pub log: LogArgs,
-    /// The map: .csv, .ply or .pcd.
+    /// The map: .csv, .ply, .pcd or .yaml (map_server).
     #[arg(long, value_name = "MAP")]
     pub map: PathBuf,
     /// Number of particles.

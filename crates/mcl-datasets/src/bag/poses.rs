@@ -1,0 +1,60 @@
+//! The poses of one topic of a bag, as a trajectory.
+
+use mcl_core::{Pose2, Stamp, Trajectory};
+
+use super::error::BagError;
+use super::recording::{Decoder, time};
+use super::topics::{Content, Kind, PoseRole, pose_topic};
+use crate::log::ReadReport;
+
+/// A pose topic of a bag.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseTopic {
+    /// Its name.
+    pub name: String,
+    /// Its poses in the frame of its messages, seen from above, in the order of the bag; at the stamps
+    /// of the headers, or of logging where a header's is zero.
+    pub trajectory: Trajectory,
+    /// The frame whose poses they are: of an Odometry topic its `child_frame_id`, else that of the
+    /// bag's odometry, else the first of `base_link` and `base_footprint` that the laser is fixed to.
+    pub frame: Option<String>,
+    /// Mount of the bag's laser on that frame; `None` if the bag has no scans, scans on several topics,
+    /// or no transforms that lead there.
+    pub frame_from_laser: Option<Pose2>,
+    /// What was not used.
+    pub report: ReadReport,
+}
+
+pub(super) fn poses(
+    content: &Content,
+    asked: Option<&str>,
+    role: PoseRole,
+) -> Result<PoseTopic, BagError> {
+    let name = pose_topic(content, asked, role)?;
+    let mut decoder = Decoder::new(content);
+    let messages = decoder.poses(name)?;
+    let sample = |logged: &super::recording::Logged<super::messages::PoseMessage>| {
+        let at = time(logged.value.header.stamp, logged.log_time);
+        (Stamp::from_nanoseconds(at), logged.value.pose)
+    };
+    let trajectory = messages.iter().map(sample).collect();
+    let child = messages.first().and_then(|logged| logged.value.child.clone());
+    let report = decoder.report.clone();
+    // What follows only asks where the laser is; what it loses is not of this topic.
+    let laser = match content.names(&[Kind::Scan]).as_slice() {
+        &[only] => decoder.scans(only)?.first().map(|scan| scan.value.header.frame.clone()),
+        _ => None,
+    };
+    let tree = decoder.frames()?.tree;
+    let frame = match child.filter(|child| !child.is_empty()) {
+        Some(child) => Some(child),
+        None => {
+            decoder.odometry_frame()?.or_else(|| Some(tree.base_of(laser.as_deref()?)?.to_owned()))
+        }
+    };
+    let frame_from_laser = match (&frame, &laser) {
+        (Some(frame), Some(laser)) => tree.mount(frame, laser)?.map(|mount| mount.robot_from_laser),
+        _ => None,
+    };
+    Ok(PoseTopic { name: name.to_owned(), trajectory, frame, frame_from_laser, report })
+}

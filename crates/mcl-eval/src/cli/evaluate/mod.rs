@@ -1,0 +1,258 @@
+//! `evaluate`: how far estimated trajectories are from a reference.
+
+mod figure;
+mod text;
+mod trajectory;
+
+use anyhow::{Context, Result};
+use mcl_core::{Pose2, Stamp};
+use mcl_metrics::{
+    Alignment, Delta, Matched, MetricsError, PoseError, RpeSettings, Summary, WeightedPoseError,
+    associate, ate, pose_errors, rpe,
+};
+use serde::Serialize;
+
+use super::Outcome;
+use super::args::{AlignTo, EvaluateArgs, Global};
+use super::errors::{ErrorFigures, ErrorSamples, Figures};
+use super::output::print;
+use crate::experiment::write_rows;
+use crate::figures::check_figure_ending;
+use trajectory::Source;
+
+#[derive(Serialize)]
+struct Evaluation<'a> {
+    estimates: Vec<&'a Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    file: String,
+    /// Topic of a bag; null for other files.
+    topic: Option<String>,
+    pairs: usize,
+    /// Poses of either trajectory without a partner.
+    unmatched: usize,
+    unmatched_reference: usize,
+    unmatched_estimate: usize,
+    #[serde(flatten)]
+    errors: ErrorFigures,
+    axes: Axes,
+    ate: AteFigures,
+    rpe: Vec<RpeFigures>,
+    /// The rigid motion of `--align`; null without.
+    reference_from_estimate: Option<Pose2>,
+}
+
+/// Signed errors, estimate minus reference, in metres and radians.
+#[derive(Serialize)]
+struct Axes {
+    x: AxisFigures,
+    y: AxisFigures,
+    yaw: AxisFigures,
+    /// Along and across the heading of the reference.
+    longitudinal: AxisFigures,
+    lateral: AxisFigures,
+}
+
+#[derive(Serialize)]
+struct AxisFigures {
+    /// The bias.
+    mean: f64,
+    std: f64,
+    rmse: f64,
+    /// Largest magnitude.
+    max: f64,
+}
+
+/// Of the distances between positions, in metres.
+#[derive(Serialize)]
+struct AteFigures {
+    rmse: f64,
+    mean: f64,
+    median: f64,
+    max: f64,
+}
+
+#[derive(Serialize)]
+struct RpeFigures {
+    distance_m: f64,
+    /// Pairs of poses that far apart; with none there are no figures.
+    pairs: usize,
+    translation: Option<Figures>,
+    heading: Option<Figures>,
+}
+
+/// A row of `--errors`, a pair of poses: metres and radians, estimate minus reference.
+#[derive(Serialize)]
+struct ErrorRow<'a> {
+    file: &'a str,
+    /// Of the estimate, in seconds, exact.
+    stamp: String,
+    dx: f64,
+    dy: f64,
+    dtheta: f64,
+    weighted: f64,
+    translation: f64,
+    heading: f64,
+    longitudinal: f64,
+    lateral: f64,
+    reference_stamp: String,
+}
+
+/// An estimate's figures and the samples they are of, one per pair.
+struct Evaluated {
+    row: Row,
+    stamps: Vec<Stamp>,
+    reference_stamps: Vec<Stamp>,
+    errors: Vec<PoseError>,
+    samples: ErrorSamples,
+}
+
+pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
+    let metric = WeightedPoseError::new(args.xi)?;
+    if let Some(path) = &args.plot {
+        check_figure_ending(path)?;
+    }
+    let reference = trajectory::reference(args, global)?;
+    let sources = trajectory::estimates(args, global)?;
+    let mut is_complete = reference.is_complete;
+    let mut estimates = Vec::new();
+    for source in &sources {
+        let estimate = evaluate(&reference, source, &metric, args)
+            .with_context(|| format!("{} against {}", source.label(), reference.label()))?;
+        let row = &estimate.row;
+        if row.unmatched > 0 {
+            eprintln!(
+                "warning: {}: {} of {} poses, and {} of the reference's {}, match none of the other \
+                 within {} s: the errors are those of {} pairs",
+                source.label(),
+                row.unmatched_estimate,
+                source.trajectory.len(),
+                row.unmatched_reference,
+                reference.trajectory.len(),
+                args.tolerance,
+                row.pairs
+            );
+        }
+        is_complete &= source.is_complete && row.unmatched == 0;
+        estimates.push(estimate);
+    }
+    if let Some(path) = &args.errors {
+        let labels: Vec<String> = estimates.iter().map(|estimate| estimate.row.label()).collect();
+        let rows: Vec<ErrorRow<'_>> =
+            estimates.iter().zip(&labels).flat_map(|(e, label)| e.rows(label)).collect();
+        write_rows(path, &rows).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(path) = &args.plot {
+        figure::draw(path, &reference.label(), &estimates)?;
+    }
+    let rows = estimates.iter().map(|estimate| &estimate.row).collect();
+    print(args.json, &Evaluation { estimates: rows }, |found| text::text(&found.estimates))?;
+    Ok(Outcome::of(is_complete))
+}
+
+fn evaluate(
+    reference: &Source,
+    source: &Source,
+    metric: &WeightedPoseError,
+    args: &EvaluateArgs,
+) -> Result<Evaluated, MetricsError> {
+    let matched = associate(&reference.trajectory, &source.trajectory, args.tolerance)?;
+    let Matched { reference, estimate, .. } = &matched;
+    let alignment = match args.align {
+        AlignTo::None => Alignment::None,
+        AlignTo::Origin => Alignment::Origin,
+        AlignTo::Rigid => Alignment::Rigid,
+    };
+    let absolute = ate(reference.poses(), estimate.poses(), alignment)?;
+    let motion = absolute.reference_from_estimate;
+    let aligned: Vec<Pose2> = match alignment {
+        Alignment::None => estimate.poses().to_vec(),
+        _ => estimate.poses().iter().map(|pose| motion.compose(pose)).collect(),
+    };
+    let errors = pose_errors(reference.poses(), &aligned)?;
+    let samples = ErrorSamples::of(reference.poses(), &aligned, metric)?;
+    let Summary { rmse, mean, median, max, .. } = Summary::of(&absolute.translation)?;
+    let relative = |&distance: &f64| relative_errors(reference.poses(), estimate.poses(), distance);
+    let row = Row {
+        file: source.file.clone(),
+        topic: source.topic.clone(),
+        pairs: matched.estimate.len(),
+        unmatched: matched.unmatched_reference + matched.unmatched_estimate,
+        unmatched_reference: matched.unmatched_reference,
+        unmatched_estimate: matched.unmatched_estimate,
+        errors: ErrorFigures::pooled(&[&samples])?,
+        axes: Axes {
+            x: AxisFigures::of(&errors, |error| error.dx)?,
+            y: AxisFigures::of(&errors, |error| error.dy)?,
+            yaw: AxisFigures::of(&errors, |error| error.dtheta)?,
+            longitudinal: AxisFigures::of(&errors, |error| error.longitudinal)?,
+            lateral: AxisFigures::of(&errors, |error| error.lateral)?,
+        },
+        ate: AteFigures { rmse, mean, median, max },
+        rpe: args.rpe_distances.iter().map(relative).collect::<Result<_, _>>()?,
+        reference_from_estimate: (alignment != Alignment::None).then_some(motion),
+    };
+    let (stamps, reference_stamps) = (estimate.stamps().to_vec(), reference.stamps().to_vec());
+    Ok(Evaluated { row, stamps, reference_stamps, errors, samples })
+}
+
+/// Relative errors over a distance along the path. A path that is shorter has none; that is no error.
+fn relative_errors(
+    reference: &[Pose2],
+    estimate: &[Pose2],
+    distance_m: f64,
+) -> Result<RpeFigures, MetricsError> {
+    match rpe(reference, estimate, &RpeSettings::new(Delta::Metres(distance_m))) {
+        Ok(found) => Ok(RpeFigures {
+            distance_m,
+            pairs: found.pairs.len(),
+            translation: Some(Figures::of(&found.translation)?),
+            heading: Some(Figures::of(&found.rotation)?),
+        }),
+        Err(MetricsError::NoPairs { .. }) => {
+            Ok(RpeFigures { distance_m, pairs: 0, translation: None, heading: None })
+        }
+        Err(error) => Err(error),
+    }
+}
+
+impl AxisFigures {
+    fn of(errors: &[PoseError], axis: fn(&PoseError) -> f64) -> Result<Self, MetricsError> {
+        let samples: Vec<f64> = errors.iter().map(axis).collect();
+        let Summary { mean, std, rmse, min, max, .. } = Summary::of(&samples)?;
+        Ok(AxisFigures { mean, std, rmse, max: max.abs().max(min.abs()) })
+    }
+}
+
+impl Row {
+    /// The file, and the topic of a bag.
+    fn label(&self) -> String {
+        match &self.topic {
+            Some(topic) => format!("{} {topic}", self.file),
+            None => self.file.clone(),
+        }
+    }
+}
+
+impl Evaluated {
+    fn rows<'a>(&'a self, file: &'a str) -> impl Iterator<Item = ErrorRow<'a>> {
+        (0..self.errors.len()).map(move |pair| {
+            let PoseError { dx, dy, dtheta, longitudinal, lateral } = self.errors[pair];
+            ErrorRow {
+                file,
+                stamp: self.stamps[pair].to_string(),
+                dx,
+                dy,
+                dtheta,
+                weighted: self.samples.weighted[pair],
+                translation: self.samples.translation[pair],
+                heading: self.samples.heading[pair],
+                longitudinal,
+                lateral,
+                reference_stamp: self.reference_stamps[pair].to_string(),
+            }
+        })
+    }
+}

@@ -1,0 +1,226 @@
+//! Trajectories from whatever file they are in: TUM, CARMEN, ROS 2 bag.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mcl_core::{Pose2, Trajectory};
+use mcl_datasets::bag::PoseRole;
+use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
+use mcl_datasets::registry::Registry;
+use mcl_metrics::tum::{self, NonPlanar};
+
+use crate::cli::Outcome;
+use crate::cli::args::{EvaluateArgs, Frame, Global};
+use crate::cli::output::{refuse, tell_losses};
+use crate::source::{LogSource, SourceOptions};
+
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+/// Bytes in which the first line that is no comment is looked for.
+const SNIFFED_BYTES: u64 = 1 << 16;
+
+/// A trajectory and where it is from.
+pub struct Source {
+    /// The file, as the user named it.
+    pub file: String,
+    /// Its topic, of a bag.
+    pub topic: Option<String>,
+    pub trajectory: Trajectory,
+    /// Whether all that the file says was read, and is in the trajectory.
+    pub is_complete: bool,
+}
+
+impl Source {
+    /// The file, and the topic of a bag.
+    pub fn label(&self) -> String {
+        match &self.topic {
+            Some(topic) => format!("{} {topic}", self.file),
+            None => self.file.clone(),
+        }
+    }
+}
+
+enum Format {
+    Tum,
+    Log,
+    /// With its path, which may be that of a data set.
+    Bag(PathBuf),
+}
+
+/// The trajectory of `--reference`.
+pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
+    let file = &args.reference;
+    let format = format_of(file)?;
+    if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
+        refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
+    }
+    let source = match format {
+        Format::Tum => tum_file(file, args)?,
+        Format::Bag(path) => {
+            let topic = args.reference_topic.as_deref();
+            bag(file, &path, topic, PoseRole::Reference, args, global)?
+        }
+        Format::Log => log(file, PoseRole::Reference, global)?,
+    };
+    let stamps = source.trajectory.stamps();
+    let backward = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    if backward > 0 && !global.quiet {
+        eprintln!(
+            "note: {file}: {backward} stamps step back in time; poses are taken in the order of the file"
+        );
+    }
+    Ok(source)
+}
+
+/// The trajectories to be held against it: one of each file, and of a bag one of each `--topic`.
+pub fn estimates(args: &EvaluateArgs, global: &Global) -> Result<Vec<Source>> {
+    let formats: Vec<Format> =
+        args.estimates.iter().map(|file| format_of(file)).collect::<Result<_>>()?;
+    let any_bag = formats.iter().any(|format| matches!(format, Format::Bag(_)));
+    if !args.topics.is_empty() && !any_bag {
+        refuse("--topic goes with bags, and none of the estimates is one");
+    }
+    let mut sources = Vec::new();
+    for (file, format) in args.estimates.iter().zip(formats) {
+        match format {
+            Format::Tum => sources.push(tum_file(file, args)?),
+            Format::Log => sources.push(log(file, PoseRole::Estimate, global)?),
+            Format::Bag(path) if args.topics.is_empty() => {
+                sources.push(bag(file, &path, None, PoseRole::Estimate, args, global)?);
+            }
+            Format::Bag(path) => {
+                for topic in &args.topics {
+                    sources.push(bag(file, &path, Some(topic), PoseRole::Estimate, args, global)?);
+                }
+            }
+        }
+    }
+    Ok(sources)
+}
+
+/// By the content: a line of a log begins with the name of its kind, one of a TUM file with a number.
+fn format_of(file: &str) -> Result<Format> {
+    let path = Path::new(file);
+    if path.is_dir() || (path.is_file() && is_bag(path)?) {
+        return Ok(Format::Bag(path.to_owned()));
+    }
+    if !path.is_file() {
+        // The name of a data set, or a file that is not there.
+        let is_name = path.components().count() == 1 && path.extension().is_none();
+        return Ok(match is_name.then(|| bag_of_dataset(file)).transpose()? {
+            Some(Some(bag)) => Format::Bag(bag),
+            Some(None) => Format::Log,
+            None => Format::Tum,
+        });
+    }
+    let first = first_line(path).with_context(|| format!("cannot read {file}"))?;
+    let is_log =
+        first.starts_with(&GZIP_MAGIC) || first.first().is_some_and(u8::is_ascii_uppercase);
+    Ok(if is_log { Format::Log } else { Format::Tum })
+}
+
+/// The bag of a data set; `None` if its file is none or not at hand, or there is no such data set.
+fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
+    let registry = Registry::from_environment()?;
+    let located = registry.get(name).ok().and_then(|dataset| registry.locate(dataset).ok());
+    Ok(match located {
+        Some(path) if is_bag(&path)? => Some(path),
+        _ => None,
+    })
+}
+
+/// The first line that is neither empty nor a comment; empty without any.
+fn first_line(path: &Path) -> io::Result<Vec<u8>> {
+    let mut reader = BufReader::new(File::open(path)?.take(SNIFFED_BYTES));
+    let mut line = Vec::new();
+    while reader.read_until(b'\n', &mut line)? > 0 {
+        let text = line.trim_ascii();
+        if !text.is_empty() && !text.starts_with(b"#") {
+            return Ok(text.to_vec());
+        }
+        line.clear();
+    }
+    Ok(Vec::new())
+}
+
+fn tum_file(file: &str, args: &EvaluateArgs) -> Result<Source> {
+    let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
+    let trajectory = tum::read_file(file, non_planar)?.trajectory;
+    Ok(Source { file: file.to_owned(), topic: None, trajectory, is_complete: true })
+}
+
+/// The laser poses written in a CARMEN log: as a reference only where they are corrected; as an
+/// estimate also raw odometry.
+fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
+    let reference = match role {
+        PoseRole::Reference => None,
+        PoseRole::Estimate => Some(ReferencePoses::Recorded),
+    };
+    let source = LogSource::open(file, &SourceOptions { reference, ..SourceOptions::default() })?;
+    if role == PoseRole::Estimate && source.kind == Some(LogKind::Raw) && !global.quiet {
+        eprintln!("note: {file}: its laser poses are raw odometry");
+    }
+    let scans = source.recording.scans.len();
+    let without =
+        source.recording.scans.iter().filter(|scan| scan.map_from_laser.is_none()).count();
+    if without == scans {
+        bail!(
+            "{file}: no reference poses: the log is raw, its laser poses are odometry (as an estimate \
+             they can be evaluated)"
+        );
+    }
+    let trajectory = source.recording.reference();
+    let unstamped = scans - without - trajectory.len();
+    if unstamped > 0 {
+        eprintln!(
+            "warning: {file}: {unstamped} of {scans} scans have no usable stamp: they match nothing"
+        );
+    }
+    let is_complete = tell_losses(file, &source) == Outcome::Done && unstamped == 0;
+    Ok(Source { file: file.to_owned(), topic: None, trajectory, is_complete })
+}
+
+/// The poses of a bag's topic; of its laser, unless asked otherwise.
+fn bag(
+    file: &str,
+    path: &Path,
+    topic: Option<&str>,
+    role: PoseRole,
+    args: &EvaluateArgs,
+    global: &Global,
+) -> Result<Source> {
+    let found = read_poses(path, topic, role)?;
+    let name = found.name;
+    if !found.report.is_complete() {
+        eprintln!("warning: {file}: {}", found.report);
+    }
+    if found.trajectory.is_empty() {
+        bail!("{file}: {name} has no message that could be read");
+    }
+    let is_complete = found.report.is_complete();
+    let frame = found.frame.as_deref().unwrap_or("the robot");
+    let mut note = format!("{file}: {name}: {} poses of {frame:?}", found.trajectory.len());
+    let trajectory = match (args.frame, found.frame_from_laser) {
+        (Frame::Robot, _) => found.trajectory,
+        (Frame::Laser, None) => {
+            note += ", as they stand: nothing in the bag says where its laser is";
+            found.trajectory
+        }
+        (Frame::Laser, Some(mount)) if mount == Pose2::IDENTITY => found.trajectory,
+        (Frame::Laser, Some(mount)) => {
+            note += &format!(
+                ", made poses of the laser by its mount (x {:.3} m, y {:.3} m, turned by {:.1}°); \
+                 --frame robot takes them as they stand",
+                mount.x,
+                mount.y,
+                mount.theta.to_degrees()
+            );
+            found.trajectory.iter().map(|(stamp, pose)| (stamp, pose.compose(&mount))).collect()
+        }
+    };
+    if !global.quiet {
+        eprintln!("note: {note}");
+    }
+    Ok(Source { file: file.to_owned(), topic: Some(name), trajectory, is_complete })
+}

@@ -1,0 +1,318 @@
+//! The YAML file of a grid map.
+
+use std::collections::BTreeMap;
+use std::path::{Component, Path};
+
+use serde::Deserialize;
+
+use crate::files::MapProblem;
+
+/// How the values of pixels are understood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mode {
+    Trinary,
+    Scale,
+    Raw,
+}
+
+const MODES: [(&str, Mode); 3] =
+    [("trinary", Mode::Trinary), ("scale", Mode::Scale), ("raw", Mode::Raw)];
+
+/// The fields of the file that map_server knows; it ignores others.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Description {
+    /// Name of the image, relative to the folder of the description.
+    pub image: String,
+    /// Metres per pixel.
+    pub resolution: f64,
+    /// x, y (metres) and yaw (radians) of the image's lower left corner.
+    pub origin: [f64; 3],
+    pub negate: bool,
+    pub occupied_threshold: f64,
+    pub free_threshold: f64,
+    pub mode: Mode,
+}
+
+/// A value as it stands in the file.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+enum Value {
+    Truth(bool),
+    Number(f64),
+    Text(String),
+    List(Vec<Value>),
+    Other(serde::de::IgnoredAny),
+}
+
+impl Value {
+    fn told(&self) -> String {
+        match self {
+            Value::Truth(truth) => truth.to_string(),
+            Value::Number(number) => number.to_string(),
+            Value::Text(text) => {
+                let start: String = text.chars().take(60).collect();
+                if start.len() < text.len() { format!("{start:?}…") } else { format!("{text:?}") }
+            }
+            Value::List(list) if list.len() <= 4 => {
+                let parts: Vec<String> = list.iter().map(Value::told).collect();
+                format!("[{}]", parts.join(", "))
+            }
+            Value::List(list) => format!("a list of {}", list.len()),
+            Value::Other(_) => "nothing, or a nested value".to_owned(),
+        }
+    }
+}
+
+impl Description {
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, MapProblem> {
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            MapProblem::syntax(format!(
+                "byte {} is not UTF-8 text, expected a YAML file",
+                error.valid_up_to()
+            ))
+        })?;
+        let fields: BTreeMap<String, Value> = serde_saphyr::from_str(text).map_err(|error| {
+            let told = error.to_string();
+            let reason = told.lines().next().unwrap_or_default();
+            MapProblem::syntax(format!("no YAML of \"field: value\" lines: {reason}"))
+        })?;
+        let fields = Fields(fields);
+        let description = Description {
+            image: fields.image()?,
+            resolution: fields.number("resolution", METRES, |value| value > 0.0)?,
+            origin: fields.origin()?,
+            negate: fields.truth("negate")?,
+            occupied_threshold: fields.probability("occupied_thresh")?,
+            free_threshold: fields.probability("free_thresh")?,
+            mode: fields.mode()?,
+        };
+        if description.free_threshold > description.occupied_threshold {
+            let found = format!(
+                "{} with occupied_thresh {}",
+                description.free_threshold, description.occupied_threshold
+            );
+            let expected = "at most occupied_thresh";
+            return Err(MapProblem::field("free_thresh", found, expected));
+        }
+        Ok(description)
+    }
+
+    /// The file's text.
+    pub(super) fn text(&self) -> String {
+        let Description { resolution, origin: [x, y, yaw], .. } = self;
+        let mode = MODES.iter().find(|(_, mode)| *mode == self.mode).map_or("", |(name, _)| name);
+        format!(
+            "image: {}\nmode: {mode}\nresolution: {}\norigin: [{}, {}, {}]\nnegate: {}\n\
+             occupied_thresh: {}\nfree_thresh: {}\n",
+            quoted(&self.image),
+            number(*resolution),
+            number(*x),
+            number(*y),
+            number(*yaw),
+            u8::from(self.negate),
+            self.occupied_threshold,
+            self.free_threshold
+        )
+    }
+}
+
+/// A number that every YAML reader takes for a float, with the shortest digits that read back exactly.
+fn number(value: f64) -> String {
+    format!("{value:?}")
+}
+
+/// A plain word where that is one, else in double quotes.
+fn quoted(text: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    if text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(is_plain) {
+        return text.to_owned();
+    }
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => quoted += &format!("\\u{:04X}", u32::from(c)),
+            c => quoted.push(c),
+        }
+    }
+    quoted + "\""
+}
+
+const METRES: &str = "a positive number of metres per pixel";
+
+struct Fields(BTreeMap<String, Value>);
+
+impl Fields {
+    fn get(&self, name: &'static str, expected: &'static str) -> Result<&Value, MapProblem> {
+        self.0.get(name).ok_or_else(|| {
+            let names: Vec<&str> = self.0.keys().map(String::as_str).take(12).collect();
+            let found = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+            MapProblem::MissingField { field: name, found, expected }
+        })
+    }
+
+    fn number(
+        &self,
+        name: &'static str,
+        expected: &'static str,
+        is_valid: impl Fn(f64) -> bool,
+    ) -> Result<f64, MapProblem> {
+        let value = self.get(name, expected)?;
+        finite(value)
+            .filter(|&number| is_valid(number))
+            .ok_or_else(|| MapProblem::field(name, value.told(), expected))
+    }
+
+    fn probability(&self, name: &'static str) -> Result<f64, MapProblem> {
+        self.number(name, "a probability from 0 to 1", |value| (0.0..=1.0).contains(&value))
+    }
+
+    fn truth(&self, name: &'static str) -> Result<bool, MapProblem> {
+        let expected = "0 or 1";
+        match self.get(name, expected)? {
+            Value::Truth(truth) => Ok(*truth),
+            Value::Number(0.0) => Ok(false),
+            Value::Number(1.0) => Ok(true),
+            other => Err(MapProblem::field(name, other.told(), expected)),
+        }
+    }
+
+    fn origin(&self) -> Result<[f64; 3], MapProblem> {
+        let expected = "[x, y, yaw] of the lower left corner, in metres and radians";
+        let value = self.get("origin", expected)?;
+        let numbers = match value {
+            Value::List(list) => list.iter().map(finite).collect::<Option<Vec<f64>>>(),
+            _ => None,
+        };
+        numbers
+            .and_then(|numbers| <[f64; 3]>::try_from(numbers).ok())
+            .ok_or_else(|| MapProblem::field("origin", value.told(), expected))
+    }
+
+    fn mode(&self) -> Result<Mode, MapProblem> {
+        let Some(value) = self.0.get("mode") else { return Ok(Mode::Trinary) };
+        let known = |text: &str| MODES.iter().find(|(name, _)| *name == text);
+        match value {
+            Value::Text(text) if known(text).is_some() => {
+                Ok(known(text).map_or(Mode::Trinary, |(_, mode)| *mode))
+            }
+            _ => Err(MapProblem::field("mode", value.told(), "trinary, scale or raw")),
+        }
+    }
+
+    /// A map may come from anywhere: it must not make us read files elsewhere.
+    fn image(&self) -> Result<String, MapProblem> {
+        let expected = "the name of the image file, within the folder of the .yaml file";
+        let value = self.get("image", expected)?;
+        let Value::Text(name) = value else {
+            return Err(MapProblem::field("image", value.told(), expected));
+        };
+        let mut parts = Path::new(name).components();
+        let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+        if name.is_empty() || !stays {
+            let expected = "a path within the folder of the .yaml file, neither absolute nor with \
+                \"..\"; put the image beside it";
+            return Err(MapProblem::field("image", value.told(), expected));
+        }
+        Ok(name.clone())
+    }
+}
+
+fn finite(value: &Value) -> Option<f64> {
+    match value {
+        Value::Number(number) => Some(*number),
+        // Such as "5e-2", which YAML 1.1 takes for text.
+        Value::Text(text) => text.trim().parse().ok(),
+        _ => None,
+    }
+    .filter(|number: &f64| number.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OLIN: &str = "image: floor.pgm\nmode: trinary\nresolution: 0.03\norigin: [-1.12, -39.4, 0]\n\
+        negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25";
+
+    fn message(text: &str) -> String {
+        Description::parse(text.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn fields_as_map_saver_writes_them() {
+        let found = Description::parse(OLIN.as_bytes()).unwrap();
+        let expected = Description {
+            image: "floor.pgm".into(),
+            resolution: 0.03,
+            origin: [-1.12, -39.4, 0.0],
+            negate: false,
+            occupied_threshold: 0.65,
+            free_threshold: 0.25,
+            mode: Mode::Trinary,
+        };
+        assert_eq!(found, expected);
+        // Nested origin, no mode, true for 1, further keys, a comment.
+        let text = "# a map\nimage: \"a b/floor.png\"\nresolution: 5e-2\norigin:\n- 1\n- 2.5\n- -0.1\n\
+            negate: true\noccupied_thresh: 1\nfree_thresh: 0\nrobot: {name: none}\nempty:\n";
+        let found = Description::parse(text.as_bytes()).unwrap();
+        assert_eq!((found.image.as_str(), found.resolution), ("a b/floor.png", 0.05));
+        assert_eq!((found.origin, found.negate), ([1.0, 2.5, -0.1], true));
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let mut description = Description::parse(OLIN.as_bytes()).unwrap();
+        for name in ["floor.pgm", "1.pgm", "a b: #\"\\ é.pgm", "-.pgm", "tab\t.pgm"] {
+            description.image = name.into();
+            description.resolution = 0.1 + 0.2;
+            description.origin = [1e-7, -1e9, 3.0_f64.sqrt()];
+            let text = description.text();
+            assert_eq!(Description::parse(text.as_bytes()).unwrap(), description, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (from, to, expected) in [
+            ("image: floor.pgm\n", "", "no field \"image\", found free_thresh, mode, negate"),
+            ("floor.pgm", "/etc/passwd", "field \"image\": found \"/etc/passwd\", expected a path"),
+            ("floor.pgm", "../floor.pgm", "neither absolute nor with \"..\""),
+            ("floor.pgm", "a/../../floor.pgm", "neither absolute nor with \"..\""),
+            ("floor.pgm", "[1]", "field \"image\": found [1], expected the name"),
+            ("0.03", "-0.03", "field \"resolution\": found -0.03, expected a positive number"),
+            ("0.03", ".nan", "line 3 column 13: non-finite float"),
+            ("0.03", "fine", "field \"resolution\": found \"fine\""),
+            ("[-1.12, -39.4, 0]", "[-1.12, -39.4]", "field \"origin\": found [-1.12, -39.4]"),
+            ("[-1.12, -39.4, 0]", "[0, 0, .inf]", "line 4 column 16: non-finite float"),
+            ("negate: 0", "negate: 2", "field \"negate\": found 2, expected 0 or 1"),
+            ("0.65", "1.5", "field \"occupied_thresh\": found 1.5, expected a probability"),
+            ("0.25", "0.7", "field \"free_thresh\": found 0.7 with occupied_thresh 0.65"),
+            (
+                "trinary",
+                "binary",
+                "field \"mode\": found \"binary\", expected trinary, scale or raw",
+            ),
+            ("mode: trinary", "mode:", "field \"mode\": found nothing"),
+        ] {
+            let message = message(&OLIN.replacen(from, to, 1));
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_description_is_refused() {
+        let twice = format!("{OLIN}\nnegate: 1\n");
+        for text in ["", "x,y\n1,2\n", "- a\n- b\n", "image: [\n", "\u{0}\u{1}", &twice] {
+            let message = message(text);
+            assert!(!message.contains('\n') && message.len() < 300, "{text:?}: {message}");
+        }
+        assert!(Description::parse(b"image: \xff").is_err());
+        // Nested aliases that would grow without end.
+        let bomb = "a: &a [1,1,1,1,1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\n\
+            c: &c [*b,*b,*b,*b,*b,*b,*b,*b,*b]\nd: &d [*c,*c,*c,*c,*c,*c,*c,*c,*c]\n\
+            e: &e [*d,*d,*d,*d,*d,*d,*d,*d,*d]\nf: &f [*e,*e,*e,*e,*e,*e,*e,*e,*e]\n\
+            g: [*f,*f,*f,*f,*f,*f,*f,*f,*f]\n";
+        assert!(Description::parse(bomb.as_bytes()).is_err());
+    }
+}

@@ -1,0 +1,119 @@
+//! Images, pixel by pixel.
+
+use std::io::Cursor;
+
+use png::{ColorType, Decoder, DecodingError, Limits, Transformations};
+
+use super::pgm;
+use crate::files::MapProblem;
+use crate::occupancy::{Cell, MAX_CELLS};
+
+const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// Memory that the PNG decoder may use for anything but the image, in bytes.
+const MAX_DECODER_BYTES: usize = 1 << 26;
+
+/// A pixel, its values from 0 (black, transparent) to `largest` (white, opaque).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pixel {
+    /// Mean of its colours.
+    pub value: f64,
+    /// `None` in an image without alpha channel.
+    pub alpha: Option<f64>,
+    pub largest: f64,
+}
+
+impl Pixel {
+    /// Its alpha being one of four channels.
+    pub(super) fn value_with_alpha(self) -> f64 {
+        self.alpha.map_or(self.value, |alpha| (3.0 * self.value + alpha) / 4.0)
+    }
+
+    pub(super) fn is_transparent(self) -> bool {
+        self.alpha.is_some_and(|alpha| alpha < self.largest)
+    }
+}
+
+/// The cells of an image: rows from the top, each from the left.
+#[derive(Debug, PartialEq)]
+pub(super) struct Cells {
+    pub width: usize,
+    pub cells: Vec<Cell>,
+}
+
+/// Reads a PGM (P2, P5) or PNG image; the first bytes decide.
+pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
+    if bytes.starts_with(PNG_MAGIC) {
+        return png_cells(bytes, cell);
+    }
+    if bytes.starts_with(b"P2") || bytes.starts_with(b"P5") {
+        return pgm::cells(bytes, cell);
+    }
+    let start: String =
+        bytes.iter().take(8).flat_map(|&byte| byte.escape_ascii()).map(char::from).collect();
+    Err(MapProblem::syntax(format!(
+        "the image begins with \"{start}\", expected PGM (P2, P5) or PNG"
+    )))
+}
+
+/// Checks the size that a header announces, before memory is taken for it.
+pub(super) fn check_size(width: u64, height: u64) -> Result<(), MapProblem> {
+    match width.checked_mul(height) {
+        Some(1..) if width.saturating_mul(height) <= MAX_CELLS as u64 => Ok(()),
+        _ => Err(MapProblem::syntax(format!(
+            "the image is {width} × {height} pixels, expected at least 1 and at most {MAX_CELLS} in all"
+        ))),
+    }
+}
+
+fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
+    let mut decoder =
+        Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MAX_DECODER_BYTES });
+    // Palettes become colours, transparent colours an alpha channel, fewer bits eight.
+    decoder.set_transformations(Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(damaged)?;
+    let (width, height) = (reader.info().width, reader.info().height);
+    check_size(width.into(), height.into())?;
+    let (color, depth) = reader.output_color_type();
+    let bytes_per_sample = if depth == png::BitDepth::Sixteen { 2 } else { 1 };
+    let largest = if bytes_per_sample == 2 { 65535.0 } else { 255.0 };
+    let channels = color.samples();
+    let has_alpha = matches!(color, ColorType::GrayscaleAlpha | ColorType::Rgba);
+    let sample = |bytes: &[u8]| match *bytes {
+        [high, low] => f64::from(u16::from_be_bytes([high, low])),
+        _ => f64::from(bytes[0]),
+    };
+    let row_of = |row: &[u8], cells: &mut Vec<Cell>| {
+        for pixel in row.chunks_exact(channels * bytes_per_sample) {
+            let mut samples = [0.0; 4];
+            for (value, bytes) in samples.iter_mut().zip(pixel.chunks_exact(bytes_per_sample)) {
+                *value = sample(bytes);
+            }
+            let colors = channels - usize::from(has_alpha);
+            cells.push(cell(Pixel {
+                value: samples[..colors].iter().sum::<f64>() / colors as f64,
+                alpha: has_alpha.then(|| samples[colors]),
+                largest,
+            }));
+        }
+    };
+    let mut cells = Vec::new();
+    if reader.info().interlaced {
+        let size = reader
+            .output_buffer_size()
+            .ok_or_else(|| MapProblem::syntax("the PNG image is too large"))?;
+        let mut pixels = vec![0; size];
+        let frame = reader.next_frame(&mut pixels).map_err(damaged)?;
+        row_of(&pixels[..frame.buffer_size()], &mut cells);
+    } else {
+        while let Some(row) = reader.next_row().map_err(damaged)? {
+            row_of(row.data(), &mut cells);
+        }
+    }
+    // Checksums and the end of the file.
+    reader.finish().map_err(damaged)?;
+    Ok(Cells { width: width as usize, cells })
+}
+
+fn damaged(error: DecodingError) -> MapProblem {
+    MapProblem::syntax(format!("the PNG image cannot be read: {error}"))
+}
