@@ -206,12 +206,13 @@ fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Prepared> 
         remove_leftovers(&folder.join(subfolder))?;
     }
     let path = folder.join(MANIFEST);
-    let earlier = match path.exists() {
-        true => Some(Manifest::read(&path).context("--fresh starts anew")?),
-        false if folder.join(TRIALS).exists() => {
+    // A manifest alone is that of results whose rows were not kept, as those in the repository.
+    let earlier = match (folder.join(TRIALS).exists(), path.exists()) {
+        (true, true) => Some(Manifest::read(&path).context("--fresh starts anew")?),
+        (true, false) => {
             bail!("{} has rows but no {MANIFEST}; --fresh starts anew", folder.display())
         }
-        false => None,
+        (false, _) => None,
     };
     if let Some(earlier) = &earlier {
         manifest.check_continues(earlier).with_context(|| folder.display().to_string())?;
