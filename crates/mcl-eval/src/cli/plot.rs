@@ -4,9 +4,14 @@ use super::Outcome;
 use super::args::{Global, PlotArgs};
 use crate::results;
 
-/// Draws the figures of every result folder below the root.
+/// Draws the figures of every result folder below the root that has rows.
 pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
-    for folder in results::folders(&args.root)? {
+    let (folders, without_rows): (Vec<_>, Vec<_>) =
+        results::folders(&args.root)?.into_iter().partition(|folder| results::has_rows(folder));
+    for folder in without_rows {
+        eprintln!("leaving out {}: it has no rows; run its experiment first", folder.display());
+    }
+    for folder in folders {
         let drawn = results::draw_figures(&folder)
             .with_context(|| format!("cannot draw the figures of {}", folder.display()))?;
         if !global.quiet {

@@ -89,6 +89,11 @@ pub fn run_experiment(
     }
 }
 
+/// Whether a result folder has the rows of its trials; those committed with the program do not.
+pub fn has_rows(folder: &Path) -> bool {
+    folder.join(TRIALS).exists()
+}
+
 /// Draws the figures of a result folder from its saved files, and returns what was written.
 ///
 /// # Errors
@@ -207,7 +212,7 @@ fn prepare(folder: &Path, manifest: &Manifest, fresh: bool) -> Result<Prepared> 
     }
     let path = folder.join(MANIFEST);
     // A manifest alone is that of results whose rows were not kept, as those in the repository.
-    let earlier = match (folder.join(TRIALS).exists(), path.exists()) {
+    let earlier = match (has_rows(folder), path.exists()) {
         (true, true) => Some(Manifest::read(&path).context("--fresh starts anew")?),
         (true, false) => {
             bail!("{} has rows but no {MANIFEST}; --fresh starts anew", folder.display())
