@@ -1,6 +1,8 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use tempfile::NamedTempFile;
+
 /// How the names of temporary files end; they begin with a dot.
 const TEMPORARY: &str = ".tmp";
 
@@ -10,12 +12,12 @@ pub fn is_leftover(path: &Path) -> bool {
     name.starts_with('.') && name.ends_with(TEMPORARY)
 }
 
-/// Writes a file that is whole or not there: the bytes go to a temporary neighbour, which then
-/// takes the name `path`, replacing what was there.
+/// An empty temporary neighbour of `path`, with the permissions of an ordinary file, which can take its
+/// name once it is whole.
 ///
 /// # Errors
-/// The system's error; `path` is then as it was before.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+/// The system's error.
+pub fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let name = path.file_name().ok_or_else(|| {
         io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name")
     })?;
@@ -33,7 +35,16 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // the user's umask.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(folder)?;
+    builder.tempfile_in(folder)
+}
+
+/// Writes a file that is whole or not there: the bytes go to a temporary neighbour, which then
+/// takes the name `path`, replacing what was there.
+///
+/// # Errors
+/// The system's error; `path` is then as it was before.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = temporary_beside(path)?;
     file.write_all(bytes)?;
     // Otherwise a power cut could leave the new name without the bytes.
     file.as_file().sync_all()?;

@@ -50,7 +50,7 @@ use mcl_core::{Point, PointMap};
 
 use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
 
-pub use atomic::{is_leftover, write_atomically};
+pub use atomic::{is_leftover, temporary_beside, write_atomically};
 pub use error::{MapFileError, MapProblem, Place};
 pub use map_server::{read_grid, write_grid};
 

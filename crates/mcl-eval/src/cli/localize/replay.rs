@@ -18,6 +18,7 @@ use mcl_datasets::bag::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
 };
 use mcl_filter::Step;
+use mcl_maps::files::temporary_beside;
 use mcl_metrics::{PoseError, WeightedPoseError};
 use tempfile::NamedTempFile;
 
@@ -47,19 +48,7 @@ impl<'a> ReplayFile<'a> {
         {
             bail!("{}: it is the log itself; give the replay another name", told());
         }
-        let folder = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        let mut prefix = std::ffi::OsString::from(".");
-        prefix.push(path.file_name().unwrap_or_default());
-        prefix.push(".");
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix).suffix(".tmp");
-        // As ordinary files have them: 0666 less the user's umask.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(folder).with_context(told)?;
+        let file = temporary_beside(path).with_context(told)?;
         let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(told)?;
         Ok(ReplayFile { recorder, path: path.to_owned() })
     }
