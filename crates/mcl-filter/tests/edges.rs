@@ -177,3 +177,46 @@ fn a_start_beyond_all_maps_is_refused() {
         assert!(matches!(error, FilterError::NonFiniteParticle { .. }), "{error}");
     }
 }
+
+/// Sums over so many weights lose nothing: the posterior is that of fewer particles.
+#[test]
+fn a_million_particles_agree_with_ten_thousand() {
+    let walls = (0..400).map(|i| f64::from(i) * 0.02).flat_map(|s| [[s, 0.0], [0.0, 0.7 * s]]);
+    let map = PointMap::new(walls.collect()).unwrap();
+    let geometry = ScanGeometry { start_angle: 2.0, angle_step: 0.26, beams: 12 };
+    let scan = |ranges| LaserScan {
+        stamp: None,
+        geometry,
+        ranges,
+        map_from_laser: None,
+        odometry: Some(Pose2::IDENTITY),
+    };
+    let recording = Recording {
+        scans: vec![scan(vec![3.0; 12]), scan(vec![2.9; 12]), scan(vec![f64::NAN; 12])],
+        robot_from_laser: Pose2::IDENTITY,
+    };
+    let initial_pose = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.2 };
+    for proposal in Proposal::ALL {
+        let run = |particles| {
+            let settings =
+                FilterSettings { particles, initial_pose, proposal, ..Default::default() };
+            let settings = settings.check().unwrap();
+            let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
+            let increments = [None, Some(Pose2::IDENTITY), Some(Pose2::IDENTITY)];
+            let scans = [0, 1, 2];
+            let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
+            let start = Some(Pose2::new(3.0, 2.0, 0.4));
+            localize(&replay, &distances, &settings, start, Seed::new(3)).unwrap()
+        };
+        let (many, few) = (run(1_000_000), run(10_000));
+        for (a, b) in many.map_from_laser.iter().zip(&few.map_from_laser) {
+            let missed = (a.distance(b), (a.theta - b.theta).abs());
+            assert!(missed.0 < 0.02 && missed.1 < 0.02, "{proposal:?}: {a:?} {b:?}");
+        }
+        for (a, b) in many.reports.iter().zip(&few.reports) {
+            assert!((a.log_evidence - b.log_evidence).abs() < 0.1, "{proposal:?}: {a:?} {b:?}");
+            let shares = (a.effective_sample_size / 1e6, b.effective_sample_size / 1e4);
+            assert!((shares.0 / shares.1 - 1.0).abs() < 0.2, "{proposal:?}: {shares:?}");
+        }
+    }
+}

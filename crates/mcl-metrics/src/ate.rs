@@ -34,7 +34,7 @@ pub struct Ate {
 /// Absolute trajectory error of matched poses, as evo defines it.
 ///
 /// # Errors
-/// When the numbers of poses differ, there is none, one is not finite, or the positions do not
+/// When the numbers of poses differ, there is none, one is not finite or too far away, or the positions do not
 /// determine the alignment.
 pub fn ate(
     reference: &[Pose2],

@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, Stamp};
+use mcl_core::{MAX_COORDINATE, Pose2, Stamp};
 
 /// Why no metric could be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -57,9 +57,12 @@ pub enum MetricsError {
         /// Its length.
         right_count: usize,
     },
-    /// A pose with a component that is NaN or infinite.
-    #[error("{trajectory} pose {index} is {pose:?}, expected finite numbers")]
-    NonFinitePose {
+    /// A pose with a component that is NaN, infinite, or beyond [`MAX_COORDINATE`].
+    #[error(
+        "{trajectory} pose {index} is {pose:?}, expected finite numbers of magnitude up to \
+         {MAX_COORDINATE:e}"
+    )]
+    UnusablePose {
         /// `reference` or `estimate`.
         trajectory: &'static str,
         /// Index of the pose, from 0.
@@ -141,7 +144,7 @@ pub(crate) fn check_runs<R: AsRef<[f64]>>(runs: &[R], needed: usize) -> Result<(
     Ok(())
 }
 
-/// Checks that both have as many poses, at least one, and that all are finite.
+/// Checks that both have as many poses, at least one, and that no number overflows on the way.
 pub(crate) fn check_poses(reference: &[Pose2], estimate: &[Pose2]) -> Result<(), MetricsError> {
     if reference.len() != estimate.len() {
         return Err(MetricsError::LengthMismatch {
@@ -155,8 +158,12 @@ pub(crate) fn check_poses(reference: &[Pose2], estimate: &[Pose2]) -> Result<(),
         return Err(MetricsError::TooFew { what: "pairs of poses", found: 0, needed: 1 });
     }
     for (trajectory, poses) in [("reference", reference), ("estimate", estimate)] {
-        if let Some(index) = poses.iter().position(|pose| !pose.is_finite()) {
-            return Err(MetricsError::NonFinitePose { trajectory, index, pose: poses[index] });
+        // NaN is no number within the limit either.
+        let usable = |pose: &Pose2| {
+            [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_COORDINATE)
+        };
+        if let Some(index) = poses.iter().position(|pose| !usable(pose)) {
+            return Err(MetricsError::UnusablePose { trajectory, index, pose: poses[index] });
         }
     }
     Ok(())

@@ -49,7 +49,8 @@ impl PoseError {
 /// The errors of estimated poses, one per pair in the order given.
 ///
 /// # Errors
-/// When the numbers of poses differ, there is none, or one is not finite.
+/// When the numbers of poses differ, there is none, or one is not finite or beyond
+/// [`mcl_core::MAX_COORDINATE`].
 pub fn pose_errors(
     reference: &[Pose2],
     estimate: &[Pose2],
@@ -157,7 +158,7 @@ mod tests {
         );
         assert!(matches!(
             pose_errors(&[poses[0]; 2], &poses),
-            Err(MetricsError::NonFinitePose { trajectory: "estimate", index: 1, .. })
+            Err(MetricsError::UnusablePose { trajectory: "estimate", index: 1, .. })
         ));
         assert!(matches!(pose_errors(&[], &[]), Err(MetricsError::TooFew { .. })));
     }

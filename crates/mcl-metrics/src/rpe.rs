@@ -94,7 +94,7 @@ pub struct Rpe {
 /// Relative pose error of matched poses, as evo defines it (`evo_rpe`).
 ///
 /// # Errors
-/// When a setting is out of range, the numbers of poses differ, one is not finite, or no two poses
+/// When a setting is out of range, the numbers of poses differ, one is not finite or too far away, or no two poses
 /// are `delta` apart.
 pub fn rpe(
     reference: &[Pose2],
