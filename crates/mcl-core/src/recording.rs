@@ -12,7 +12,13 @@ pub struct Bounds<const D: usize> {
 impl<const D: usize> Bounds<D> {
     /// The smallest box around `points`; `None` when there are none.
     pub fn of(points: &[Point<D>]) -> Option<Self> {
-        let first = *points.first()?;
+        Self::around(points.iter().copied())
+    }
+
+    /// The same for points that do not lie side by side.
+    pub fn around(points: impl IntoIterator<Item = Point<D>>) -> Option<Self> {
+        let mut points = points.into_iter();
+        let first = points.next()?;
         let mut bounds = Bounds { min: first, max: first };
         for point in points {
             for axis in 0..D {
@@ -26,6 +32,14 @@ impl<const D: usize> Bounds<D> {
     /// Edge length along one axis, in metres.
     pub fn extent(&self, axis: usize) -> f64 {
         self.max[axis] - self.min[axis]
+    }
+
+    /// Squared distance (m²) from a place to the box; 0 inside.
+    pub fn squared_distance(&self, place: &Point<D>) -> f64 {
+        let outside = |axis: usize| {
+            f64::max(self.min[axis] - place[axis], place[axis] - self.max[axis]).max(0.0)
+        };
+        (0..D).map(|axis| outside(axis) * outside(axis)).sum()
     }
 
     /// Centre of the box.

@@ -13,6 +13,15 @@ pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {
     bar
 }
 
+/// A line for work whose end nobody knows beforehand.
+pub fn spinner(what: &str, quiet: bool) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, target(quiet));
+    bar.set_style(style("{spinner} {prefix}: {wide_msg} {elapsed}"));
+    bar.set_prefix(what.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(250));
+    bar
+}
+
 /// A bar over bytes of a download; the total may become known later.
 pub fn bytes(what: &str, quiet: bool) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, target(quiet));

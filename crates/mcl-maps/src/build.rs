@@ -1,9 +1,8 @@
 use mcl_core::{Point, PointMap, Seed};
 
+use crate::refine::{RefineReport, RefineSettings, RefineStep, Refined, refine};
 use crate::sampling::{sample_grid, sample_grid_of_size, sample_random};
-use crate::{
-    FkmReport, FkmSettings, GridOffset, MapError, MapSize, PointSet, fuzzy_k_means, snap_to_data,
-};
+use crate::{GridOffset, MapError, MapSize, PointSet, snap_to_data};
 
 /// How to choose the initial map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,8 +37,8 @@ pub enum InitialMap<const D: usize> {
 pub struct MapSettings<const D: usize> {
     /// The initial map.
     pub initial: InitialMap<D>,
-    /// Improve it by fuzzy k-means (*+f-km* in the paper).
-    pub refinement: Option<FkmSettings>,
+    /// Improve it ([`Refinement::Fkm`](crate::Refinement::Fkm): *+f-km* in the paper).
+    pub refinement: Option<RefineSettings>,
 }
 
 /// A map with how it came about.
@@ -54,7 +53,7 @@ pub struct BuiltMap<const D: usize> {
     /// A corner of a grid cell (m), where a grid was used.
     pub offset: Option<Point<D>>,
     /// Report of the refinement, where one was asked for.
-    pub refinement: Option<FkmReport>,
+    pub refinement: Option<RefineReport>,
 }
 
 /// Builds a map: the initial one, refined when asked.
@@ -66,9 +65,8 @@ pub fn build_map<const D: usize>(
     settings: &MapSettings<D>,
 ) -> Result<BuiltMap<D>, MapError> {
     let initial = initial_map(data, &settings.initial)?;
-    let Some(fkm) = &settings.refinement else { return Ok(initial) };
-    let (means, report) = fuzzy_k_means(data, &initial.map, fkm, |_, _| {})?;
-    Ok(BuiltMap { refinement: Some(report), ..initial.snapped(data, &means)? })
+    let Some(refinement) = &settings.refinement else { return Ok(initial) };
+    initial.refined(data, refinement, |_| {})
 }
 
 /// The initial map alone.
@@ -100,12 +98,30 @@ pub fn initial_map<const D: usize>(
 }
 
 impl<const D: usize> BuiltMap<D> {
+    /// The map that a refinement makes of this one. `observe` is called with every accepted step.
+    ///
+    /// # Errors
+    /// [`MapError::Setting`] for settings out of range.
+    pub fn refined(
+        &self,
+        data: &PointSet<D>,
+        settings: &RefineSettings,
+        observe: impl FnMut(&RefineStep),
+    ) -> Result<Self, MapError> {
+        let Refined { indices, report, .. } = refine(data, &self.map, settings, observe)?;
+        Ok(BuiltMap { refinement: Some(report), ..self.with(data, indices)? })
+    }
+
     /// The map that means fitted from this one become as a subset of the data ([`snap_to_data`]).
     ///
     /// # Errors
     /// [`MapError::Points`] when there is no mean.
     pub fn snapped(&self, data: &PointSet<D>, means: &[Point<D>]) -> Result<Self, MapError> {
-        let indices = snap_to_data(data, means);
+        self.with(data, snap_to_data(data, means))
+    }
+
+    /// The same with other points of the data.
+    fn with(&self, data: &PointSet<D>, indices: Vec<usize>) -> Result<Self, MapError> {
         let map = PointMap::new(indices.iter().map(|&index| data.points()[index]).collect())?;
         Ok(BuiltMap { map, indices, ..self.clone() })
     }

@@ -30,34 +30,46 @@ pub fn accelerated_fuzzy_k_means<const D: usize>(
 ) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
     settings.check()?;
     let mut trace = Vec::new();
-    let mut record = |per_point: f64| {
+    let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
+    let converged = climb(data, &mut model, settings.sigma, settings.tolerance, |per_point| {
         observe(trace.len(), per_point);
         trace.push(per_point);
-        // Whether another update is allowed.
         trace.len() <= settings.max_iterations
-    };
-    let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
-    let mut go_on = record(model.per_point);
-    let mut converged = false;
+    });
+    let report = FkmReport { iterations: trace.len() - 1, converged, log_likelihood_trace: trace };
+    Ok((data.absolute(&model.means), report))
+}
+
+/// Takes a model up to a local maximum: SQUAREM as above. `go_on` is told the log-likelihood per point
+/// of the model at the start and after every evaluation, and says whether there may be another.
+/// Returns whether the last plain update gained less than the tolerance.
+pub(crate) fn climb<const D: usize>(
+    data: &PointSet<D>,
+    model: &mut Model<D>,
+    sigma: f64,
+    tolerance: f64,
+    mut go_on: impl FnMut(f64) -> bool,
+) -> bool {
     let mut longest = 1.0;
-    while go_on {
-        let updated = model.update(data, settings.sigma);
-        go_on = record(updated.per_point);
-        converged = updated.per_point - model.per_point < settings.tolerance;
-        if converged || !go_on {
-            model = updated;
-            break;
+    let mut may = go_on(model.per_point);
+    while may {
+        let updated = model.update(data, sigma);
+        let converged = updated.per_point - model.per_point < tolerance;
+        let length = step_length(model, &updated).min(longest);
+        may = go_on(updated.per_point);
+        let plain = std::mem::replace(model, updated);
+        if converged || !may {
+            return converged;
         }
-        let length = step_length(&model, &updated).min(longest);
         // A jump of length 1 goes where the next update goes anyway.
         let mut succeeded = true;
         if length > 1.0 {
-            let jumped = Model::new(data, jump(&model, &updated, length), settings.sigma);
-            succeeded = jumped.per_point >= updated.per_point;
-            model = if succeeded { jumped } else { updated };
-            go_on = record(model.per_point);
-        } else {
-            model = updated;
+            let jumped = Model::new(data, jump(&plain, model, length), sigma);
+            succeeded = jumped.per_point >= model.per_point;
+            if succeeded {
+                *model = jumped;
+            }
+            may = go_on(model.per_point);
         }
         if !succeeded {
             longest = f64::max(longest / STEP_FACTOR, 1.0);
@@ -65,8 +77,7 @@ pub fn accelerated_fuzzy_k_means<const D: usize>(
             longest *= STEP_FACTOR;
         }
     }
-    let report = FkmReport { iterations: trace.len() - 1, converged, log_likelihood_trace: trace };
-    Ok((data.absolute(&model.means), report))
+    false
 }
 
 /// α = ‖r‖/‖v‖, at least 1.

@@ -7,27 +7,29 @@
 //! > p(x | Θ) = 1/K · Σⱼ N(x; μⱼ, σ²I)
 //!
 //! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
-//! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) makes of it. The parts stand
-//! beside it: [`sampling`], [`mixture`], [`fuzzy_k_means`], [`occupancy`]
-//! grids, and map [`files`].
+//! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) or another [refinement](refine())
+//! makes of it. The parts stand beside it: [`sampling`], [`mixture`], [`mod@refine`], [`occupancy`] grids,
+//! and map [`files`].
 //!
 //! Everything but grids and files is generic in the dimension.
 //!
 //! # Example
 //! ```
 //! use mcl_core::Seed;
-//! use mcl_maps::{FkmSettings, InitialMap, MapSettings, MapSize, PointSet, build_map, initial_map};
+//! use mcl_maps::{
+//!     FkmSettings, InitialMap, MapSettings, MapSize, PointSet, RefineSettings, build_map,
+//! };
 //!
 //! // A wall seen 400 times.
 //! let points: Vec<[f64; 2]> = (0..400).map(|i| [f64::from(i) * 0.01, 0.0]).collect();
 //! let data = PointSet::new(points)?;
 //! let settings = MapSettings {
 //!     initial: InitialMap::Random { size: MapSize::Percent(5.0), seed: Seed::new(1) },
-//!     refinement: Some(FkmSettings::default()),
+//!     refinement: Some(RefineSettings::fkm(FkmSettings::default())),
 //! };
 //! let built = build_map(&data, &settings)?;
-//! let report = built.refinement.expect("a refinement was asked for");
-//! assert!(report.log_likelihood_trace.last() > report.log_likelihood_trace.first());
+//! let steps = built.refinement.expect("a refinement was asked for").steps;
+//! assert!(steps[steps.len() - 1].log_likelihood > steps[0].log_likelihood);
 //! assert!(built.map.len() <= 20);
 //! # Ok::<(), mcl_maps::MapError>(())
 //! ```
@@ -40,6 +42,7 @@ mod fkm_accelerated;
 pub mod mixture;
 pub mod occupancy;
 mod point_set;
+pub mod refine;
 pub mod sampling;
 mod size;
 
@@ -49,5 +52,6 @@ pub use fkm::{FkmReport, FkmSettings, fuzzy_k_means, snap_to_data};
 pub use fkm_accelerated::accelerated_fuzzy_k_means;
 pub use mixture::{LogLikelihood, mixture_log_likelihood};
 pub use point_set::PointSet;
+pub use refine::{RefineSettings, Refinement, refine};
 pub use sampling::{GridOffset, GridSample};
 pub use size::{MapSize, ParseMapSizeError};

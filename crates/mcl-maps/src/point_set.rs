@@ -102,20 +102,40 @@ pub(crate) struct Tree<const D: usize> {
     pub nodes: Vec<Node<D>>,
     /// Coordinates relative to the middle of the data, each leaf padded with its last point.
     pub leaves: Vec<LeafPoints<D>>,
+    /// The place of each point in the data, leaf after leaf without padding.
+    pub order: Vec<u32>,
 }
 
+/// A point and its place in the data.
+type Placed<const D: usize> = (Point<D>, u32);
+
 impl<const D: usize> Tree<D> {
-    fn new(mut centred: Vec<Point<D>>) -> Self {
-        let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new() };
-        let all = 0..centred.len();
-        tree.build(&mut centred, all);
+    fn new(centred: Vec<Point<D>>) -> Self {
+        let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new(), order: Vec::new() };
+        let mut placed: Vec<Placed<D>> = centred.into_iter().zip(0..).collect();
+        let all = 0..placed.len();
+        tree.build(&mut placed, all);
+        tree.order = placed.into_iter().map(|(_, place)| place).collect();
         tree
     }
 
+    /// All points in the order of the tree, relative to the middle of the data.
+    pub fn leaf_points(&self) -> impl Iterator<Item = Point<D>> {
+        // Leaves are numbered in the order of their nodes.
+        let leaves = self.nodes.iter().filter_map(|node| match node.kind {
+            NodeKind::Leaf(index) => Some((&self.leaves[index], node.points)),
+            NodeKind::Split(..) => None,
+        });
+        leaves.flat_map(|(leaf, count)| {
+            (0..count).map(move |i| std::array::from_fn(|axis| leaf[axis][i]))
+        })
+    }
+
     /// Builds the subtree over a range of points and returns its index.
-    fn build(&mut self, points: &mut [Point<D>], range: Range<usize>) -> usize {
+    fn build(&mut self, points: &mut [Placed<D>], range: Range<usize>) -> usize {
         let part = &mut points[range.clone()];
-        let bounds = Bounds::of(part).expect("a node has points");
+        let bounds =
+            Bounds::around(part.iter().map(|(point, _)| *point)).expect("a node has points");
         let index = self.nodes.len();
         let count = part.len();
         let kind = NodeKind::Leaf(self.leaves.len());
@@ -123,21 +143,21 @@ impl<const D: usize> Tree<D> {
         if count <= LEAF_POINTS {
             (self.nodes[index].mean, self.nodes[index].scatter) = moments(part);
             self.leaves.push(std::array::from_fn(|axis| {
-                std::array::from_fn(|i| part[i.min(count - 1)][axis])
+                std::array::from_fn(|i| part[i.min(count - 1)].0[axis])
             }));
             return index;
         }
         let longest =
             (0..D).max_by(|&a, &b| bounds.extent(a).total_cmp(&bounds.extent(b))).unwrap_or(0);
         let middle = 0.5 * (bounds.min[longest] + bounds.max[longest]);
-        let mut below = partition(part, |point| point[longest] < middle);
+        let mut below = partition(part, |(point, _)| point[longest] < middle);
         let whole_leaves = (below + LEAF_POINTS / 2) / LEAF_POINTS * LEAF_POINTS;
         if below == 0 || below == count {
             // Equal points, or neighbouring floats: any split is as good as another.
             below = count / 2;
         } else if (1..count).contains(&whole_leaves) && count <= ROUNDED_POINTS {
             // Full leaves waste no work; the boxes grow by a few points.
-            let order = |a: &Point<D>, b: &Point<D>| a[longest].total_cmp(&b[longest]);
+            let order = |a: &Placed<D>, b: &Placed<D>| a.0[longest].total_cmp(&b.0[longest]);
             part.select_nth_unstable_by(whole_leaves, order);
             below = whole_leaves;
         }
@@ -151,12 +171,12 @@ impl<const D: usize> Tree<D> {
 }
 
 /// The mean of points, one or more, and the sum of their squared distances from it.
-fn moments<const D: usize>(points: &[Point<D>]) -> (Point<D>, f64) {
+fn moments<const D: usize>(points: &[Placed<D>]) -> (Point<D>, f64) {
     let mut mean = [0.0; D];
     let mut scatter = 0.0;
     for axis in 0..D {
-        mean[axis] = points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
-        scatter += points.iter().map(|p| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
+        mean[axis] = points.iter().map(|(p, _)| p[axis]).sum::<f64>() / points.len() as f64;
+        scatter += points.iter().map(|(p, _)| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
     }
     (mean, scatter)
 }
@@ -205,13 +225,14 @@ mod tests {
             let set = PointSet::new(points.clone()).unwrap();
             let root = &set.tree().nodes[0];
             let middle = set.centred(&points);
-            let (mean, scatter) = moments(&middle);
+            let (mean, scatter) = moments(&middle.iter().map(|&point| (point, 0)).collect::<Vec<_>>());
             prop_assert!((root.scatter - scatter).abs() <= 1e-12 * scatter);
             for axis in 0..2 {
                 let extent = root.bounds.extent(axis);
                 prop_assert!((root.mean[axis] - mean[axis]).abs() <= 1e-12 * extent);
             }
             let mut found = Vec::new();
+            let mut order = set.tree().order.iter();
             for node in &set.tree().nodes {
                 let NodeKind::Leaf(index) = node.kind else { continue };
                 prop_assert!(node.points <= LEAF_POINTS);
@@ -223,6 +244,7 @@ mod tests {
                         prop_assert!(point[axis] <= node.bounds.max[axis]);
                     }
                     if i < node.points {
+                        prop_assert_eq!(point, middle[*order.next().unwrap() as usize]);
                         found.push(point.map(|c| (c * 1e6).round()));
                     }
                 }

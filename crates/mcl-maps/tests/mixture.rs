@@ -3,12 +3,17 @@
 use std::f64::consts::TAU;
 
 use mcl_core::{Point, PointMap, Seed};
+use mcl_maps::refine::RefineReport;
 use mcl_maps::{
-    FkmSettings, InitialMap, MapSettings, MapSize, PointSet, accelerated_fuzzy_k_means, build_map,
-    fuzzy_k_means, mixture_log_likelihood, snap_to_data,
+    FkmSettings, InitialMap, MapSettings, MapSize, PointSet, RefineSettings,
+    accelerated_fuzzy_k_means, build_map, fuzzy_k_means, mixture_log_likelihood, snap_to_data,
 };
 use proptest::prelude::*;
 use rand::RngExt;
+
+fn trace(report: &RefineReport) -> Vec<f64> {
+    report.steps.iter().map(|step| step.log_likelihood).collect()
+}
 
 fn distance_squared<const D: usize>(a: &Point<D>, b: &Point<D>) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
@@ -121,8 +126,8 @@ proptest! {
         let initial = InitialMap::Random { size, seed: Seed::new(seed) };
         let settings = FkmSettings { sigma, tolerance: 0.0, max_iterations: 30 };
         let built =
-            build_map(&data, &MapSettings { initial, refinement: Some(settings) }).unwrap();
-        let trace = built.refinement.unwrap().log_likelihood_trace;
+            build_map(&data, &MapSettings { initial, refinement: Some(RefineSettings::fkm(settings)) }).unwrap();
+        let trace = trace(&built.refinement.unwrap());
         for pair in trace.windows(2) {
             // Rounding of the sum over the points is all that may be lost.
             prop_assert!(pair[1] >= pair[0] - 1e-12 * pair[0].abs().max(1.0), "{trace:?}");
@@ -248,7 +253,8 @@ fn duplicates_and_collinear_points() {
     check_against_brute_force(points.clone(), points[490..520].to_vec(), 0.05);
     let data = PointSet::new(points).unwrap();
     let initial = InitialMap::Random { size: MapSize::Points(200), seed: Seed::new(5) };
-    let settings = MapSettings { initial, refinement: Some(FkmSettings::default()) };
+    let settings =
+        MapSettings { initial, refinement: Some(RefineSettings::fkm(FkmSettings::default())) };
     let built = build_map(&data, &settings).unwrap();
     // About a hundred components share one place; as a subset they are one point.
     let at_place = built.map.points().iter().filter(|&&p| p == [1.0, 1.0]).count();
@@ -287,13 +293,14 @@ fn far_from_the_origin() {
     let offset = [524_288.0, 4_194_304.0];
     let far: Vec<Point<2>> = near.iter().map(|p| [p[0] + offset[0], p[1] + offset[1]]).collect();
     let initial = InitialMap::Random { size: MapSize::Percent(5.0), seed: Seed::new(5) };
-    let settings = MapSettings { initial, refinement: Some(FkmSettings::default()) };
+    let settings =
+        MapSettings { initial, refinement: Some(RefineSettings::fkm(FkmSettings::default())) };
     let near = build_map(&PointSet::new(near).unwrap(), &settings).unwrap();
     let far = build_map(&PointSet::new(far).unwrap(), &settings).unwrap();
     assert_eq!(near.indices, far.indices);
     let (near, far) = (near.refinement.unwrap(), far.refinement.unwrap());
-    assert_eq!(near.iterations, far.iterations);
-    assert_eq!(near.log_likelihood_trace, far.log_likelihood_trace);
+    assert_eq!(near.evaluations, far.evaluations);
+    assert_eq!(trace(&near), trace(&far));
 }
 
 /// A component between points of which others are always nearer: nobody is responsible for it.
@@ -311,15 +318,14 @@ fn the_same_bits_for_any_number_of_threads() {
     let (points, _) = problem::<2>(17, 30_000, 1);
     let data = PointSet::new(points).unwrap();
     let initial = InitialMap::Random { size: MapSize::Percent(2.0), seed: Seed::new(5) };
-    let settings = FkmSettings { max_iterations: 5, ..FkmSettings::default() };
-    let settings = MapSettings { initial, refinement: Some(settings) };
+    let fkm = FkmSettings { max_iterations: 5, ..FkmSettings::default() };
+    let settings = MapSettings { initial, refinement: Some(RefineSettings::fkm(fkm)) };
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let fkm = settings.refinement.unwrap();
         pool.install(|| {
             let built = build_map(&data, &settings).unwrap();
             let accelerated = accelerated_fuzzy_k_means(&data, &built.map, &fkm, |_, _| {});
-            (built, accelerated.unwrap())
+            (built.indices, trace(&built.refinement.unwrap()), accelerated.unwrap())
         })
     };
     let one = build(1);

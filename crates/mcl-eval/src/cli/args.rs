@@ -136,6 +136,16 @@ pub enum Refine {
     Fkm,
     /// Fuzzy k-means by longer steps (SQUAREM): fewer updates, at times another local maximum.
     FkmAccelerated,
+    /// Fuzzy k-means from the map and from random ones; the likeliest is kept.
+    Restarts,
+    /// Fuzzy k-means with a sigma that falls to the wanted one.
+    Annealed,
+    /// Fuzzy k-means that adds points where they are missed and removes others.
+    SplitMerge,
+    /// Fuzzy k-means, then exchanges of kept points for data points nearby.
+    Exchange,
+    /// Split and merge, then exchanges: the likeliest map, in a few times fkm's time.
+    Best,
 }
 
 #[derive(Debug, Args)]
@@ -154,12 +164,21 @@ pub struct MapArgs {
     /// A corner of a grid cell in metres [default: 0,0].
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     pub offset: Option<[f64; 2]>,
-    /// Seed of a random map.
+    /// Seed of a random map, and of what a refinement draws.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
     /// Improve the map.
     #[arg(long)]
     pub refine: Option<Refine>,
+    /// Rounds of split and merge (--refine split-merge or best) [default: 12].
+    #[arg(long, value_name = "N")]
+    pub rounds: Option<usize>,
+    /// Random maps to start from (--refine restarts) [default: 5].
+    #[arg(long, value_name = "N")]
+    pub restarts: Option<usize>,
+    /// A refinement stops looking further after so many seconds; the map then depends on the machine.
+    #[arg(long, value_name = "S", value_parser = non_negative, allow_negative_numbers = true, requires = "refine")]
+    pub refine_seconds: Option<f64>,
     /// Standard deviation of a map point's Gaussian in metres.
     #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: f64,

@@ -1,9 +1,10 @@
 use anyhow::Result;
 use mcl_core::{PointMap, Seed};
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
+use mcl_maps::refine::{RefineStep, Refined, refine};
 use mcl_maps::{
-    FkmReport, FkmSettings, GridOffset, InitialMap, PointSet, accelerated_fuzzy_k_means,
-    fuzzy_k_means, initial_map, mixture_log_likelihood,
+    FkmSettings, GridOffset, InitialMap, PointSet, RefineSettings, Refinement, initial_map,
+    mixture_log_likelihood,
 };
 use serde::Serialize;
 
@@ -25,6 +26,8 @@ struct Built {
     /// Null without a refinement.
     converged: Option<bool>,
     log_likelihood_trace: Vec<f64>,
+    /// The same entries, with what led to them and how long it took.
+    steps: Vec<RefineStep>,
     log_likelihood_per_point: Option<f64>,
     /// Of a grid map; null for a point map.
     grid: Option<GridFigures>,
@@ -32,21 +35,20 @@ struct Built {
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let initial = initial_settings(args);
+    let refinement = refine_settings(args);
     check_options(&args.output, args.resolution, None);
     mcl_maps::files::check_writable(&args.output)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let data = PointSet::new(source.points()?)?;
 
     let initial = initial_map(&data, &initial)?;
-    let (map, report) = match args.refine {
+    let (map, report) = match refinement {
         None => (initial.map.clone(), None),
-        Some(method) => {
-            let (means, report) = refine(method, &data, &initial.map, args, global)?;
-            let map = match args.no_snap {
-                true => PointMap::new(means)?,
-                false => initial.snapped(&data, &means)?.map,
-            };
-            (map, Some(report))
+        Some(settings) => {
+            let found = refined(&settings, &data, &initial.map, global)?;
+            let kept = || found.indices.iter().map(|&index| data.points()[index]).collect();
+            let points = if args.no_snap { found.means } else { kept() };
+            (PointMap::new(points)?, Some(found.report))
         }
     };
     let grid = match is_grid(&args.output) {
@@ -70,14 +72,15 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
         map_points: map.len(),
         cell_m: initial.cell,
         offset_m: initial.offset,
-        iterations: report.as_ref().map_or(0, |report| report.iterations),
+        iterations: report.as_ref().map_or(0, |report| report.evaluations - 1),
         converged: report.as_ref().map(|report| report.converged),
-        log_likelihood_trace: match report {
-            Some(report) => report.log_likelihood_trace,
+        log_likelihood_trace: match &report {
+            Some(report) => report.steps.iter().map(|step| step.log_likelihood).collect(),
             // Without a refinement a point map written is the initial one.
             None if grid.is_none() => log_likelihood_per_point.into_iter().collect(),
             None => likelihood(&initial.map)?.into_iter().collect(),
         },
+        steps: report.map_or(Vec::new(), |report| report.steps),
         log_likelihood_per_point,
         grid: grid.as_ref().map(GridFigures::of),
     };
@@ -109,39 +112,57 @@ fn initial_settings(args: &MapArgs) -> InitialMap<2> {
     }
 }
 
-/// Fuzzy k-means with a progress bar. Gains shrink about geometrically, so the bar shows how far the
-/// last gain is, on a logarithmic scale, from the first to the tolerance.
-fn refine(
-    method: Refine,
+/// What `--refine` and its companions mean; combinations that mean nothing are usage errors.
+fn refine_settings(args: &MapArgs) -> Option<RefineSettings> {
+    let mut method = match args.refine {
+        Some(Refine::Fkm) => Some(Refinement::Fkm {}),
+        Some(Refine::FkmAccelerated) => Some(Refinement::FkmAccelerated {}),
+        Some(Refine::Restarts) => Some(Refinement::RESTARTS),
+        Some(Refine::Annealed) => Some(Refinement::ANNEALED),
+        Some(Refine::SplitMerge) => Some(Refinement::SPLIT_MERGE),
+        Some(Refine::Exchange) => Some(Refinement::EXCHANGE),
+        Some(Refine::Best) => Some(Refinement::BEST),
+        None => None,
+    };
+    match (&mut method, args.rounds, args.restarts) {
+        (
+            Some(Refinement::SplitMerge { rounds } | Refinement::Best { rounds, .. }),
+            Some(wanted),
+            None,
+        ) => *rounds = wanted,
+        (Some(Refinement::Restarts { restarts }), None, Some(wanted)) => *restarts = wanted,
+        (_, Some(_), _) => refuse("--rounds goes with --refine split-merge or best"),
+        (_, _, Some(_)) => refuse("--restarts goes with --refine restarts"),
+        (_, None, None) => {}
+    }
+    if args.no_snap && matches!(args.refine, Some(Refine::Exchange | Refine::Best)) {
+        refuse("--no-snap does not go with --refine exchange or best, which end with data points");
+    }
+    Some(RefineSettings {
+        method: method?,
+        fkm: FkmSettings {
+            sigma: args.sigma,
+            tolerance: args.tolerance,
+            max_iterations: args.max_iterations,
+        },
+        seed: Seed::new(args.seed),
+        budget_s: args.refine_seconds,
+    })
+}
+
+/// A refinement with a line that tells how far it is.
+fn refined(
+    settings: &RefineSettings,
     data: &PointSet<2>,
     initial: &PointMap<2>,
-    args: &MapArgs,
     global: &Global,
-) -> Result<(Vec<mcl_core::Point<2>>, FkmReport)> {
-    let settings = FkmSettings {
-        sigma: args.sigma,
-        tolerance: args.tolerance,
-        max_iterations: args.max_iterations,
+) -> Result<Refined<2>> {
+    let bar = progress::spinner(settings.method.name(), global.quiet);
+    let observe = |step: &RefineStep| {
+        let RefineStep { evaluations, log_likelihood, .. } = step;
+        bar.set_message(format!("{evaluations} evaluations, {log_likelihood:.4} nats/point"));
     };
-    let bar = progress::bar(1000, "fuzzy k-means", global.quiet);
-    let mut before: Option<f64> = None;
-    let mut first_gain: Option<f64> = None;
-    let observe = |updates: usize, per_point: f64| {
-        bar.set_message(format!("update {updates}, {per_point:.4} nats/point"));
-        if let Some(before) = before {
-            let gain = per_point - before;
-            let first = *first_gain.get_or_insert(gain);
-            let by_gain = (first / gain).ln() / (first / args.tolerance).ln();
-            let by_count = updates as f64 / args.max_iterations as f64;
-            let fraction = if by_gain.is_finite() { by_gain.max(by_count) } else { by_count };
-            bar.set_position((1000.0 * fraction.clamp(0.0, 1.0)) as u64);
-        }
-        before = Some(per_point);
-    };
-    let result = match method {
-        Refine::Fkm => fuzzy_k_means(data, initial, &settings, observe),
-        Refine::FkmAccelerated => accelerated_fuzzy_k_means(data, initial, &settings, observe),
-    };
+    let result = refine(data, initial, settings, observe);
     bar.finish_and_clear();
     Ok(result?)
 }
@@ -163,9 +184,13 @@ fn text(built: &Built, args: &MapArgs) -> String {
     if let (Some(converged), [first, .., last]) = (built.converged, &built.log_likelihood_trace[..])
     {
         let how = if converged { "converged" } else { "stopped (not converged)" };
+        let method = match args.refine {
+            Some(Refine::Fkm) | None => "fuzzy k-means",
+            Some(_) => refine_settings(args).map_or("", |settings| settings.method.name()),
+        };
         let updates = built.iterations;
         text += &format!(
-            "\nfuzzy k-means: {how} after {updates} updates, {first:.4} → {last:.4} nats per point"
+            "\n{method}: {how} after {updates} updates, {first:.4} → {last:.4} nats per point"
         );
     }
     if let Some(per_point) = built.log_likelihood_per_point {

@@ -63,9 +63,9 @@ impl<const D: usize> Components<D> {
 }
 
 /// Keeps the components that a point in the box may need: those whose squared distance to the box is
-/// at most `reach` more than the smallest squared distance within which every place in the box has a
-/// component. Returns that smallest squared distance.
-pub(super) struct Filter<'a, const D: usize> {
+/// at most `reach` more than the smallest squared distance within which every place in the box has
+/// `NEAREST` components (one or two). Returns that smallest squared distance.
+pub(super) struct Filter<'a, const D: usize, const NEAREST: usize> {
     pub components: &'a Components<D>,
     pub bounds: &'a Bounds<D>,
     pub reach: f64,
@@ -83,7 +83,7 @@ pub(super) struct FilterScratch {
 
 /// Not a closure: the compiler's adapter around a closure would not be inlined, and its instructions
 /// would be the narrow ones.
-impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
+impl<const D: usize, const NEAREST: usize> NullaryFnOnce for Filter<'_, D, NEAREST> {
     type Output = f64;
 
     #[inline(always)]
@@ -97,7 +97,7 @@ impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
             chosen.resize(chunks * CHUNK, 0);
         }
         let near = &mut near[..chunks];
-        let covered = box_distances(components, bounds, near);
+        let covered = box_distances::<D, NEAREST>(components, bounds, near);
         // A hair of slack for the rounding of the distances themselves.
         let limit = (covered + reach) * (1.0 + 1e-12);
         // Without branches, which would be hard to predict.
@@ -120,10 +120,10 @@ impl<const D: usize> NullaryFnOnce for Filter<'_, D> {
     }
 }
 
-/// Squared distances from each component to the nearest place in a box; returns the smallest of the
-/// squared distances to the furthest place.
+/// Squared distances from each component to the nearest place in a box; returns the smallest (`NEAREST`
+/// 2: the second smallest) of the squared distances to the furthest place.
 #[inline(always)]
-fn box_distances<const D: usize>(
+fn box_distances<const D: usize, const NEAREST: usize>(
     components: &Components<D>,
     bounds: &Bounds<D>,
     near: &mut [[f64; CHUNK]],
@@ -133,7 +133,7 @@ fn box_distances<const D: usize>(
     for axis in 0..D {
         half[axis] = 0.5 * bounds.extent(axis);
     }
-    let mut covered = [f64::INFINITY; CHUNK];
+    let mut smallest = [[f64::INFINITY; CHUNK]; NEAREST];
     for (chunk, near) in near.iter_mut().enumerate() {
         let mut coordinates = [[0.0; CHUNK]; D];
         for axis in 0..D {
@@ -150,8 +150,21 @@ fn box_distances<const D: usize>(
                 to_far += across * across;
             }
             near[lane] = to_near;
-            covered[lane] = if to_far < covered[lane] { to_far } else { covered[lane] };
+            // The larger of the two moves on to the next rank.
+            for of_rank in &mut smallest {
+                let known = of_rank[lane];
+                of_rank[lane] = if to_far < known { to_far } else { known };
+                to_far = if to_far < known { known } else { to_far };
+            }
         }
     }
-    covered.into_iter().fold(f64::INFINITY, |a, b| if b < a { b } else { a })
+    let mut ranked = [f64::INFINITY; NEAREST];
+    for mut value in smallest.into_iter().flatten() {
+        for of_rank in &mut ranked {
+            let known = *of_rank;
+            *of_rank = if value < known { value } else { known };
+            value = if value < known { known } else { value };
+        }
+    }
+    ranked[NEAREST - 1]
 }

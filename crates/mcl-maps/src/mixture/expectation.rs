@@ -5,10 +5,10 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use super::components::{Components, Filter, FilterScratch};
-use super::kernel::{Leaf, Pull, PullLanes, inverse_unit};
+use super::kernel::{Leaf, Pull, PullLanes, Row, inverse_unit};
 use super::log_product::LogProduct;
 use crate::PointSet;
-use crate::point_set::{LEAF_POINTS, Node, NodeKind, Tree};
+use crate::point_set::{Node, NodeKind, Tree};
 
 /// ε: what a point's sum leaves out is below this part of it.
 const TRUNCATION: f64 = 1e-12;
@@ -43,18 +43,8 @@ fn expectation_on<const D: usize>(
     sigma: f64,
     with_pulls: bool,
 ) -> Expectation<D> {
-    let walk = Walk {
-        arch,
-        tree: data.tree(),
-        inverse_unit: inverse_unit(sigma),
-        reach: 2.0 * sigma * sigma * (2.0 * means.len() as f64 / TRUNCATION).ln(),
-        reach_among: std::array::from_fn(|log2| {
-            2.0 * sigma * sigma * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
-        }),
-    };
-    let all = Components::new(means);
-    let mut tasks = Vec::new();
-    walk.collect_tasks(0, all, &mut FilterScratch::default(), &mut tasks);
+    let walk = Walk::<D, 1>::new(arch, data, means.len(), sigma);
+    let tasks = walk.tasks(means);
     let results: Vec<(f64, Vec<Pull<D>>)> = tasks
         .par_iter()
         .map_init(Scratch::default, |scratch, task| walk.run(task, with_pulls, scratch))
@@ -72,17 +62,19 @@ fn expectation_on<const D: usize>(
 }
 
 /// A subtree and the components that its points may need, known by their place in this list.
-struct Task<const D: usize> {
-    node: usize,
-    components: Components<D>,
+pub(super) struct Task<const D: usize> {
+    pub node: usize,
+    pub components: Components<D>,
     /// The places of these components among all.
-    places: Vec<u32>,
+    pub places: Vec<u32>,
 }
 
-struct Walk<'a, const D: usize> {
-    arch: Arch,
-    tree: &'a Tree<D>,
-    inverse_unit: f64,
+/// Down the tree with the components that points need for sums of which the `NEAREST` largest
+/// summands can be left out.
+pub(super) struct Walk<'a, const D: usize, const NEAREST: usize> {
+    pub arch: Arch,
+    pub tree: &'a Tree<D>,
+    pub inverse_unit: f64,
     /// 2σ²·ln(2K/ε): how much further (m²) than the nearest a component still matters.
     reach: f64,
     /// 2σ²·ln(2⁰/(ε/2)), 2σ²·ln(2¹/(ε/2)), ...: the same among up to 2⁰, 2¹, ... components.
@@ -90,9 +82,9 @@ struct Walk<'a, const D: usize> {
 }
 
 /// Working memory of a thread.
-struct Scratch<const D: usize> {
+pub(super) struct Scratch<const D: usize> {
     filter: FilterScratch,
-    rows: Vec<[f64; LEAF_POINTS]>,
+    pub rows: Vec<Row>,
     /// Component lists of the path from a task's node down to the current one.
     levels: Vec<Components<D>>,
 }
@@ -103,7 +95,28 @@ impl<const D: usize> Default for Scratch<D> {
     }
 }
 
-impl<const D: usize> Walk<'_, D> {
+impl<'a, const D: usize, const NEAREST: usize> Walk<'a, D, NEAREST> {
+    pub fn new(arch: Arch, data: &'a PointSet<D>, components: usize, sigma: f64) -> Self {
+        let square = 2.0 * sigma * sigma;
+        Walk {
+            arch,
+            tree: data.tree(),
+            inverse_unit: inverse_unit(sigma),
+            reach: square * (2.0 * components as f64 / TRUNCATION).ln(),
+            reach_among: std::array::from_fn(|log2| {
+                square * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
+            }),
+        }
+    }
+
+    /// The units of parallel work.
+    pub fn tasks(&self, means: &[Point<D>]) -> Vec<Task<D>> {
+        let mut tasks = Vec::new();
+        let all = Components::new(means);
+        self.collect_tasks(0, all, &mut FilterScratch::default(), &mut tasks);
+        tasks
+    }
+
     fn collect_tasks(
         &self,
         node: usize,
@@ -129,7 +142,7 @@ impl<const D: usize> Walk<'_, D> {
 
     /// Keeps the components that the points of a node may need. Returns the squared distance within
     /// which each of them has a component.
-    fn filter(
+    pub fn filter(
         &self,
         node: usize,
         components: &Components<D>,
@@ -145,9 +158,39 @@ impl<const D: usize> Walk<'_, D> {
                 self.reach_among[components.len().next_power_of_two().trailing_zeros() as usize]
             }
         };
-        self.arch.dispatch(Filter { components, bounds, reach, scratch, kept })
+        self.arch.dispatch(Filter::<D, NEAREST> { components, bounds, reach, scratch, kept })
     }
+}
 
+impl<const D: usize, const NEAREST: usize> Walk<'_, D, NEAREST> {
+    /// Calls `visit` for every leaf below a node, in their order, with the index of its node and the
+    /// components that its points may need.
+    pub fn for_each_leaf(
+        &self,
+        node: usize,
+        components: &Components<D>,
+        level: usize,
+        scratch: &mut Scratch<D>,
+        visit: &mut impl FnMut(usize, &Components<D>, &mut Vec<Row>),
+    ) {
+        if scratch.levels.len() <= level {
+            scratch.levels.resize(level + 1, Components::default());
+        }
+        let mut kept = std::mem::take(&mut scratch.levels[level]);
+        self.filter(node, components, &mut scratch.filter, &mut kept);
+        match self.tree.nodes[node].kind {
+            NodeKind::Split(left, right) => {
+                for child in [left, right] {
+                    self.for_each_leaf(child, &kept, level + 1, scratch, visit);
+                }
+            }
+            NodeKind::Leaf(_) => visit(node, &kept, &mut scratch.rows),
+        }
+        scratch.levels[level] = kept;
+    }
+}
+
+impl<const D: usize> Walk<'_, D, 1> {
     fn run(
         &self,
         task: &Task<D>,

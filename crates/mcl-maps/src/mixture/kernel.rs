@@ -5,15 +5,15 @@ use std::f64::consts::LOG2_E;
 use pulp::NullaryFnOnce;
 
 use super::components::Components;
-use super::exp::exp2_nonpositive;
+use super::exp::exp2_bounded;
 use super::log_product::LogProduct;
 use crate::point_set::{LEAF_POINTS, LeafPoints};
 
 /// Sums of exponentials from this power of two up are far enough above the smallest that
-/// [`exp2_nonpositive`] returns, and need no shift of the exponents.
+/// [`exp2_bounded`] returns, and need no shift of the exponents.
 const UNSHIFTED: f64 = 600.0;
 
-type Row = [f64; LEAF_POINTS];
+pub(super) type Row = [f64; LEAF_POINTS];
 
 /// A sum in parts, each its own lane of a vector.
 type Lanes = [f64; LANES];
@@ -93,13 +93,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
     #[inline(always)]
     fn call(self) {
         let Leaf { count, center, components, inverse_unit: scale, .. } = self;
-        // Lengths are counted in the unit, from the middle of the box.
-        let mut points = [[0.0; LEAF_POINTS]; D];
-        for axis in 0..D {
-            for i in 0..LEAF_POINTS {
-                points[axis][i] = (self.points[axis][i] - center[axis]) * scale;
-            }
-        }
+        let mut points = centred_leaf(self.points, &center, scale);
         let mean = |j: usize| -> [f64; D] {
             std::array::from_fn(|axis| (components.coordinates(axis)[j] - center[axis]) * scale)
         };
@@ -126,7 +120,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         for (j, row) in rows.iter_mut().enumerate() {
             let mean = mean(j);
             for i in 0..LEAF_POINTS {
-                row[i] = exp2_nonpositive(shift[i] - squared_distance(&points, i, &mean));
+                row[i] = exp2_bounded(shift[i] - squared_distance(&points, i, &mean));
                 sums[i] += row[i];
             }
         }
@@ -159,10 +153,30 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
     }
 }
 
+/// Lengths are counted in the unit, from the middle of the box.
+#[inline(always)]
+pub(super) fn centred_leaf<const D: usize>(
+    leaf: &LeafPoints<D>,
+    center: &[f64; D],
+    scale: f64,
+) -> LeafPoints<D> {
+    let mut points = [[0.0; LEAF_POINTS]; D];
+    for axis in 0..D {
+        for i in 0..LEAF_POINTS {
+            points[axis][i] = (leaf[axis][i] - center[axis]) * scale;
+        }
+    }
+    points
+}
+
 /// From one of the points. With the same rounding wherever it is used: the exponent of the nearest
 /// component, counted from itself, is 0.
 #[inline(always)]
-fn squared_distance<const D: usize>(points: &LeafPoints<D>, i: usize, mean: &[f64; D]) -> f64 {
+pub(super) fn squared_distance<const D: usize>(
+    points: &LeafPoints<D>,
+    i: usize,
+    mean: &[f64; D],
+) -> f64 {
     let first = points[0][i] - mean[0];
     let mut squared = first * first;
     for axis in 1..D {

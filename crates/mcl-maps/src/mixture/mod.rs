@@ -15,9 +15,13 @@ mod exp;
 mod expectation;
 mod kernel;
 mod log_product;
+mod removal;
+mod sums;
 
 pub(crate) use expectation::{Expectation, expectation};
 pub(crate) use kernel::Pull;
+pub(crate) use removal::removal;
+pub(crate) use sums::Sums;
 
 use std::f64::consts::TAU;
 
