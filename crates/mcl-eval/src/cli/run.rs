@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_datasets::registry::{Registry, Source};
+use mcl_datasets::registry::{Registry, Source, is_plain_name};
 use serde::Serialize;
 
 use super::Outcome;
@@ -132,6 +132,12 @@ fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
 
 /// The experiment's name: that of its file, without the ending.
 fn experiment_name(path: &Path) -> Result<String> {
-    let stem = path.file_stem().with_context(|| format!("{} has no name", path.display()))?;
-    Ok(stem.to_string_lossy().into_owned())
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    if !is_plain_name(&stem) {
+        bail!(
+            "{}: results are kept under the file's name, which is no name of a folder",
+            path.display()
+        );
+    }
+    Ok(stem)
 }
