@@ -1,5 +1,10 @@
 //! Memory whose amount data or settings decide. Asking for more than there is ends a Rust program at
 //! once, unless it asks as here: then a trial fails, and the rest go on.
+//!
+//! All else a program asks for is small, but refused as well once there is nothing left; so what is
+//! large is refused while there is still something left for the small.
+
+use std::hint::black_box;
 
 /// Memory that the system refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -13,14 +18,25 @@ pub struct OutOfMemory {
     pub bytes: usize,
 }
 
+/// What has at least so many bytes is large ...
+const LARGE: usize = 1 << 20;
+/// ... and leaves so many for all that is small.
+const LEFT_FOR_SMALL: usize = 16 << 20;
+
 /// Makes room for `more` further items, as [`Vec::try_reserve`].
 ///
 /// # Errors
 /// [`OutOfMemory`].
 #[inline]
 pub fn reserve<T>(items: &mut Vec<T>, more: usize, what: &'static str) -> Result<(), OutOfMemory> {
+    if items.capacity() - items.len() >= more {
+        return Ok(());
+    }
     let number = items.len().saturating_add(more);
-    items.try_reserve(more).map_err(|_| refused::<T>(number, what))
+    match items.try_reserve(more) {
+        Ok(()) if leaves_enough(items.capacity().saturating_mul(size_of::<T>())) => Ok(()),
+        _ => Err(refused::<T>(number, what)),
+    }
 }
 
 /// An empty list with room for exactly `number` items.
@@ -29,8 +45,10 @@ pub fn reserve<T>(items: &mut Vec<T>, more: usize, what: &'static str) -> Result
 /// [`OutOfMemory`].
 pub fn with_room<T>(number: usize, what: &'static str) -> Result<Vec<T>, OutOfMemory> {
     let mut items = Vec::new();
-    items.try_reserve_exact(number).map_err(|_| refused::<T>(number, what))?;
-    Ok(items)
+    match items.try_reserve_exact(number) {
+        Ok(()) if leaves_enough(number.saturating_mul(size_of::<T>())) => Ok(items),
+        _ => Err(refused::<T>(number, what)),
+    }
 }
 
 /// Asks for as much memory as `number` items of `bytes` take, and gives it back: for what is about to be
@@ -39,7 +57,14 @@ pub fn with_room<T>(number: usize, what: &'static str) -> Result<Vec<T>, OutOfMe
 /// # Errors
 /// [`OutOfMemory`].
 pub fn check_room(number: usize, bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
-    with_room::<u8>(number.saturating_mul(bytes), what).map(drop)
+    // An optimizer may leave out memory that nobody looks at.
+    with_room::<u8>(number.saturating_mul(bytes), what).map(|room| drop(black_box(room)))
+}
+
+/// Whether something is left for the small after so many bytes were taken.
+fn leaves_enough(bytes: usize) -> bool {
+    let mut room = Vec::<u8>::new();
+    bytes < LARGE || black_box(&mut room).try_reserve_exact(LEFT_FOR_SMALL).is_ok()
 }
 
 fn refused<T>(number: usize, what: &'static str) -> OutOfMemory {

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
 use super::output::{print, thousands};
-use crate::progress;
+use crate::progress::{self, tell};
 
 pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
     let registry = Registry::from_environment()?;
@@ -92,7 +92,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
                 }
                 FetchEvent::Failed { url, failure, retrying } => {
                     let next = if retrying { "; trying again" } else { "" };
-                    bar.suspend(|| eprintln!("{}: {url}: {failure}{next}", dataset.name));
+                    bar.suspend(|| tell!("{}: {url}: {failure}{next}", dataset.name));
                 }
             });
         bar.finish_and_clear();

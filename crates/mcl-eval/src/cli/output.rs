@@ -2,13 +2,14 @@
 
 use std::io::{self, Write};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::Cli;
+use crate::progress::tell;
 use crate::source::LogSource;
 
 /// Prints a result as one JSON object, or as lines of text.
@@ -18,21 +19,21 @@ use crate::source::LogSource;
 pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> String) -> Result<()> {
     let text = if json { serde_json::to_string(value)? } else { text(value) };
     let mut stdout = io::stdout().lock();
-    writeln!(stdout, "{}", text.trim_end())?;
-    stdout.flush()?;
-    Ok(())
+    writeln!(stdout, "{}", text.trim_end())
+        .and_then(|()| stdout.flush())
+        .context("cannot write to standard output")
 }
 
 /// Says on stderr what a log left open and what of it was lost, and whether anything was.
 pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
     for assumption in &source.assumptions {
-        eprintln!("warning: {name}: {assumption}");
+        tell!("warning: {name}: {assumption}");
     }
     let report = &source.report;
     if report.is_complete() {
         return Outcome::Done;
     }
-    eprintln!("warning: {name}: {report}");
+    tell!("warning: {name}: {report}");
     Outcome::Incomplete
 }
 
