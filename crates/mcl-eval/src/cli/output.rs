@@ -131,9 +131,9 @@ mod tests {
         let text =
             "office\n  kind        corrected log, raw odometry\n  points      7 with 0 < r ≤ 10 m";
         assert_eq!(wrapped(text, 80), text);
-        let narrow = "office\n  kind        corrected\n              log, raw\n              odometry\n  \
-                      points      7 with 0 <\n              r ≤ 10 m";
-        assert_eq!(wrapped(text, 26), narrow);
+        let narrow = "office\n  kind        corrected log,\n              raw odometry\n  \
+                      points      7 with 0 < r ≤\n              10 m";
+        assert_eq!(wrapped(text, 28), narrow);
         // A path is not cut, and whatever the width, no word is lost.
         let path = "  /a/very/long/path/to/a.log: no known copy";
         assert_eq!(wrapped(path, 12), "  /a/very/long/path/to/a.log:\n  no known\n  copy");
