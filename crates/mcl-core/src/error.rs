@@ -1,3 +1,5 @@
+use crate::OutOfMemory;
+
 /// What can be wrong with the plain data of this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CoreError {
@@ -54,4 +56,7 @@ pub enum CoreError {
     /// A range limit that is not a positive number.
     #[error("max range is {0} m, expected a positive number of metres")]
     MaxRange(f64),
+    /// There was not enough memory.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }

@@ -1,10 +1,14 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use crate::{CoreError, Point, check_finite};
+use crate::memory::check_room;
+use crate::{CoreError, OutOfMemory, Point, check_finite};
 
 /// Distances within this of the smallest (m) count as equally near; the earliest point then wins.
 /// Without it, rounding in the last bit would decide between the two points of a grid cell.
 pub const TIE_DISTANCE: f64 = 1e-9;
+
+/// What the library takes per point in the plane while it builds its tree, as measured.
+const BYTES_PER_POINT: usize = 64;
 
 /// A neighbour found by a query.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,15 +32,25 @@ impl<const D: usize> NearestNeighbors<D> {
     ///
     /// # Errors
     /// [`CoreError::NoPoints`] when empty, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for
-    /// coordinates that are no place, [`CoreError::Index`] when the library refuses.
+    /// coordinates that are no place, [`CoreError::Index`] when the library refuses,
+    /// [`CoreError::Memory`].
     pub fn new(points: &[Point<D>]) -> Result<Self, CoreError> {
         if points.is_empty() {
             return Err(CoreError::NoPoints);
         }
         check_finite(points)?;
+        Self::check_room(points.len())?;
         let tree = ImmutableKdTree::new_from_slice(points)
             .map_err(|e| CoreError::Index { points: points.len(), reason: format!("{e:?}") })?;
         Ok(NearestNeighbors { tree })
+    }
+
+    /// Sees whether there is memory for an index of so many points.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`].
+    pub fn check_room(points: usize) -> Result<(), OutOfMemory> {
+        check_room(points, BYTES_PER_POINT * D / 2, "points in an index of neighbours")
     }
 
     /// The nearest point to a finite query; which one of equally near points is unspecified.

@@ -1,3 +1,4 @@
+use crate::memory::with_room;
 use crate::{CoreError, LaserScan, Point, Pose2, Trajectory};
 
 /// Axis-aligned bounding box, in metres.
@@ -69,13 +70,13 @@ impl Recording {
     ///
     /// # Errors
     /// [`CoreError::MaxRange`] unless `max_range` is positive; [`CoreError::NoReference`] names the
-    /// first scan without a reference pose.
+    /// first scan without a reference pose; [`CoreError::Memory`].
     pub fn points(&self, max_range: f64) -> Result<Vec<Point<2>>, CoreError> {
         if !max_range.is_finite() || max_range <= 0.0 {
             return Err(CoreError::MaxRange(max_range));
         }
         let usable = self.scans.iter().map(|scan| scan.usable_beams(max_range)).sum();
-        let mut points = Vec::with_capacity(usable);
+        let mut points = with_room(usable, "points")?;
         for (index, scan) in self.scans.iter().enumerate() {
             let pose = scan.map_from_laser.ok_or(CoreError::NoReference { scan: index })?;
             points.extend(scan.endpoints(pose, max_range));

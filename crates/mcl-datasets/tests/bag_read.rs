@@ -277,6 +277,55 @@ fn scans_without_a_stamp_get_the_time_they_were_logged() {
     );
 }
 
+/// A bag may come from anywhere: it must not make us read files elsewhere.
+#[test]
+fn a_bag_that_lists_files_elsewhere_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let inside = folder.path().join("inside");
+    std::fs::create_dir_all(inside.join("sub")).unwrap();
+    let outside = folder.path().join("outside.mcap");
+    let bytes = bag(&walk(4));
+    let list = |path: &str| {
+        let text = format!(
+            "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  relative_file_paths:\n    - {path:?}\n"
+        );
+        std::fs::write(inside.join("metadata.yaml"), text).unwrap();
+        read_log(&inside)
+    };
+    for there in [&outside, &inside.join("a.mcap"), &inside.join("sub/a.mcap")] {
+        std::fs::write(there, &bytes).unwrap();
+    }
+    for path in ["a.mcap", "./a.mcap", "sub/a.mcap"] {
+        assert!(list(path).is_ok(), "{path}");
+    }
+    let absolute = outside.display().to_string();
+    for path in [
+        "../outside.mcap",
+        "sub/../../outside.mcap",
+        "sub/../a.mcap",
+        "..",
+        "",
+        &absolute,
+        "..\\outside.mcap",
+        "C:\\outside.mcap",
+        "C:outside.mcap",
+        "a.mcap\0",
+    ] {
+        let message = list(path).unwrap_err().to_string();
+        assert!(message.contains("inside") && message.contains("metadata.yaml"), "{message}");
+        assert!(message.contains("relative_file_paths lists"), "{path}: {message}");
+        assert!(message.contains("expected paths below the folder"), "{message}");
+    }
+}
+
+#[test]
+fn a_description_of_a_bag_without_end_is_not_read_on() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("metadata.yaml"), vec![b'#'; (1 << 24) + 1]).unwrap();
+    let message = read_log(folder.path()).unwrap_err().to_string();
+    assert!(message.contains("longer than 16777216 bytes"), "{message}");
+}
+
 #[test]
 fn a_split_bag_is_read_as_one() {
     let folder = tempfile::tempdir().unwrap();

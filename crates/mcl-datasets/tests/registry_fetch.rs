@@ -213,6 +213,34 @@ fn redirects_are_followed_and_keep_the_range() {
 }
 
 #[test]
+fn redirects_to_other_schemes_and_without_end_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let secret = folder.path().join("lab.gfs.log");
+    std::fs::write(&secret, log()).unwrap();
+    let to = |location: &str| {
+        let headers = [("Location", location.to_owned()), ("Content-Length", "0".to_owned())];
+        Answer::Send(with_headers("302 Found", &headers, b""))
+    };
+    let file = format!("file://{}", secret.display());
+    for location in [&file, "ftp://127.0.0.1/lab.gfs.log", "gopher://127.0.0.1/", "javascript:0"] {
+        let server = Server::start(vec![to(location)]);
+        let lab = Lab::new(&[server.url("lab.log")]);
+        // What has no host is taken for a path at the server, which has no such file.
+        let (failure, message) = last_failure(lab.fetch());
+        let refused = matches!(failure, UrlFailure::NoAnswer(_) | UrlFailure::Status(_));
+        assert!(refused, "{location}: {message}");
+        assert!(server.requests().len() <= 2, "{location}: {message}");
+        lab.assert_files(&[]);
+    }
+    let server = Server::start((0..50).map(|_| to("/again")).collect());
+    let lab = Lab::new(&[server.url("lab.log")]);
+    let (failure, message) = last_failure(lab.fetch());
+    assert!(matches!(failure, UrlFailure::NoAnswer(ureq::Error::TooManyRedirects)), "{message}");
+    assert!(server.requests().len() <= 11, "{}", server.requests().len());
+    lab.assert_files(&[]);
+}
+
+#[test]
 fn a_truncated_transfer_goes_on_within_one_fetch() {
     let packed = gzip(&log());
     let half = packed.len() / 2;

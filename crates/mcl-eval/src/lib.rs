@@ -3,6 +3,9 @@
 //! against the paper ([`claims`]), and offers all of it on the command line ([`cli`]). The work itself
 //! is done by the crates below it: `mcl-datasets`, `mcl-maps`, `mcl-filter` and `mcl-metrics`.
 
+// Both end the program when nobody can be told; see `progress::tell` and `cli::output::print`.
+#![cfg_attr(not(test), warn(clippy::print_stderr, clippy::print_stdout))]
+
 pub mod claims;
 pub mod cli;
 pub mod experiment;

@@ -1,8 +1,27 @@
-//! Progress bars on standard error; none when it is no terminal, or when told to be quiet.
+//! What is told on standard error: lines, and progress bars. No bars when it is no terminal, or when told
+//! to be quiet.
 
+use std::fmt;
+use std::io::{self, Write};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Tells a line on standard error, formatted as by `eprintln!`. That nobody can be told (the reader of a
+/// pipe went away, the disk of a log is full) must not end a long run, as it would with `eprintln!`.
+macro_rules! tell {
+    ($($argument:tt)*) => {
+        $crate::progress::tell_line(format_args!($($argument)*))
+    };
+}
+pub(crate) use tell;
+
+/// See [`tell!`].
+pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
+    // One write per line, so that lines of several programs do not mix.
+    let line = format!("{line}\n");
+    drop(io::stderr().write_all(line.as_bytes()));
+}
 
 /// A bar over work of `length` units with the time left.
 pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {

@@ -210,6 +210,12 @@ fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
 
 /// The file's name up to its first dot: `intel.gfs.log.gz` is `intel`.
 fn stem(path: &Path) -> String {
+    // The folder of a bag may be given as `.` or `..`, which name nothing.
+    let absolute = path.canonicalize();
+    let path = match path.file_name() {
+        Some(_) => path,
+        None => absolute.as_deref().unwrap_or(path),
+    };
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     match name.split('.').next() {
         Some(stem) if !stem.is_empty() => stem.to_owned(),
@@ -248,6 +254,10 @@ mod tests {
         assert_eq!(stem(Path::new("a/intel.gfs.log.gz")), "intel");
         assert_eq!(stem(Path::new("run7")), "run7");
         assert_eq!(stem(Path::new(".hidden")), ".hidden");
+        for unnamed in [".", ".."] {
+            let name = stem(Path::new(unnamed));
+            assert!(!name.is_empty() && !name.starts_with('.'), "{name}");
+        }
     }
 
     #[test]

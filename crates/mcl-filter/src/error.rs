@@ -1,4 +1,4 @@
-use mcl_core::{CoreError, Pose2};
+use mcl_core::{CoreError, OutOfMemory, Pose2};
 
 /// What can go wrong between settings and an estimated trajectory.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -118,4 +118,7 @@ pub enum FilterError {
         /// The logarithm found.
         log_sum: f64,
     },
+    /// There was not enough memory.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }

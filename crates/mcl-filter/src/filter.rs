@@ -1,14 +1,15 @@
 use std::ops::Range;
 
-use mcl_core::{LaserScan, Pose2, Rng, Seed};
+use mcl_core::memory::with_room;
+use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed};
 use rand::seq::SliceRandom;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::motion::{NoisyMotion, OdometryModel};
-use crate::particles::effective_sample_size;
+use crate::particles::{PARTICLES, effective_sample_size};
 use crate::proposal::{Noise, NoiseProposal};
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
-use crate::{CheckedSettings, Estimate, FilterError, Particles, Proposal};
+use crate::{CheckedSettings, Estimate, FilterError, FilterSettings, Particles, Proposal};
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,13 +97,35 @@ struct Buffers {
     noise: Vec<Noise>,
 }
 
+impl Buffers {
+    /// With room for everything that the number of particles decides, so that no step takes more.
+    fn for_particles(settings: &FilterSettings) -> Result<Self, OutOfMemory> {
+        let number = settings.particles;
+        let room = || with_room(number, PARTICLES);
+        let mut buffers = Buffers {
+            sin: room()?,
+            cos: room()?,
+            weights: room()?,
+            chosen: with_room(number, PARTICLES)?,
+            scratch: room()?,
+            log_likelihoods: room()?,
+            ..Buffers::default()
+        };
+        if settings.proposal == Proposal::Adaptive {
+            buffers.before = [room()?, room()?, room()?];
+            buffers.noise = with_room(number, PARTICLES)?;
+        }
+        Ok(buffers)
+    }
+}
+
 impl<'a> ParticleFilter<'a> {
     /// A filter whose particles are drawn about `map_from_robot`, or over the map, as
     /// [`initial_pose`](crate::FilterSettings::initial_pose) says.
     ///
     /// # Errors
     /// [`FilterError::MaxDistanceMismatch`], [`FilterError::NoInitialPose`],
-    /// [`FilterError::NonFinitePose`] or [`FilterError::NonFiniteParticle`].
+    /// [`FilterError::NonFinitePose`], [`FilterError::NonFiniteParticle`] or [`FilterError::Memory`].
     pub fn new(
         settings: &CheckedSettings,
         distances: &'a MapDistances,
@@ -132,7 +155,7 @@ impl<'a> ParticleFilter<'a> {
             moved: None,
             predictions: 0,
             updates: 0,
-            buffers: Buffers::default(),
+            buffers: Buffers::for_particles(values)?,
         })
     }
 

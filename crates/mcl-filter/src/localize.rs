@@ -1,3 +1,4 @@
+use mcl_core::memory::with_room;
 use mcl_core::{Pose2, Recording, Seed};
 
 use crate::{CheckedSettings, FilterError, MapDistances, ParticleFilter, Particles, StepReport};
@@ -77,8 +78,8 @@ pub fn localize_with<E: From<FilterError>>(
     let mut filter =
         ParticleFilter::new(settings, distances, robot_from_laser, map_from_robot, seed)?;
     let mut run = Run {
-        map_from_laser: Vec::with_capacity(replay.scans.len()),
-        reports: Vec::with_capacity(replay.scans.len()),
+        map_from_laser: with_room(replay.scans.len(), "estimates").map_err(FilterError::from)?,
+        reports: with_room(replay.scans.len(), "estimates").map_err(FilterError::from)?,
     };
     let mut previous = None;
     for &scan in replay.scans {

@@ -1,10 +1,14 @@
 use std::f64::consts::PI;
 
+use mcl_core::memory::with_room;
 use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, wrap_angle};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::{FilterError, InitialPose};
+
+/// What memory for particles is asked for as.
+pub(crate) const PARTICLES: &str = "particles";
 
 /// Weighted poses of the robot in the map's frame, as a structure of arrays.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +29,7 @@ impl Particles {
     ///
     /// # Errors
     /// [`FilterError::NoInitialPose`] when a pose is needed and `None`;
-    /// [`FilterError::NonFinitePose`] when it is no pose.
+    /// [`FilterError::NonFinitePose`] when it is no pose; [`FilterError::Memory`].
     pub fn draw(
         number: usize,
         initial: InitialPose,
@@ -34,11 +38,12 @@ impl Particles {
         rng: &mut Rng,
     ) -> Result<Self, FilterError> {
         let mut particles = Particles {
-            x: Vec::with_capacity(number),
-            y: Vec::with_capacity(number),
-            theta: Vec::with_capacity(number),
-            log_weight: vec![-(number as f64).ln(); number],
+            x: with_room(number, PARTICLES)?,
+            y: with_room(number, PARTICLES)?,
+            theta: with_room(number, PARTICLES)?,
+            log_weight: with_room(number, PARTICLES)?,
         };
+        particles.log_weight.resize(number, -(number as f64).ln());
         match initial {
             InitialPose::Known { std_x, std_y, std_theta } => {
                 let mean = map_from_robot.ok_or(FilterError::NoInitialPose)?;

@@ -1,3 +1,4 @@
+use mcl_core::memory::{check_room, with_room};
 use mcl_core::{Point, PointMap, Seed};
 
 use crate::refine::{RefineReport, RefineSettings, RefineStep, Refined, refine};
@@ -69,18 +70,27 @@ pub fn build_map<const D: usize>(
     initial.refined(data, refinement, |_| {})
 }
 
+/// What memory is asked for as.
+const POINTS: &str = "points of a map";
+
 /// The initial map alone.
 ///
 /// # Errors
-/// [`MapError`] for sizes or cells out of range.
+/// [`MapError`] for sizes or cells out of range, and when there is not enough memory.
 pub fn initial_map<const D: usize>(
     data: &PointSet<D>,
     initial: &InitialMap<D>,
 ) -> Result<BuiltMap<D>, MapError> {
     let points = data.points();
     let (indices, grid) = match *initial {
-        InitialMap::All => ((0..points.len()).collect(), None),
+        InitialMap::All => {
+            let mut indices = with_room(points.len(), POINTS)?;
+            indices.extend(0..points.len());
+            (indices, None)
+        }
         InitialMap::Random { size, seed } => {
+            // The library keeps a list of all points to draw from, at worst.
+            check_room(points.len(), 2 * size_of::<usize>(), POINTS)?;
             (sample_random(points.len(), size.resolve(points.len())?, seed), None)
         }
         InitialMap::GridCell { cell, offset } => {
@@ -92,7 +102,9 @@ pub fn initial_map<const D: usize>(
             (sample.indices, Some((sample.cell, sample.offset)))
         }
     };
-    let map = PointMap::new(indices.iter().map(|&index| points[index]).collect())?;
+    let mut chosen = with_room(indices.len(), POINTS)?;
+    chosen.extend(indices.iter().map(|&index| points[index]));
+    let map = PointMap::new(chosen)?;
     let (cell, offset) = grid.unzip();
     Ok(BuiltMap { map, indices, cell, offset, refinement: None })
 }
@@ -115,8 +127,9 @@ impl<const D: usize> BuiltMap<D> {
     /// The map that means fitted from this one become as a subset of the data ([`snap_to_data`]).
     ///
     /// # Errors
-    /// [`MapError::Points`] when there is no mean.
+    /// [`MapError::Points`] when there is no mean; [`MapError::Memory`].
     pub fn snapped(&self, data: &PointSet<D>, means: &[Point<D>]) -> Result<Self, MapError> {
+        data.check_neighbors_fit()?;
         self.with(data, snap_to_data(data, means))
     }
 

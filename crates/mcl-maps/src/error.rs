@@ -1,4 +1,4 @@
-use mcl_core::CoreError;
+use mcl_core::{CoreError, OutOfMemory};
 
 /// Why a map could not be built or evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -37,4 +37,7 @@ pub enum MapError {
         /// The coordinate that overflows, in metres, relative to the grid's offset.
         coordinate: f64,
     },
+    /// There was not enough memory.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }

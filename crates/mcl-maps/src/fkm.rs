@@ -66,7 +66,7 @@ pub struct FkmReport {
 /// subset of the data. The same bits for any number of threads.
 ///
 /// # Errors
-/// [`MapError::Setting`] for settings out of range.
+/// [`MapError::Setting`] for settings out of range; [`MapError::Memory`].
 pub fn fuzzy_k_means<const D: usize>(
     data: &PointSet<D>,
     initial: &PointMap<D>,
@@ -74,6 +74,7 @@ pub fn fuzzy_k_means<const D: usize>(
     mut observe: impl FnMut(usize, f64),
 ) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
     settings.check()?;
+    data.check_tree_fits()?;
     let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
     let mut trace = vec![model.per_point];
     observe(0, model.per_point);

@@ -21,7 +21,7 @@ const STEP_FACTOR: f64 = 4.0;
 /// than the tolerance.
 ///
 /// # Errors
-/// [`MapError::Setting`] for settings out of range.
+/// [`MapError::Setting`] for settings out of range; [`MapError::Memory`].
 pub fn accelerated_fuzzy_k_means<const D: usize>(
     data: &PointSet<D>,
     initial: &PointMap<D>,
@@ -29,6 +29,7 @@ pub fn accelerated_fuzzy_k_means<const D: usize>(
     mut observe: impl FnMut(usize, f64),
 ) -> Result<(Vec<Point<D>>, FkmReport), MapError> {
     settings.check()?;
+    data.check_tree_fits()?;
     let mut trace = Vec::new();
     let mut model = Model::new(data, data.centred(initial.points()), settings.sigma);
     let converged = climb(data, &mut model, settings.sigma, settings.tolerance, |per_point| {

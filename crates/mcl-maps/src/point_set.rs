@@ -1,6 +1,7 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
+use mcl_core::memory::check_room;
 use mcl_core::{Bounds, NearestNeighbors, Point, check_finite};
 
 use crate::MapError;
@@ -11,6 +12,8 @@ pub(crate) const LEAF_POINTS: usize = 32;
 /// Nodes with at most this many points are split between whole leaves. Further up that would cost more
 /// than the leaves that it saves.
 const ROUNDED_POINTS: usize = 16 * LEAF_POINTS;
+/// What the tree takes per point in the plane while it is built, with what growing lists waste.
+const TREE_BYTES: usize = 112;
 /// The coordinates of a leaf's points, `[axis][point]`.
 pub(crate) type LeafPoints<const D: usize> = [[f64; LEAF_POINTS]; D];
 
@@ -61,9 +64,31 @@ impl<const D: usize> PointSet<D> {
         centred.iter().map(|p| std::array::from_fn(|axis| p[axis] + origin[axis])).collect()
     }
 
+    /// Sees whether there is memory for the [tree](Self::tree), where it is not there yet.
+    ///
+    /// # Errors
+    /// [`MapError::Memory`].
+    pub(crate) fn check_tree_fits(&self) -> Result<(), MapError> {
+        match self.tree.get() {
+            Some(_) => Ok(()),
+            None => Ok(check_room(self.len(), TREE_BYTES * D / 2, "points in a tree")?),
+        }
+    }
+
     /// The tree over the points, built at first use; O(N log N).
     pub(crate) fn tree(&self) -> &Tree<D> {
         self.tree.get_or_init(|| Tree::new(self.centred(&self.points)))
+    }
+
+    /// Sees whether there is memory for [`neighbors`](Self::neighbors), where they are not there yet.
+    ///
+    /// # Errors
+    /// [`MapError::Memory`].
+    pub(crate) fn check_neighbors_fit(&self) -> Result<(), MapError> {
+        match self.neighbors.get() {
+            Some(_) => Ok(()),
+            None => Ok(NearestNeighbors::<D>::check_room(self.len())?),
+        }
     }
 
     /// Nearest-neighbour search over the points, built at first use.

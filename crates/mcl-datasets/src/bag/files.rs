@@ -1,13 +1,16 @@
 //! The files of a bag: one, or those that the `metadata.yaml` of a folder lists.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::io::{self, Read};
+use std::path::{Component, Path, PathBuf};
 
 use serde::Deserialize;
 
 use super::error::BagError;
 
 const METADATA_FILE: &str = "metadata.yaml";
+/// Largest such file, in bytes: far more than thousands of files and topics take.
+const MAX_METADATA_BYTES: u64 = 1 << 24;
 
 /// What is read of `metadata.yaml`.
 #[derive(Deserialize)]
@@ -38,12 +41,31 @@ fn bags_in(folder: &Path) -> Vec<PathBuf> {
     bags
 }
 
+/// Whether a path leads nowhere but below the folder it is joined to, on any system: a bag may come
+/// from anywhere.
+fn stays_in_folder(path: &str) -> bool {
+    let mut parts = Path::new(path).components();
+    !path.is_empty()
+        && !path.contains(['\\', ':', '\0'])
+        && parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+}
+
+/// The text of the file, of at most [`MAX_METADATA_BYTES`].
+fn read_metadata(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    fs::File::open(path)?.take(MAX_METADATA_BYTES + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MAX_METADATA_BYTES {
+        return Err(io::Error::other(format!("it is longer than {MAX_METADATA_BYTES} bytes")));
+    }
+    Ok(text)
+}
+
 /// The files of the bag in this folder, in the order they were written.
 pub(super) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
     let path = folder.join(METADATA_FILE);
-    let text = match fs::read_to_string(&path) {
+    let text = match read_metadata(&path) {
         Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
             let mut bags = bags_in(folder);
             return match bags.len() {
                 1 => Ok(vec![bags.remove(0)]),
@@ -75,6 +97,11 @@ pub(super) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
     }
     if relative_file_paths.is_empty() {
         return Err(BagError::Folder(format!("{METADATA_FILE}: relative_file_paths is empty")));
+    }
+    if let Some(path) = relative_file_paths.iter().find(|path| !stays_in_folder(path)) {
+        return Err(BagError::Folder(format!(
+            "{METADATA_FILE}: relative_file_paths lists {path:?}, expected paths below the folder of the bag, neither absolute nor with \"..\""
+        )));
     }
     Ok(relative_file_paths.iter().map(|path| folder.join(path)).collect())
 }

@@ -195,8 +195,9 @@ fn log_file(
 
 const PLAIN_NAME: &str = "a file name without a path and not beginning with a dot";
 
-/// Names are joined to folders that are written to, so they must not lead out of them.
-fn is_plain_name(name: &str) -> bool {
+/// Whether a name, joined to a folder, stays in it on any system: names of data sets and their files
+/// come out of files.
+pub fn is_plain_name(name: &str) -> bool {
     !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\\', ':', '\0'])
 }
 
@@ -245,9 +246,15 @@ mod tests {
             ("x = 0.1", "x = inf", "`sensor.robot_from_laser`"),
             ("file = \"lab.log\"", "", "no key `file`"),
             ("file = \"lab.log\"", "file = \"../lab.log\"", "`file` is \"../lab.log\""),
+            ("file = \"lab.log\"", "file = \"/lab.log\"", "`file` is \"/lab.log\""),
+            ("file = \"lab.log\"", "file = '..\\lab.log'", "`file` is \"..\\\\lab.log\""),
+            ("file = \"lab.log\"", "file = \"C:lab.log\"", "`file` is \"C:lab.log\""),
+            ("file = \"lab.log\"", "file = \"lab\\u0000.log\"", "`file` is \"lab\\0.log\""),
+            ("file = \"lab.log\"", "file = \"dataset.toml\"", "`file` is \"dataset.toml\""),
             ("file = \"lab.log\"", "file = \"lab.log.gz\"", "without `.gz`"),
             ("file =", "other_names = [\"a/b\"]\nfile =", "`other_names` is \"a/b\""),
             ("file =", "seed = 1\nfile =", "key `seed` has no meaning"),
+            ("http://", "file:///", "`urls` is \"file:///example.org/lab.log.gz\""),
             ("http://", "ftp://", "`urls` is \"ftp://example.org/lab.log.gz\""),
             ("format = \"carmen\"", "format = \"bag\"", "unknown variant `bag`"),
             ("format = \"carmen\"", "format = \"simulated\"", "key `file` has no meaning"),

@@ -88,6 +88,12 @@ pub(super) fn agent(settings: &FetchSettings) -> ureq::Agent {
         .into()
 }
 
+/// Whether no plain answer is taken: what was asked for by `https` must not be redirected to `http`. Any
+/// other scheme is refused by the library.
+fn is_encrypted(url: &str) -> bool {
+    url.starts_with("https://")
+}
+
 /// Asks for the file, or for what the part file lacks of it, and appends the answer to the part
 /// file; stops when that grows beyond `limit` bytes. `largest` is the size of the largest known
 /// copy, for messages.
@@ -101,7 +107,7 @@ pub(super) fn receive(
 ) -> Result<Received, Stop> {
     let kept = part.len();
     report(FetchEvent::Connecting { url, kept });
-    let mut request = agent.get(url);
+    let mut request = agent.get(url).config().https_only(is_encrypted(url)).build();
     if kept > 0 {
         request = request.header(header::RANGE, format!("bytes={kept}-"));
     }
@@ -203,6 +209,18 @@ fn parse_content_range(text: &str) -> Option<ContentRange> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What the library makes of a redirect from `https`: it asks the same agent by the same settings.
+    #[test]
+    fn what_was_asked_for_encrypted_is_never_asked_for_plainly() {
+        assert!(is_encrypted("https://example.org/lab.log"));
+        assert!(!is_encrypted("http://example.org/lab.log"));
+        let plain = "http://127.0.0.1:9/lab.log";
+        let request = agent(&FetchSettings::default()).get(plain).config().https_only(true).build();
+        let error = request.call().unwrap_err();
+        assert!(matches!(error, ureq::Error::RequireHttpsOnly(_)), "{error}");
+        assert!(!UrlFailure::NoAnswer(error).is_worth_retrying());
+    }
 
     #[test]
     fn content_ranges_are_read() {

@@ -79,6 +79,8 @@ impl UrlFailure {
                     | ureq::Error::Http(_)
                     | ureq::Error::HostNotFound
                     | ureq::Error::TooManyRedirects
+                    | ureq::Error::RedirectFailed
+                    | ureq::Error::RequireHttpsOnly(_)
             ),
             UrlFailure::Status(status) => {
                 status.is_server_error()

@@ -45,7 +45,7 @@ use mcl_core::Recording;
 
 pub use content::Content;
 pub use dataset::{DEFINITION_FILE, Dataset, KnownCopy, LogFile, Source};
-pub use definition::DefinitionError;
+pub use definition::{DefinitionError, is_plain_name};
 pub use digest::{ParseDigestError, Sha256Digest};
 pub use download::{FetchEvent, FetchSettings};
 pub use facts::{FactMismatch, Facts};

@@ -3,6 +3,7 @@ use anyhow::{Result, bail};
 use super::Outcome;
 use super::args::CompareArgs;
 use super::output::print;
+use crate::progress::tell;
 use crate::results::compare;
 
 /// Compares results with those of an earlier run, and fails where they differ.
@@ -12,7 +13,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome> {
     }
     let comparison = compare(&args.found, &args.expected, args.tolerance)?;
     for detail in &comparison.details {
-        eprintln!("{detail}");
+        tell!("{detail}");
     }
     if comparison.differences > 0 {
         bail!(

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
-use super::output::{print, thousands};
-use crate::progress;
+use super::output::{print, thousands, told_once};
+use crate::progress::{self, tell};
 
 pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
     let registry = Registry::from_environment()?;
@@ -92,7 +92,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
                 }
                 FetchEvent::Failed { url, failure, retrying } => {
                     let next = if retrying { "; trying again" } else { "" };
-                    bar.suspend(|| eprintln!("{}: {url}: {failure}{next}", dataset.name));
+                    bar.suspend(|| tell!("{}: {url}: {failure}{next}", dataset.name));
                 }
             });
         bar.finish_and_clear();
@@ -113,7 +113,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
             Err(error @ FetchError::NoUrl { .. }) if names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
-            Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
+            Err(error) => (false, format!("failed: {}", told_once(&error.into()))),
         };
         lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
     }
@@ -130,7 +130,7 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
             Err(error) if absent && names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
-            Err(error) => (false, format!("failed: {:#}", anyhow::Error::from(error))),
+            Err(error) => (false, format!("failed: {}", told_once(&error.into()))),
             Ok(Verification::Simulated) => (true, "simulated, nothing to verify".to_owned()),
             Ok(Verification::Found(found)) => {
                 let mut status = format!("{}: {}", found.path.display(), found.status());

@@ -21,8 +21,10 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
+use crate::progress::tell;
 use args::{Cli, Command};
 pub use output::thousands;
+pub(crate) use output::told_once;
 
 /// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +65,7 @@ pub fn main() -> ExitCode {
         // Whoever read our output has seen enough.
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", output::told_once(&error));
+            tell!("error: {}", told_once(&error));
             ExitCode::from(1)
         }
     }

@@ -1,13 +1,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_datasets::registry::{Registry, Source};
+use mcl_datasets::registry::{Registry, Source, is_plain_name};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs};
-use super::output::{print, tell_losses};
+use super::output::{print, tell_losses, told_once};
 use crate::experiment::{Experiment, RankedSetting, TrialOutcome, pause_saving};
+use crate::progress::tell;
 use crate::results::{self, RunOptions};
 use crate::source::{LogSource, SourceOptions};
 
@@ -18,6 +19,14 @@ struct Ran {
     failed: usize,
     /// Where the results of each data set are.
     folders: Vec<PathBuf>,
+    /// Data sets that the experiment could not be run on.
+    lost: Vec<Lost>,
+}
+
+#[derive(Serialize)]
+struct Lost {
+    dataset: String,
+    reason: String,
 }
 
 /// Exit code of a program that Ctrl-C ended: 128 + SIGINT.
@@ -36,6 +45,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     let mut total = TrialOutcome { done: 0, failed: 0 };
     let mut complete = true;
     let mut folders: Vec<PathBuf> = Vec::new();
+    let mut lost = Vec::new();
     for dataset in &names {
         let source = LogSource::open(dataset, &options)?;
         complete &= tell_losses(dataset, &source) == Outcome::Done;
@@ -45,34 +55,53 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         }
         let run = RunOptions { fresh: args.fresh, quiet: global.quiet };
         let outcome = results::run_experiment(&experiment, &name, &source, &folder, &run)
-            .with_context(|| format!("experiment {name} on {dataset}"))?;
-        total.done += outcome.done;
-        total.failed += outcome.failed;
-        folders.push(folder);
+            .with_context(|| format!("experiment {name} on {dataset}"));
+        match outcome {
+            Ok(outcome) => {
+                total.done += outcome.done;
+                total.failed += outcome.failed;
+                folders.push(folder);
+            }
+            // What cannot be written for one data set cannot be written for the others.
+            Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
+            Err(error) => {
+                let reason = told_once(&error);
+                tell!("error: {reason}; going on with the other data sets");
+                lost.push(Lost { dataset: dataset.clone(), reason });
+            }
+        }
+    }
+    if folders.is_empty() {
+        bail!("experiment {name} has results on none of {} data sets", names.len());
     }
     if let Experiment::Sensitivity(definition) = &experiment
         && let Some(ranking) = results::write_ranking(definition, &args.output.join(&name))?
         && !global.quiet
     {
-        eprintln!(
-            "settings ranked over {}: {}",
-            ranking.datasets.join(", "),
-            ranking.path.display()
-        );
+        tell!("settings ranked over {}: {}", ranking.datasets.join(", "), ranking.path.display());
         for (sweep, rank) in ranking.best {
-            eprintln!("{}", describe_best(&sweep, &rank));
+            tell!("{}", describe_best(&sweep, &rank));
         }
     }
-    let ran =
-        Ran { trials: total.done + total.failed, done: total.done, failed: total.failed, folders };
+    complete &= total.failed == 0 && lost.is_empty();
+    let TrialOutcome { done, failed } = total;
+    let ran = Ran { trials: done + failed, done, failed, folders, lost };
     print(args.json, &ran, |ran| {
         let mut text = format!("{} trials done, {} failed", ran.done, ran.failed);
+        for Lost { dataset, .. } in &ran.lost {
+            text += &format!("\n{dataset}: lost, see above");
+        }
         for folder in &ran.folders {
             text += &format!("\n{}", folder.display());
         }
         text
     })?;
-    Ok(Outcome::of(complete && ran.failed == 0))
+    Ok(Outcome::of(complete))
+}
+
+/// Whether files could not be read or written.
+fn is_of_files(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.is::<std::io::Error>())
 }
 
 /// Ends the program on Ctrl-C, but not in the middle of a row.
@@ -80,7 +109,7 @@ fn end_on_interrupt(output: &Path) -> Result<()> {
     let output = output.display().to_string();
     ctrlc::set_handler(move || {
         let _saving = pause_saving();
-        eprintln!(
+        tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
              goes on from there"
         );
@@ -118,7 +147,7 @@ fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
         match registry.locate(dataset) {
             Err(error) if !present => {
                 if !global.quiet {
-                    eprintln!("leaving out {name}: {error}");
+                    tell!("leaving out {name}: {error}");
                 }
             }
             _ => names.push(name.to_owned()),
@@ -132,6 +161,12 @@ fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
 
 /// The experiment's name: that of its file, without the ending.
 fn experiment_name(path: &Path) -> Result<String> {
-    let stem = path.file_stem().with_context(|| format!("{} has no name", path.display()))?;
-    Ok(stem.to_string_lossy().into_owned())
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    if !is_plain_name(&stem) {
+        bail!(
+            "{}: results are kept under the file's name, which is no name of a folder",
+            path.display()
+        );
+    }
+    Ok(stem)
 }

@@ -1,8 +1,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use mcl_datasets::registry::is_plain_name;
 use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::SensitivityExperiment;
@@ -156,8 +158,11 @@ impl LocalizationExperiment {
     pub fn runs_for(&self, name: &str) -> u32 {
         self.of_dataset(name).and_then(|dataset| dataset.runs).unwrap_or(self.runs)
     }
+}
 
+impl Definition for LocalizationExperiment {
     fn check(&self) -> Result<()> {
+        self.datasets.iter().try_for_each(|dataset| check_name(&dataset.name))?;
         self.fkm().check()?;
         self.filter.clone().check().context("filter")?;
         if self.maps == 0 {
@@ -255,6 +260,16 @@ impl Experiment {
     }
 }
 
+/// A definition of one kind, to be checked before use wherever it came from: an experiment's file, or
+/// the manifest of a result folder.
+pub trait Definition: DeserializeOwned {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// When one is out of range; the message names its key.
+    fn check(&self) -> Result<()>;
+}
+
 impl LikelihoodExperiment {
     /// Settings of fuzzy k-means.
     pub fn fkm(&self) -> FkmSettings {
@@ -272,8 +287,11 @@ impl LikelihoodExperiment {
             .find(|listed| listed.name == dataset && !listed.sizes.is_empty())
             .map_or(&self.sizes, |listed| &listed.sizes)
     }
+}
 
+impl Definition for LikelihoodExperiment {
     fn check(&self) -> Result<()> {
+        self.datasets.iter().try_for_each(|dataset| check_name(&dataset.name))?;
         self.fkm().check()?;
         let groups = self
             .datasets
@@ -301,6 +319,14 @@ impl LikelihoodExperiment {
         check_percent(self.figures.overview, "figures.overview")?;
         check_percent(self.figures.comparison, "figures.comparison")
     }
+}
+
+/// A data set's name is that of the folder of its results.
+pub(super) fn check_name(name: &str) -> Result<()> {
+    if is_plain_name(name) {
+        return Ok(());
+    }
+    bail!("dataset.name is {name:?}, expected the name of a data set, without a path")
 }
 
 pub(super) fn check_percent(percent: f64, place: &str) -> Result<()> {
@@ -349,6 +375,10 @@ mod tests {
             ("repeats = 3", "repeats = 0", "repeats"),
             ("\"likelihood\"", "\"likelyhood\"", "likelyhood"),
             ("overview = 0.8", "overview = 0", "figures.overview"),
+            ("name = \"b\"", "name = \"../b\"", "dataset.name is \"../b\""),
+            ("name = \"b\"", "name = \"/b\"", "dataset.name is \"/b\""),
+            ("name = \"b\"", "name = \"C:b\"", "dataset.name is \"C:b\""),
+            ("name = \"b\"", "name = \"..\"", "dataset.name is \"..\""),
         ] {
             let error = Experiment::parse(&SMALL.replace(right, wrong)).unwrap_err();
             assert!(format!("{error:#}").contains(named), "{error:#}");

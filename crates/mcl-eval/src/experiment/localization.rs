@@ -2,6 +2,7 @@ use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context, Result, bail};
+use mcl_core::memory::with_room;
 use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
 use mcl_filter::{CheckedSettings, MapDistances, Replay, Run, localize, noisy_increments};
 use mcl_maps::{MapSize, PointSet, fuzzy_k_means, initial_map};
@@ -314,7 +315,9 @@ impl LocalizationExperiment {
         trial: &LocalizationTrial,
     ) -> Result<Vec<(MapStrategy, PointMap<2>)>> {
         let Some(builder) = trial.builder else {
-            return Ok(vec![(MapStrategy::All, PointMap::new(data.points.points().to_vec())?)]);
+            let mut points = with_room(data.points.len(), "points of a map")?;
+            points.extend_from_slice(data.points.points());
+            return Ok(vec![(MapStrategy::All, PointMap::new(points)?)]);
         };
         let size = MapSize::Percent(trial.size_percent);
         let initial = initial_map(&data.points, &builder.initial(size, trial.map_seed))?;

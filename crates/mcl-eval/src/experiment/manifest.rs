@@ -1,11 +1,11 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Kind;
+use super::definition::Definition;
 use super::store::write_atomically;
 use crate::cli::thousands;
 use crate::source::{LogSource, digest};
@@ -96,13 +96,17 @@ impl Manifest {
         })
     }
 
-    /// The definition as the settings of its kind of experiment.
+    /// The definition as the settings of its kind of experiment, checked like those of a file: results
+    /// may come from anywhere, too.
     ///
     /// # Errors
-    /// When it is none of them.
-    pub fn definition<D: DeserializeOwned>(&self) -> Result<D> {
-        D::deserialize(&self.definition)
-            .with_context(|| format!("the manifest of {} has another definition", self.experiment))
+    /// When it is none of them, or values are out of range.
+    pub fn definition<D: Definition>(&self) -> Result<D> {
+        let definition = D::deserialize(&self.definition).with_context(|| {
+            format!("the manifest of {} has another definition", self.experiment)
+        })?;
+        definition.check().with_context(|| format!("in the manifest of {}", self.experiment))?;
+        Ok(definition)
     }
 
     /// Reads a manifest.

@@ -15,8 +15,8 @@ mod sensitivity_trials;
 mod store;
 
 pub use definition::{
-    Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment, LocalizationDataset,
-    LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
+    Definition, Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment,
+    LocalizationDataset, LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
 };
 pub use likelihood::{
     Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,

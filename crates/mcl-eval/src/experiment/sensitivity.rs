@@ -5,7 +5,7 @@ use mcl_filter::{FilterSettings, OdometryNoise, Proposal};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
-use super::definition::check_percent;
+use super::definition::{Definition, check_name, check_percent};
 use super::{Kind, LocalizationExperiment, MapStrategy, Split, TrajectoryFigure};
 
 /// Settings of a sensitivity study: how the localization error depends on what the paper leaves open.
@@ -242,8 +242,11 @@ impl SensitivityExperiment {
             datasets: Vec::new(),
         }
     }
+}
 
-    pub(super) fn check(&self) -> Result<()> {
+impl Definition for SensitivityExperiment {
+    fn check(&self) -> Result<()> {
+        self.datasets.iter().try_for_each(|dataset| check_name(&dataset.name))?;
         self.fkm().check()?;
         if self.sweeps.is_empty() {
             bail!("no [[sweep]] is listed, expected at least one");

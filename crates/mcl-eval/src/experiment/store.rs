@@ -81,6 +81,9 @@ impl<R: Serialize + DeserializeOwned> TrialStore<R> {
         self.file
             .write_all(&lines)
             .and_then(|()| self.file.sync_data())
+            // What is written to a file that was removed meanwhile is lost, without an error.
+            .and_then(|()| std::fs::metadata(&self.path))
+            .map(drop)
             .with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -194,6 +197,17 @@ mod tests {
         let rows = store.finish(|row| row.name.clone()).unwrap();
         assert_eq!(rows, [row("a", 4.0), row("b", 0.1 + 0.2), row("c", 2.0)]);
         assert_eq!(read_rows::<Row>(&path).unwrap(), rows);
+    }
+
+    #[test]
+    fn rows_of_a_folder_that_vanished_are_not_taken_for_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trials.csv");
+        let mut store = TrialStore::open(&path).unwrap();
+        store.push([row("a", 1.0)]).unwrap();
+        drop(folder);
+        let message = format!("{:#}", store.push([row("b", 2.0)]).unwrap_err());
+        assert!(message.contains("cannot write") && message.contains("trials.csv"), "{message}");
     }
 
     #[test]

@@ -22,6 +22,7 @@ use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use mcl_core::memory::check_room;
 use resvg::{tiny_skia, usvg};
 
 pub use axis::Scale;
@@ -137,6 +138,9 @@ fn render(svg: &str) -> Result<Vec<u8>, String> {
     let tree =
         usvg::Tree::from_str(svg, &text::svg_options()).map_err(|error| error.to_string())?;
     let size = tree.size().to_int_size().scale_by(PIXELS_PER_UNIT).ok_or("its size is zero")?;
+    // The picture, a layer of it, and what is written.
+    let number = size.width() as usize * size.height() as usize;
+    check_room(number, 3 * 4, "pixels of a figure").map_err(|error| error.to_string())?;
     let mut pixels =
         tiny_skia::Pixmap::new(size.width(), size.height()).ok_or("it is too large")?;
     let scale = tiny_skia::Transform::from_scale(PIXELS_PER_UNIT, PIXELS_PER_UNIT);

@@ -35,11 +35,12 @@ use serde::de::DeserializeOwned;
 pub use compare::{Comparison, compare};
 pub use sensitivity::{Ranking, write_ranking};
 
+use crate::cli::told_once;
 use crate::experiment::{
     Experiment, FailureRow, Kind, Manifest, Stopwatch, TimingRow, Trial, TrialOutcome, TrialStore,
     run_trials, write_rows,
 };
-use crate::progress;
+use crate::progress::{self, tell};
 use crate::source::LogSource;
 
 pub(crate) use maps::ComparisonMaps;
@@ -130,7 +131,7 @@ impl<T: Trial + Display> Trials<'_, T> {
         let Trials { dataset, folder, done, pending } = self;
         if !done.is_empty() && !options.quiet {
             let all = done.len() + pending.len();
-            eprintln!("{dataset}: {} of {all} trials are there already", done.len());
+            tell!("{dataset}: {} of {all} trials are there already", done.len());
         }
         let mut timings: TrialStore<TimingRow> = TrialStore::open(&folder.join(TIMINGS))?;
         let redone: HashSet<String> = pending.iter().map(T::to_string).collect();
@@ -162,10 +163,10 @@ impl<T: Trial + Display> Trials<'_, T> {
                     store.push(rows)
                 }
                 Err(error) => {
-                    let reason = format!("{error:#}");
+                    let reason = told_once(&error);
                     // Often all fail for the same reason; it is told once.
                     if failures.iter().all(|failure: &FailureRow| failure.reason != reason) {
-                        bar.suspend(|| eprintln!("{dataset}: trial {trial} failed: {reason}"));
+                        bar.suspend(|| tell!("{dataset}: trial {trial} failed: {reason}"));
                     }
                     failures.push(FailureRow { trial: trial.to_string(), reason });
                     Ok(())
@@ -182,7 +183,7 @@ impl<T: Trial + Display> Trials<'_, T> {
             failures.sort_by(|a, b| a.trial.cmp(&b.trial));
             write_rows(&path, &failures)?;
             let (failed, all) = (failures.len(), done.len() + pending.len());
-            eprintln!("{dataset}: {failed} of {all} trials failed, see {}", path.display());
+            tell!("{dataset}: {failed} of {all} trials failed, see {}", path.display());
         }
         if store.rows().is_empty() {
             bail!("no trial succeeded: there is nothing to summarize");
@@ -236,7 +237,7 @@ fn lock(folder: &Path) -> Result<File> {
             "another run is writing to {}; wait for its end, or choose another folder with -o",
             folder.display()
         ),
-        Err(TryLockError::Error(error)) => eprintln!(
+        Err(TryLockError::Error(error)) => tell!(
             "warning: {} cannot be locked ({error}); no other run may write there meanwhile",
             folder.display()
         ),

@@ -108,10 +108,10 @@ impl DistanceField {
     ///
     /// # Errors
     /// [`FilterError::Setting`] for a `max_distance` that is no length, [`FilterError::Map`] when the
-    /// points cannot be indexed.
+    /// points cannot be indexed, [`FilterError::Memory`].
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         let exact = ExactDistances::build(map, max_distance)?;
-        Ok(DistanceField { grid: Box::new(Grid::build(map, max_distance)), exact })
+        Ok(DistanceField { grid: Box::new(Grid::build(map, max_distance)?), exact })
     }
 
     /// min(d², max_distance²) in m², d the distance from a finite point to the nearest map point.

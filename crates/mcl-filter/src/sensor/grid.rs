@@ -1,7 +1,7 @@
 //! The grid behind [`DistanceField`](super::DistanceField): which map points can be nearest to some
 //! place in a cell.
 
-use mcl_core::{Point, PointMap};
+use mcl_core::{OutOfMemory, Point, PointMap};
 
 use super::grid_builder;
 
@@ -97,7 +97,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// `max_distance` (m): a checked length.
-    pub fn build(map: &PointMap<2>, max_distance: f64) -> Self {
+    pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, OutOfMemory> {
         grid_builder::build(map, max_distance)
     }
 

@@ -1,6 +1,7 @@
 //! Building a [`Grid`].
 
-use mcl_core::{Bounds, Point, PointMap};
+use mcl_core::memory::{reserve, with_room};
+use mcl_core::{Bounds, OutOfMemory, Point, PointMap};
 
 use super::grid::{
     BLOCK, Block as PlaceBlock, CROWDED, FAR, Grid, LISTED, List, NO_POINT, RECORD_BITS, overfull,
@@ -35,8 +36,12 @@ const WORK_PER_CELL: usize = 128;
 /// by [`SHRINK`](super::grid::SHRINK), which together moves them by less than a quarter of this.
 const MARGIN: f64 = 1e-5;
 
-pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Grid {
-    let mut points = map.points().to_vec();
+/// What memory is asked for as.
+const DISTANCES: &str = "a map's distances";
+
+pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfMemory> {
+    let mut points = with_room(map.len(), DISTANCES)?;
+    points.extend_from_slice(map.points());
     // Equal points would be listed as often as they occur.
     points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
@@ -46,15 +51,16 @@ pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Grid {
     let rounding = 16.0 * f64::EPSILON * (largest + max_distance);
     let mut grid = empty(&bounds, points.len(), max_distance + rounding);
     let margin = MARGIN * grid.cell + rounding;
-    let mut stack: Vec<u32> = (0..points.len() as u32).collect();
+    let mut stack: Vec<u32> = with_room(points.len(), DISTANCES)?;
+    stack.extend(0..points.len() as u32);
     grid.points = points;
     let whole = Block { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
     let max_distance_squared = max_distance * max_distance;
     let work = WORK_PER_POINT * grid.points.len() + WORK_PER_CELL * grid.cells.len();
     let buffers = Default::default();
     let mut builder = Builder { grid, max_distance_squared, margin, work, buffers };
-    builder.fill(whole, &mut stack, 0);
-    builder.grid
+    builder.fill(whole, &mut stack, 0)?;
+    Ok(builder.grid)
 }
 
 /// A grid over everything within `reach` (m) of the points' box and one cell more, without
@@ -152,7 +158,7 @@ struct Builder {
 
 impl Builder {
     /// Records the candidates of each cell of the block, all of which are in `stack[from..]`.
-    fn fill(&mut self, block: Block, stack: &mut Vec<u32>, from: usize) {
+    fn fill(&mut self, block: Block, stack: &mut Vec<u32>, from: usize) -> Result<(), OutOfMemory> {
         let kept_from = stack.len();
         let cell = self.grid.cell;
         let corner = |first: [usize; 2]| -> Point<2> {
@@ -160,29 +166,30 @@ impl Builder {
         };
         let min = corner([block.column, block.row]);
         let max = corner([block.column + block.columns, block.row + block.rows]);
-        for i in from..kept_from {
-            stack.push(stack[i]);
-        }
+        reserve(stack, kept_from - from, DISTANCES)?;
+        stack.extend_from_within(from..kept_from);
         self.work = self.work.saturating_sub(kept_from - from);
         self.keep_nearest(min, max, stack, kept_from);
         let kept = stack.len() - kept_from;
         if self.work == 0 && kept > MAX_LIST {
-            self.leave_to_tree(block);
+            self.leave_to_tree(block)?;
         } else if kept > 0 {
             match block.halves() {
                 Some(halves) => {
                     for half in halves {
-                        self.fill(half, stack, kept_from);
+                        self.fill(half, stack, kept_from)?;
                     }
                 }
-                None => self.record(block, min, &stack[kept_from..]),
+                None => self.record(block, min, &stack[kept_from..])?,
             }
         }
         stack.truncate(kept_from);
+        Ok(())
     }
 
     /// All cells of the block share one crowded record.
-    fn leave_to_tree(&mut self, block: Block) {
+    fn leave_to_tree(&mut self, block: Block) -> Result<(), OutOfMemory> {
+        self.make_room()?;
         let grid = &mut self.grid;
         let record = grid.records.len() as u32;
         grid.records.push(overfull(0, CROWDED));
@@ -191,6 +198,17 @@ impl Builder {
         for row in block.row..block.row + block.rows {
             grid.cells[row * grid.columns + block.column..][..block.columns].fill(record);
         }
+        Ok(())
+    }
+
+    /// Room for one more record of any kind.
+    fn make_room(&mut self) -> Result<(), OutOfMemory> {
+        let Grid { records, numbers, lists, listed, blocks, .. } = &mut self.grid;
+        reserve(records, 1, DISTANCES)?;
+        reserve(numbers, 1, DISTANCES)?;
+        reserve(lists, 1, DISTANCES)?;
+        reserve(listed, MAX_LIST, DISTANCES)?;
+        reserve(blocks, MAX_LIST.div_ceil(BLOCK), DISTANCES)
     }
 
     /// Leaves of the candidates `stack[from..]` those that can be nearest somewhere in the box.
@@ -237,10 +255,16 @@ impl Builder {
     }
 
     /// Cuts a cell with these candidates into parts and writes their records.
-    fn record(&mut self, cell: Block, min: Point<2>, candidates: &[u32]) {
+    fn record(
+        &mut self,
+        cell: Block,
+        min: Point<2>,
+        candidates: &[u32],
+    ) -> Result<(), OutOfMemory> {
         let [mut parts, mut finer] = std::mem::take(&mut self.buffers);
         parts.depth = 0;
         parts.candidates.clear();
+        reserve(&mut parts.candidates, candidates.len(), DISTANCES)?;
         parts.candidates.extend(candidates);
         parts.ends.clear();
         parts.ends.push(candidates.len());
@@ -252,7 +276,7 @@ impl Builder {
             && OVERFULL_SHARE * parts.overfull() > parts.ends.len()
         {
             self.work = self.work.saturating_sub(4 * parts.candidates.len());
-            self.cut(&parts, min, &mut finer);
+            self.cut(&parts, min, &mut finer)?;
             if finer.candidates.len() > MAX_GROWTH * parts.candidates.len() {
                 break;
             }
@@ -263,13 +287,14 @@ impl Builder {
         self.grid.cells[number] = first as u32 | parts.depth << RECORD_BITS;
         let centre = [cell.column as f64, cell.row as f64];
         for part in 0..parts.ends.len() {
-            self.push(centre, &parts.candidates[parts.of(part)]);
+            self.push(centre, &parts.candidates[parts.of(part)])?;
         }
         self.buffers = [parts, finer];
+        Ok(())
     }
 
     /// Cuts every part into four; `min` is the lower left corner of the cell.
-    fn cut(&self, parts: &Parts, min: Point<2>, finer: &mut Parts) {
+    fn cut(&self, parts: &Parts, min: Point<2>, finer: &mut Parts) -> Result<(), OutOfMemory> {
         let side = 2usize << parts.depth;
         let size = self.grid.cell / side as f64;
         finer.depth = parts.depth + 1;
@@ -279,17 +304,21 @@ impl Builder {
             for column in 0..side {
                 let parent = (row / 2) * (side / 2) + column / 2;
                 let from = finer.candidates.len();
-                finer.candidates.extend(&parts.candidates[parts.of(parent)]);
+                let candidates = &parts.candidates[parts.of(parent)];
+                reserve(&mut finer.candidates, candidates.len(), DISTANCES)?;
+                finer.candidates.extend(candidates);
                 let low = [min[0] + column as f64 * size, min[1] + row as f64 * size];
                 let high = low.map(|coordinate| coordinate + size);
                 self.keep_nearest(low, high, &mut finer.candidates, from);
                 finer.ends.push(finer.candidates.len());
             }
         }
+        Ok(())
     }
 
     /// Writes the record of one part of the cell about `centre` (in cells).
-    fn push(&mut self, centre: Point<2>, candidates: &[u32]) {
+    fn push(&mut self, centre: Point<2>, candidates: &[u32]) -> Result<(), OutOfMemory> {
+        self.make_room()?;
         let grid = &mut self.grid;
         let (record, numbers) = match *candidates {
             [] => ([[FAR; 2]; 2], [NO_POINT; 2]),
@@ -317,6 +346,7 @@ impl Builder {
         };
         grid.records.push(record);
         grid.numbers.push(numbers);
+        Ok(())
     }
 }
 

@@ -45,13 +45,14 @@ pub struct LogLikelihood {
 /// however far from the map.
 ///
 /// # Errors
-/// [`MapError::Setting`] unless `sigma` is positive.
+/// [`MapError::Setting`] unless `sigma` is positive; [`MapError::Memory`].
 pub fn mixture_log_likelihood<const D: usize>(
     data: &PointSet<D>,
     map: &PointMap<D>,
     sigma: f64,
 ) -> Result<LogLikelihood, MapError> {
     check_sigma(sigma)?;
+    data.check_tree_fits()?;
     let expectation = expectation(data, &data.centred(map.points()), sigma, false);
     Ok(log_likelihood(data.len(), expectation.log_sum, D, map.len(), sigma))
 }

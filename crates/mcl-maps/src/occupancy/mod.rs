@@ -20,7 +20,7 @@
 mod beam;
 mod rasterize;
 
-use mcl_core::{CoreError, Point, Pose2};
+use mcl_core::{CoreError, OutOfMemory, Point, Pose2};
 
 pub use rasterize::{FreeSpace, rasterize};
 
@@ -63,6 +63,9 @@ pub enum GridError {
     /// The log that the free space was to be taken from has no reference poses, or unusable settings.
     #[error("the free space cannot be found: {0}")]
     Log(#[from] CoreError),
+    /// There was not enough memory.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
 }
 
 /// A grid of square cells, at least one.

@@ -1,3 +1,4 @@
+use mcl_core::memory::with_room;
 use mcl_core::{Bounds, Point, PointMap, Pose2, Recording, is_usable_range};
 
 use super::beam::cells_before_end;
@@ -34,11 +35,14 @@ pub fn rasterize(
         None => Vec::new(),
     };
     let ends = beams.iter().flatten().copied();
-    let all: Vec<Point<2>> = map.points().iter().copied().chain(ends).collect();
+    let mut all: Vec<Point<2>> = with_room(map.len() + 2 * beams.len(), BEAMS)?;
+    all.extend(map.points().iter().copied().chain(ends));
     let bounds = Bounds::of(&all).unwrap_or_else(|| map.bounds());
     let raster = Raster::around(&bounds, resolution)?;
 
-    let mut cells = vec![Cell::Unknown; raster.width * raster.height];
+    drop(all);
+    let mut cells = with_room(raster.width * raster.height, "cells of a grid map")?;
+    cells.resize(raster.width * raster.height, Cell::Unknown);
     for [start, end] in &beams {
         for (column, row) in cells_before_end(raster.position(start), raster.position(end)) {
             cells[raster.index_of(column, row)] = Cell::Free;
@@ -53,6 +57,9 @@ pub fn rasterize(
     OccupancyGrid::new(raster.width, resolution, raster.map_from_grid(), cells)
 }
 
+/// What memory is asked for as.
+const BEAMS: &str = "beams across a grid map";
+
 /// Start and end of each usable beam, in the map's frame.
 fn beams(free_space: FreeSpace<'_>) -> Result<Vec<[Point<2>; 2]>, GridError> {
     let FreeSpace { recording, max_range } = free_space;
@@ -63,7 +70,9 @@ fn beams(free_space: FreeSpace<'_>) -> Result<Vec<[Point<2>; 2]>, GridError> {
         let usable = scan.ranges.iter().filter(|&&range| is_usable_range(range, max_range));
         usable.map(move |_| start)
     });
-    Ok(starts.zip(ends).map(|(start, end)| [start, end]).collect())
+    let mut beams = with_room(ends.len(), BEAMS)?;
+    beams.extend(starts.zip(ends).map(|(start, end)| [start, end]));
+    Ok(beams)
 }
 
 /// Which cell a position lies in.

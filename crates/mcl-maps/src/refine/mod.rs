@@ -198,7 +198,7 @@ pub struct Refined<const D: usize> {
 /// The same bits for any number of threads, unless a time budget ends it.
 ///
 /// # Errors
-/// [`MapError::Setting`] for settings out of range.
+/// [`MapError::Setting`] for settings out of range; [`MapError::Memory`].
 pub fn refine<const D: usize>(
     data: &PointSet<D>,
     initial: &PointMap<D>,
@@ -206,6 +206,8 @@ pub fn refine<const D: usize>(
     mut observe: impl FnMut(&RefineStep),
 ) -> Result<Refined<D>, MapError> {
     settings.check()?;
+    data.check_tree_fits()?;
+    data.check_neighbors_fit()?;
     let FkmSettings { sigma, tolerance, max_iterations } = settings.fkm;
     let mut progress = Progress::new(settings.budget_s, &mut observe);
     if let Refinement::Fkm {} | Refinement::FkmAccelerated {} = settings.method {

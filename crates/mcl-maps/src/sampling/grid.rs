@@ -1,6 +1,7 @@
 use std::collections::HashMap;
 
-use mcl_core::{Bounds, Point, TIE_DISTANCE};
+use mcl_core::memory::{check_room, with_room};
+use mcl_core::{Bounds, OutOfMemory, Point, TIE_DISTANCE};
 
 use crate::MapError;
 
@@ -8,6 +9,9 @@ use crate::MapError;
 const BISECTION_WIDTH: f64 = 1e-12;
 /// Cell indices stay below this, where every integer is a float.
 const MAX_CELL_INDEX: f64 = (1u64 << 52) as f64;
+
+/// What memory is asked for as.
+const CELLS: &str = "cells of a grid";
 
 /// Where the grid's lines lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,7 +66,7 @@ pub struct GridSample<const D: usize> {
 ///
 /// # Errors
 /// [`MapError::Setting`] unless `cell` is positive and the offset finite; [`MapError::CellIndex`] for
-/// cells too small for the coordinates.
+/// cells too small for the coordinates; [`MapError::Memory`].
 pub fn sample_grid<const D: usize>(
     points: &[Point<D>],
     cell: f64,
@@ -78,8 +82,8 @@ pub fn sample_grid<const D: usize>(
     offset.check()?;
     let offset = offset.metres(cell);
     let grid = Grid::over(points, cell, offset)?;
-    let (cells, count) = grid.number_cells(points);
-    Ok(GridSample { indices: keep_nearest_to_mean(points, &cells, count), cell, offset })
+    let (cells, count) = grid.number_cells(points)?;
+    Ok(GridSample { indices: keep_nearest_to_mean(points, &cells, count)?, cell, offset })
 }
 
 /// Grid-based sampling by size: bisection on the cell size, keeping the largest result of at most
@@ -105,7 +109,7 @@ pub fn sample_grid_of_size<const D: usize>(
         return Ok(GridSample { indices: Vec::new(), cell: f64::INFINITY, offset: [0.0; D] });
     };
     let count = |cell: f64, offset: &GridOffset<D>| -> Result<usize, MapError> {
-        Ok(Grid::over(points, cell, offset.metres(cell))?.count_cells(points))
+        Ok(Grid::over(points, cell, offset.metres(cell))?.count_cells(points)?)
     };
     // Larger than any distance from the grid's corner to a point: every axis has at most two cells.
     let reach =
@@ -190,10 +194,11 @@ impl<const D: usize> Grid<D> {
         self.cells.filter(|&cells| cells <= affordable).map(|cells| cells as usize)
     }
 
-    fn count_cells(&self, points: &[Point<D>]) -> usize {
+    fn count_cells(&self, points: &[Point<D>]) -> Result<usize, OutOfMemory> {
         let Some(cells) = self.table_len(points.len(), 1) else {
-            return self.number_cells(points).1;
+            return Ok(self.number_cells(points)?.1);
         };
+        check_room(cells.div_ceil(64), size_of::<u64>(), CELLS)?;
         let mut seen = vec![0u64; cells.div_ceil(64)];
         let mut count = 0;
         for point in points {
@@ -202,12 +207,12 @@ impl<const D: usize> Grid<D> {
             count += usize::from(seen[word] & bit == 0);
             seen[word] |= bit;
         }
-        count
+        Ok(count)
     }
 
     /// Numbers the non-empty cells from 0 by first appearance: the number of each point's cell, and
     /// how many there are.
-    fn number_cells(&self, points: &[Point<D>]) -> (Vec<u32>, usize) {
+    fn number_cells(&self, points: &[Point<D>]) -> Result<(Vec<u32>, usize), OutOfMemory> {
         const EMPTY: u32 = u32::MAX;
         let mut next = 0u32;
         let mut number = |slot: &mut u32| {
@@ -217,17 +222,23 @@ impl<const D: usize> Grid<D> {
             }
             *slot
         };
-        let cells = if let Some(cells) = self.table_len(points.len(), 32) {
-            let mut table = vec![EMPTY; cells];
-            points.iter().map(|point| number(&mut table[self.position(point) as usize])).collect()
+        let mut numbers = with_room(points.len(), CELLS)?;
+        if let Some(cells) = self.table_len(points.len(), 32) {
+            let mut table = with_room(cells, CELLS)?;
+            table.resize(cells, EMPTY);
+            let slots = points.iter().map(|point| self.position(point) as usize);
+            numbers.extend(slots.map(|slot| number(&mut table[slot])));
         } else {
             let mut table = HashMap::new();
-            points
-                .iter()
-                .map(|point| number(table.entry(self.cell_of(point)).or_insert(EMPTY)))
-                .collect()
-        };
-        (cells, next as usize)
+            for point in points {
+                table.try_reserve(1).map_err(|_| OutOfMemory {
+                    what: CELLS,
+                    bytes: size_of::<([i64; D], u32)>() * 2 * table.len(),
+                })?;
+                numbers.push(number(table.entry(self.cell_of(point)).or_insert(EMPTY)));
+            }
+        }
+        Ok((numbers, next as usize))
     }
 }
 
@@ -236,7 +247,7 @@ fn keep_nearest_to_mean<const D: usize>(
     points: &[Point<D>],
     cells: &[u32],
     count: usize,
-) -> Vec<usize> {
+) -> Result<Vec<usize>, OutOfMemory> {
     #[derive(Clone, Copy)]
     struct Cell<const D: usize> {
         first: Point<D>,
@@ -248,11 +259,11 @@ fn keep_nearest_to_mean<const D: usize>(
         nearest: f64,
         kept: usize,
     }
-    let mut table =
-        vec![
-            Cell { first: [0.0; D], mean: [0.0; D], points: 0.0, nearest: f64::INFINITY, kept: 0 };
-            count
-        ];
+    let mut table = with_room(count, CELLS)?;
+    table.resize(
+        count,
+        Cell { first: [0.0; D], mean: [0.0; D], points: 0.0, nearest: f64::INFINITY, kept: 0 },
+    );
     for (point, &cell) in points.iter().zip(cells) {
         let cell = &mut table[cell as usize];
         if cell.points == 0.0 {
@@ -286,9 +297,10 @@ fn keep_nearest_to_mean<const D: usize>(
             cell.kept = index;
         }
     }
-    let mut kept: Vec<usize> = table.iter().map(|cell| cell.kept).collect();
+    let mut kept = with_room(count, CELLS)?;
+    kept.extend(table.iter().map(|cell| cell.kept));
     kept.sort_unstable();
-    kept
+    Ok(kept)
 }
 
 #[cfg(test)]

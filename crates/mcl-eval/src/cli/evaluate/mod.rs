@@ -18,6 +18,7 @@ use super::errors::{ErrorFigures, ErrorSamples, Figures};
 use super::output::print;
 use crate::experiment::write_rows;
 use crate::figures::check_figure_ending;
+use crate::progress::tell;
 use trajectory::Source;
 
 #[derive(Serialize)]
@@ -123,7 +124,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
             .with_context(|| format!("{} against {}", source.label(), reference.label()))?;
         let row = &estimate.row;
         if row.unmatched > 0 {
-            eprintln!(
+            tell!(
                 "warning: {}: {} of {} poses, and {} of the reference's {}, match none of the other \
                  within {} s: the errors are those of {} pairs",
                 source.label(),

@@ -14,6 +14,7 @@ use mcl_metrics::tum::{self, NonPlanar};
 use crate::cli::Outcome;
 use crate::cli::args::{EvaluateArgs, Frame, Global};
 use crate::cli::output::{refuse, tell_losses};
+use crate::progress::tell;
 use crate::source::{LogSource, SourceOptions};
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -66,7 +67,7 @@ pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let stamps = source.trajectory.stamps();
     let backward = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
     if backward > 0 && !global.quiet {
-        eprintln!(
+        tell!(
             "note: {file}: {backward} stamps step back in time; poses are taken in the order of the file"
         );
     }
@@ -159,7 +160,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
     };
     let source = LogSource::open(file, &SourceOptions { reference, ..SourceOptions::default() })?;
     if role == PoseRole::Estimate && source.kind == Some(LogKind::Raw) && !global.quiet {
-        eprintln!("note: {file}: its laser poses are raw odometry");
+        tell!("note: {file}: its laser poses are raw odometry");
     }
     let scans = source.recording.scans.len();
     let without =
@@ -173,7 +174,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
     let trajectory = source.recording.reference();
     let unstamped = scans - without - trajectory.len();
     if unstamped > 0 {
-        eprintln!(
+        tell!(
             "warning: {file}: {unstamped} of {scans} scans have no usable stamp: they match nothing"
         );
     }
@@ -193,7 +194,7 @@ fn bag(
     let found = read_poses(path, topic, role)?;
     let name = found.name;
     if !found.report.is_complete() {
-        eprintln!("warning: {file}: {}", found.report);
+        tell!("warning: {file}: {}", found.report);
     }
     if found.trajectory.is_empty() {
         bail!("{file}: {name} has no message that could be read");
@@ -220,7 +221,7 @@ fn bag(
         }
     };
     if !global.quiet {
-        eprintln!("note: {note}");
+        tell!("note: {note}");
     }
     Ok(Source { file: file.to_owned(), topic: Some(name), trajectory, is_complete })
 }

@@ -12,6 +12,7 @@ use crate::cli::Outcome;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::ErrorSamples;
 use crate::experiment::write_rows;
+use crate::progress::tell;
 use crate::source::{self, LogSource};
 
 /// Where results go: `run-NNN.tum` and `run-NNN.csv` as each run ends, then `reference.tum` and
@@ -157,7 +158,7 @@ impl Folder {
         self.write("summary.json", text.as_bytes())?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
         if unstamped > 0 {
-            eprintln!(
+            tell!(
                 "warning: {} of {} scans have no usable stamp: they are in the error rows, but not in \
                  the TUM files, which are matched by stamp",
                 unstamped,
