@@ -362,7 +362,28 @@ pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> 
             false => Err(LogError::Directory { path: path.to_owned() }),
         };
     }
-    let mut input = open(path)?;
+    read_opened(open(path)?, path, options)
+}
+
+/// Reads a log from its bytes, plain or compressed with gzip; they decide on the format. `path` stands
+/// for the file in errors, and its name settles what the content leaves open.
+///
+/// # Errors
+/// As [`read_log`].
+pub fn read_log_from(
+    input: impl Read,
+    path: &Path,
+    options: &ReadOptions,
+) -> Result<Log, LogError> {
+    let input = unpacked(input).map_err(|error| LogError::Io { path: path.to_owned(), error })?;
+    read_opened(input, path, options)
+}
+
+fn read_opened(
+    mut input: impl BufRead,
+    path: &Path,
+    options: &ReadOptions,
+) -> Result<Log, LogError> {
     let head = match input.fill_buf() {
         Ok(head) => head,
         Err(error) => {
@@ -437,8 +458,13 @@ fn open(path: &Path) -> Result<Box<dyn BufRead>, LogError> {
         io::ErrorKind::NotFound => LogError::NotFound { path: path.to_owned() },
         _ => io_error(error),
     })?;
+    unpacked(file).map_err(io_error)
+}
+
+/// The content of a file, unpacked if it is compressed.
+fn unpacked<'a>(file: impl Read + 'a) -> io::Result<Box<dyn BufRead + 'a>> {
     let mut input = BufReader::with_capacity(SNIFFED_BYTES, file);
-    Ok(match input.fill_buf().map_err(io_error)?.starts_with(GZIP_MAGIC) {
+    Ok(match input.fill_buf()?.starts_with(GZIP_MAGIC) {
         true => Box::new(BufReader::with_capacity(SNIFFED_BYTES, MultiGzDecoder::new(input))),
         false => Box::new(input),
     })

@@ -2,12 +2,15 @@
 
 mod bag_support;
 
+use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::io::Cursor;
 
 use bag_support::*;
+use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use mcl_core::Pose2;
-use mcl_datasets::bag::{self, Encoder};
+use mcl_datasets::bag::{self, Encoder, types};
 use mcl_datasets::log::{LogKind, Place, ReadOptions, ReferencePoses, TopicChoice, read_log};
 
 fn with_topics(scan: Option<&str>, odometry: Option<&str>, reference: Option<&str>) -> ReadOptions {
@@ -358,4 +361,22 @@ fn a_split_bag_is_read_as_one() {
     std::fs::remove_file(at("a_1.mcap")).unwrap();
     std::fs::write(at("b_0.mcap"), bag(&entries)).unwrap();
     assert_eq!(read_log(folder.path()).unwrap(), whole);
+}
+
+/// Found while writing its fuzz target: each new topic was compared with a copy of every one before it, minutes
+/// for a file of two megabytes.
+#[test]
+fn a_file_of_as_many_topics_as_there_can_be() {
+    let mut writer = WriteOptions::new().compression(None).create(Cursor::new(Vec::new())).unwrap();
+    let text = types::LASER_SCAN.description();
+    let schema = writer.add_schema(types::LASER_SCAN.name, "ros2msg", text.as_bytes()).unwrap();
+    for index in 0..20_000 {
+        let name = format!("/scan_{index}");
+        let id = writer.add_channel(schema, &name, "cdr", &BTreeMap::new()).unwrap();
+        let header = MessageHeader { channel_id: id, sequence: 0, log_time: 1, publish_time: 1 };
+        writer.write_to_known_channel(&header, &[]).unwrap();
+    }
+    writer.finish().unwrap();
+    let error = refused(&writer.into_inner().into_inner());
+    assert_says(&error, &["/scan_0 ", "… and 19900 more", "--scan-topic"]);
 }

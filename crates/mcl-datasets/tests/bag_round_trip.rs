@@ -163,3 +163,50 @@ fn the_bag_names_its_frames_and_describes_its_messages() {
         .collect();
     assert!(times.is_sorted());
 }
+
+/// Found by fuzzing: of two scans of one time, only the first with odometry, both came back with it.
+#[test]
+fn a_scan_without_odometry_at_the_time_of_one_with_it_is_refused() {
+    let at = [0, 1_000, 2_000, 2_000];
+    let scans = at.iter().enumerate().map(|(k, &at)| scan(Some(at), k as f64)).collect();
+    let mut recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+    recording.scans[0].odometry = None;
+    recording.scans[3].odometry = None;
+    let found = bag::write(&recording, Cursor::new(Vec::new())).unwrap_err();
+    assert!(matches!(found, WriteBagError::Gap { scan: 3, what: "odometry" }), "{found}");
+    // Later, nothing is filled in.
+    recording.scans[3].stamp = Some(Stamp::from_nanoseconds(3_000));
+    assert_same(&round_trip(&recording), &recording, 1e-12);
+    // Back in time, between two scans with a reference pose.
+    recording.scans[3].stamp = Some(Stamp::from_nanoseconds(500));
+    recording.scans[3].map_from_laser = None;
+    let found = bag::write(&recording, Cursor::new(Vec::new())).unwrap_err();
+    assert!(matches!(found, WriteBagError::Gap { scan: 3, .. }), "{found}");
+}
+
+/// Found while writing its fuzz target: the written bag held messages that its reader skips.
+#[test]
+fn poses_and_beams_that_readers_refuse_are_not_written() {
+    let refused = |change: &dyn Fn(&mut Recording)| {
+        let scans = (0..3).map(|k| scan(Some(k * 1_000), k as f64)).collect();
+        let mut recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+        recording.scans[0].odometry = None;
+        change(&mut recording);
+        let found = bag::write(&recording, Cursor::new(Vec::new())).unwrap_err();
+        assert!(matches!(found, WriteBagError::OutOfRange { .. }), "{found}");
+        found.to_string()
+    };
+    let far = Pose2::new(9e8, 0.0, 0.0);
+    let message =
+        refused(&|recording| recording.scans[1].map_from_laser = Some(Pose2::new(2e9, 0.0, 0.0)));
+    assert!(message.starts_with("scan 1: the pose of the robot"), "{message}");
+    // Each step is in range, their sum is not.
+    let message = refused(&|recording| {
+        recording.scans.iter_mut().skip(1).for_each(|scan| scan.odometry = Some(far));
+    });
+    assert!(message.starts_with("scan 2: the pose of the robot"), "{message}");
+    refused(&|recording| recording.robot_from_laser = Pose2::new(0.0, -2e9, 0.0));
+    refused(&|recording| recording.scans[2].geometry.start_angle = 1e300);
+    let message = refused(&|recording| recording.scans[2].geometry.angle_step = 1e-300);
+    assert!(message.contains("32-bit floats"), "{message}");
+}

@@ -336,3 +336,18 @@ proptest! {
         }
     }
 }
+
+/// Found while writing its fuzz target: the sum of steps, each in range, was written and then skipped by the reader.
+#[test]
+fn poses_that_add_up_beyond_what_readers_accept_are_refused() {
+    let step = Some(Pose2::new(6e8, 0.0, 0.0));
+    let recording = with_poses(degrees(3, 1.0), &[None; 3], &[None, step, step], Pose2::IDENTITY);
+    let mut text = Vec::new();
+    let error = carmen::write(&recording, &[], &mut text).unwrap_err();
+    assert!(matches!(error, WriteError::OutOfRange { scan: 2, .. }), "{error}");
+    assert!(text.is_empty());
+    let mount = Pose2::new(-6e8, 0.0, 0.0);
+    let mounted = with_poses(degrees(3, 1.0), &[step; 2], &[None; 2], mount);
+    let error = carmen::write(&mounted, &[], &mut text).unwrap_err();
+    assert!(matches!(error, WriteError::OutOfRange { scan: 0, .. }), "{error}");
+}

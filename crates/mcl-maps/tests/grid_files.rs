@@ -247,3 +247,13 @@ fn the_map_of_the_olin_bag() {
     assert!(bounds.min[0] > -1.12 && bounds.max[0] < -1.12 + 903.0 * 0.03);
     assert!(bounds.min[1] > -39.4 && bounds.max[1] < -39.4 + 1706.0 * 0.03);
 }
+
+/// Found by fuzzing: an interlaced image of a few bytes that says it has a hundred million pixels took a
+/// hundred megabytes before its first row was looked for.
+#[test]
+fn a_png_too_short_for_its_size_is_refused() {
+    const IMAGE: &[u8] = b"\x89PNG\x0d\x0a\x1a\x0a\x00\x00\x00\x0dIHDR\x00\x00'\x10\x00\x00'\x10\x08\x00\x00\x00\x01\xe8\x22\x0dm\
+        \x00\x00\x00\x0cIDATx\x9cc`\xa0=\x00\x00\x00d\x00\x01\x86d<5\x00\x00\x00\x00IEND\xaeB`\x82";
+    let message = read(YAML, "map.pgm", IMAGE).unwrap_err();
+    assert!(message.contains("10000 × 10000 pixels, which its 69 bytes cannot hold"), "{message}");
+}

@@ -375,6 +375,15 @@ mod tests {
             "B[1000000] b\n===\nMSG: p/B\nC[1000000] c\n===\nMSG: p/C\nD[1000000000] d\n===\nMSG: p/D\nuint8 x",
         );
         assert!(matches!(decode(&huge, &[0; 100]), Err(CdrError::Length { .. })));
+        // Found while writing its fuzz target: arrays of no elements took no bytes, and doubled with each level of nesting.
+        for (language, text) in [
+            ("ros2msg", "uint8[0] a"),
+            ("ros2idl", "module p { struct A { octet a[0]; }; };"),
+            ("ros2idl", "const long NONE = 0; module p { struct A { octet a[2][NONE]; }; };"),
+        ] {
+            let error = MessageSchema::parse("p/A", language, text.as_bytes()).unwrap_err();
+            assert!(error.to_string().contains("size of an array, at least 1"), "{error}");
+        }
         let empties = self::schema("B[] b\n===\nMSG: p/B\n");
         assert!(decode(&empties, &[0, 1, 0, 0, 0xff, 0xff, 0xff, 0x7f]).is_err());
     }

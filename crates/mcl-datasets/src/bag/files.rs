@@ -79,7 +79,15 @@ pub(super) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
             return Err(BagError::Folder(format!("{METADATA_FILE} cannot be read: {error}")));
         }
     };
-    let metadata: Metadata = serde_saphyr::from_str(&text)
+    Ok(listed_files(&text)?.iter().map(|name| folder.join(name)).collect())
+}
+
+/// The files that the text of a `metadata.yaml` lists, in the order they were written.
+///
+/// # Errors
+/// [`BagError::Folder`] for another text, and for a bag that is stored or packed in another way.
+pub fn listed_files(text: &str) -> Result<Vec<String>, BagError> {
+    let metadata: Metadata = serde_saphyr::from_str(text)
         .map_err(|error| BagError::Folder(format!("{METADATA_FILE}: {error}")))?;
     let Information { storage_identifier, relative_file_paths, compression_mode } =
         metadata.rosbag2_bagfile_information;
@@ -103,5 +111,5 @@ pub(super) fn files_of(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
             "{METADATA_FILE}: relative_file_paths lists {path:?}, expected paths below the folder of the bag, neither absolute nor with \"..\""
         )));
     }
-    Ok(relative_file_paths.iter().map(|path| folder.join(path)).collect())
+    Ok(relative_file_paths)
 }

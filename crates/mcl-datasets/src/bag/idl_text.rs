@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use super::schema::{Count, Described, ElementType, Field, NumberType, SchemaError, plain_name};
+use super::schema::{
+    Count, Described, ElementType, Field, MAX_NAME_BYTES, NumberType, SchemaError, plain_name,
+};
 
 type Element = ElementType<String>;
 
@@ -129,6 +131,9 @@ impl<'a> Parser<'a> {
         if !text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_' || c == ':') {
             return Err(self.wrong(expected));
         }
+        if text.len() > MAX_NAME_BYTES {
+            return Err(self.wrong("a name of at most 255 bytes"));
+        }
         Ok(self.next())
     }
 
@@ -253,7 +258,14 @@ impl<'a> Parser<'a> {
         let mut size: Option<u64> = None;
         while self.peek() == "[" {
             self.next();
-            size = Some(size.unwrap_or(1).saturating_mul(self.number()?));
+            let found = self.tokens;
+            let number = self.number()?;
+            if number == 0 {
+                // Messages of no bytes could nest without end; IDL knows no empty arrays either.
+                self.tokens = found;
+                return Err(self.wrong("the size of an array, at least 1"));
+            }
+            size = Some(size.unwrap_or(1).saturating_mul(number));
             self.expect("]", "]")?;
         }
         match (count, size) {
@@ -422,6 +434,10 @@ module q { module msg { struct B { uint8 structure_needs_at_least_one_member; };
             assert!(parse(text).is_err(), "{text}");
         }
         assert!(parse(&"module a { ".repeat(100_000)).is_err());
+        // Found while writing its fuzz target: each structure repeats the names of the modules around it.
+        let long =
+            format!("module {} {{ {} }};", "a".repeat(100_000), "struct b { };".repeat(1_000));
+        assert!(parse(&long).unwrap_err().to_string().contains("at most 255 bytes"));
         assert!(parse(&("struct A { ".to_owned() + &"sequence<".repeat(100_000))).is_err());
     }
 }

@@ -7,7 +7,7 @@ use super::cdr::{CdrError, View};
 use super::schema::SchemaError;
 
 /// Largest position accepted, in metres; beyond any place on Earth.
-const MAX_POSITION: f64 = 1e9;
+pub(super) const MAX_POSITION: f64 = 1e9;
 const NANOSECONDS: i64 = 1_000_000_000;
 
 /// Why a message gives no value.
@@ -92,6 +92,13 @@ impl ScanMessage {
                 return Err(malformed(name, angle.to_string(), "an angle in radians"));
             }
         }
+        // In descriptions with 64-bit angles, the sum may not be a number.
+        let geometry = ScanGeometry { start_angle, angle_step, beams: ranges.len() };
+        let last = geometry.angle(ranges.len() - 1);
+        if !last.is_finite() {
+            let found = format!("{angle_step} from {start_angle} on, {} times", ranges.len());
+            return Err(malformed("angle_increment", found, "directions that are finite angles"));
+        }
         if angle_step == 0.0 && ranges.len() > 1 {
             return Err(malformed("angle_increment", "0", "the angle between two beams, not 0"));
         }
@@ -105,7 +112,6 @@ impl ScanMessage {
                 }
             }
         }
-        let geometry = ScanGeometry { start_angle, angle_step, beams: ranges.len() };
         Ok(ScanMessage { header, geometry, ranges })
     }
 }
@@ -194,4 +200,33 @@ pub(super) fn planar(pose: &Isometry3<f64>) -> Pose2 {
     let q = pose.rotation.quaternion();
     let yaw = (2.0 * (q.w * q.k + q.i * q.j)).atan2(1.0 - 2.0 * (q.j * q.j + q.k * q.k));
     Pose2::new(pose.translation.x, pose.translation.y, yaw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bag::encode::Encoder;
+    use crate::bag::{cdr, schema::MessageSchema};
+    use mcl_core::Stamp;
+
+    /// Found while writing its fuzz target: where a bag describes angles of 64 bits, the last beam looked to infinity.
+    #[test]
+    fn directions_that_are_no_numbers_are_malformed() {
+        let text = "std_msgs/Header header\nfloat64 angle_min\nfloat64 angle_increment\n\
+            float32 range_min\nfloat32 range_max\nfloat32[] ranges\n===\nMSG: std_msgs/Header\n\
+            builtin_interfaces/Time stamp\nstring frame_id\n";
+        let schema = MessageSchema::parse("p/A", "ros2msg", text.as_bytes()).unwrap();
+        let read = |angles: [f64; 2]| {
+            let mut message = Encoder::default();
+            message.header(Stamp::from_nanoseconds(1), "laser").f64s(&angles);
+            message.f32(0.0).f32(9.0).u32(3).f32(1.0).f32(2.0).f32(3.0);
+            let value = cdr::decode(&schema, &message.into_bytes()).unwrap();
+            ScanMessage::new(&View::new(&schema, &value))
+        };
+        assert_eq!(read([-0.5, 0.25]).unwrap().geometry.angle(2), 0.0);
+        let MessageError::Malformed { field, .. } = read([1e308, 1e308]).unwrap_err() else {
+            panic!("the schema is right")
+        };
+        assert_eq!(field, "angle_increment");
+    }
 }

@@ -72,6 +72,7 @@ pub use bytes::BadRecord;
 pub use chunk::MAX_CHUNK_BYTES;
 pub use encode::Encoder;
 pub use error::{BagError, StreamProblem};
+pub use files::listed_files;
 pub use poses::PoseTopic;
 pub use recording::MAX_MESSAGE_BYTES;
 pub use topics::{MAX_KEPT_BYTES, PoseRole};

@@ -53,7 +53,11 @@ fn field(line: &str) -> Result<Option<Field<String>>, &'static str> {
             let count = match size {
                 "" => Count::Sequence,
                 bound if bound.starts_with("<=") => Count::Sequence,
-                fixed => Count::Fixed(fixed.parse().map_err(|_| "the size of an array")?),
+                // Messages of no bytes could nest without end; ROS knows no empty arrays either.
+                fixed => match fixed.parse() {
+                    Ok(size @ 1..) => Count::Fixed(size),
+                    _ => return Err("the size of an array, at least 1"),
+                },
             };
             (base, count)
         }
@@ -126,8 +130,15 @@ mod tests {
 
     #[test]
     fn what_is_no_field_is_named_with_its_line() {
-        for line in ["float32", "float32[x] a", "float32[ a", "fl%at a", "float32 a-b", "float32 -"]
-        {
+        for line in [
+            "float32",
+            "float32[0] a",
+            "float32[x] a",
+            "float32[ a",
+            "fl%at a",
+            "float32 a-b",
+            "float32 -",
+        ] {
             let error = parse("p/A", &format!("bool ok\n{line}\n")).unwrap_err();
             assert!(matches!(error, SchemaError::Syntax { line: 2, .. }), "{line}: {error}");
         }

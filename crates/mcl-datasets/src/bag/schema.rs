@@ -6,6 +6,9 @@ use super::{idl_text, msg_text};
 
 /// Nesting accepted. Messages of sensors and poses nest five deep.
 const MAX_DEPTH: usize = 32;
+/// Longest name of a module, message or field accepted, in bytes. Names of messages are made of those of
+/// the modules around them, so that without a limit a long one would be repeated many times.
+pub(super) const MAX_NAME_BYTES: usize = 255;
 /// The two types that every `.msg` may use without its bag describing them.
 const BUILTIN: &str = "int32 sec\nuint32 nanosec\n";
 

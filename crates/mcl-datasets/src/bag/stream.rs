@@ -24,7 +24,7 @@ const CHUNK_HEADER_BYTES: u64 = 1 << 16;
 const PREFIX_BYTES: usize = 9;
 
 /// How messages are laid out, as written in the bag.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct SchemaText {
     /// Name of the message type.
     pub name: String,

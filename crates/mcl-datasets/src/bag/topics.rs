@@ -1,6 +1,6 @@
 //! The topics of a bag, the messages of those that could be of use, and which of them are meant.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::io::Read;
 use std::sync::Arc;
 
@@ -12,6 +12,9 @@ use crate::log::{ReferencePoses, TopicChoice};
 
 /// Bytes of messages kept in memory, at most: some 300,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 2 << 30;
+
+/// Topics named in a message; a file may have 65,535.
+const LISTED_TOPICS: usize = 100;
 
 const SCAN: &str = "sensor_msgs/LaserScan";
 const ODOMETRY: &str = "nav_msgs/Odometry";
@@ -96,6 +99,9 @@ pub(super) struct Content {
     /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
     /// stamps of 0 are times otherwise.
     pub unstamped: Option<BTreeSet<u32>>,
+    /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
+    /// file may have 65,535.
+    by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
     kept_bytes: u64,
 }
 
@@ -117,8 +123,8 @@ impl Content {
                         kind,
                         messages: 0,
                     };
-                    let same = |known: &Topic| Topic { messages: 0, ..known.clone() } == topic;
-                    let index = self.topics.iter().position(same).unwrap_or_else(|| {
+                    let key = (topic.name.clone(), topic.encoding.clone(), topic.schema.clone());
+                    let index = *self.by_description.entry(key).or_insert_with(|| {
                         self.topics.push(topic);
                         self.topics.len() - 1
                     });
@@ -174,14 +180,9 @@ impl Content {
     /// Names of the topics with messages of one of these kinds.
     pub fn names(&self, kinds: &[Kind]) -> Vec<&str> {
         let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
-        let mut names: Vec<&str> = Vec::new();
-        for topic in self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0) {
-            if !names.contains(&topic.name.as_str()) {
-                names.push(&topic.name);
-            }
-        }
-        names.sort_unstable();
-        names
+        let used = self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0);
+        let names: BTreeSet<&str> = used.map(|topic| topic.name.as_str()).collect();
+        names.into_iter().collect()
     }
 
     /// The topic asked for, if its messages are of one of these kinds.
@@ -203,8 +204,10 @@ impl Content {
         Err(BagError::WrongType { topic: topic.to_owned(), option, found, expected })
     }
 
+    /// The error for several `names` (sorted, as [`Content::names`] gives them) that could be meant.
     fn ambiguous(&self, what: &'static str, names: &[&str], option: &'static str) -> BagError {
-        let candidates = list(self.topics.iter().filter(|topic| names.contains(&&*topic.name)));
+        let is_named = |topic: &&Topic| names.binary_search(&&*topic.name).is_ok();
+        let candidates = list(self.topics.iter().filter(is_named));
         BagError::Ambiguous { what, candidates, option }
     }
 }
@@ -217,6 +220,11 @@ fn list<'a>(topics: impl Iterator<Item = &'a Topic>) -> String {
         })
         .collect();
     topics.sort();
+    let more = topics.len().saturating_sub(LISTED_TOPICS);
+    if more > 0 {
+        topics.truncate(LISTED_TOPICS);
+        topics.push(format!("… and {more} more"));
+    }
     if topics.is_empty() { "none".to_owned() } else { topics.join(", ") }
 }
 

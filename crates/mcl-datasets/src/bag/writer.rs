@@ -5,9 +5,10 @@ use std::io::{Seek, Write};
 use std::ops::Range;
 
 use mcap::records::{MessageHeader, Metadata};
-use mcl_core::{LaserScan, Pose2, Recording, Stamp};
+use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
 
 use super::encode::Encoder;
+use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
 use crate::mount::Mount;
@@ -66,9 +67,20 @@ pub enum WriteBagError {
         /// What is not finite.
         what: &'static str,
     },
+    /// Readers of bags would not accept it: a pose beyond 10⁹ m from the origin, directions of beams that
+    /// 32-bit floats cannot hold.
+    #[error("scan {scan}: the {what}, expected {expected}")]
+    OutOfRange {
+        /// Index of the scan, from 0.
+        scan: usize,
+        /// What is out of range.
+        what: &'static str,
+        /// What is accepted.
+        expected: &'static str,
+    },
     /// Scans in the middle of the recording lack what those around them have.
     #[error(
-        "scan {scan} has no {what}, but scans before and after it have: a bag would fill the gap by interpolation"
+        "scan {scan} has no {what}, but scans before and after it or at its time have: a bag would fill the gap by interpolation"
     )]
     Gap {
         /// Index of the scan, from 0.
@@ -214,6 +226,7 @@ fn qos(delivery: Delivery) -> String {
 /// checked before the first byte is written.
 pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, WriteBagError> {
     let spans = check(recording)?;
+    let placed = place(recording, &spans)?;
     let scans = &recording.scans;
     let mut bag = BagWriter::new(sink)?;
     let unstamped = scans.iter().enumerate().filter(|(_, scan)| scan.stamp.is_none());
@@ -240,32 +253,13 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
     let mut log_time = first.nanoseconds() as u64;
     let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
     bag.write(static_topic, log_time, transforms(first, &mounted))?;
-    let mount = Mount::new(recording.robot_from_laser);
     let limits = range_limits(scans);
-    let mut robot = Pose2::IDENTITY;
-    for (index, scan) in scans.iter().enumerate() {
+    for (scan, placed) in scans.iter().zip(placed) {
         let stamp = scan.stamp.unwrap_or(zero);
         log_time = log_time.max(stamp.nanoseconds() as u64);
-        if index > spans.odometry.start
-            && let Some(increment) = scan.odometry
-        {
-            robot = robot.compose(&mount.robot_increment(increment));
-        }
-        let odometry = spans.odometry.contains(&index).then_some(robot);
-        let reference = scan.map_from_laser.map(|laser| mount.robot_pose(laser));
-        if let Some(topic) = tf_topic {
-            let edges: Vec<(&str, &str, Pose2)> = match (reference, odometry) {
-                (Some(reference), Some(odometry)) => vec![
-                    (MAP_FRAME, ODOMETRY_FRAME, reference.compose(&odometry.inverse())),
-                    (ODOMETRY_FRAME, BASE_FRAME, odometry),
-                ],
-                (Some(reference), None) => vec![(MAP_FRAME, BASE_FRAME, reference)],
-                (None, Some(odometry)) => vec![(ODOMETRY_FRAME, BASE_FRAME, odometry)],
-                (None, None) => vec![],
-            };
-            if !edges.is_empty() {
-                bag.write(topic, log_time, transforms(stamp, &edges))?;
-            }
+        let Placed { odometry, reference, edges } = placed;
+        if let Some(topic) = tf_topic.filter(|_| !edges.is_empty()) {
+            bag.write(topic, log_time, transforms(stamp, &edges))?;
         }
         if let (Some(topic), Some(pose)) = (odom_topic, odometry) {
             let mut message = Encoder::default();
@@ -280,6 +274,55 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
         bag.write(scan_topic, log_time, laser_scan(scan, stamp, LASER_FRAME, limits))?;
     }
     bag.finish()
+}
+
+/// Where the robot was at a scan, in all ways that a bag says so.
+struct Placed {
+    odometry: Option<Pose2>,
+    reference: Option<Pose2>,
+    /// Of `/tf`: parent, child, pose.
+    edges: Vec<(&'static str, &'static str, Pose2)>,
+}
+
+/// The poses that are written, which readers must accept, too: sums of many steps, or of a pose and the
+/// mount, may be beyond them.
+fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagError> {
+    let is_readable =
+        |pose: &Pose2| pose.is_finite() && pose.x.abs().max(pose.y.abs()) <= MAX_POSITION;
+    let out_of_range = |scan, what| {
+        let expected = "finite angles and at most 1e9 m from the origin";
+        WriteBagError::OutOfRange { scan, what, expected }
+    };
+    if !is_readable(&recording.robot_from_laser) {
+        return Err(out_of_range(0, "mount of the laser is out of range"));
+    }
+    let mount = Mount::new(recording.robot_from_laser);
+    let mut robot = Pose2::IDENTITY;
+    let mut placed = Vec::with_capacity(recording.scans.len());
+    for (index, scan) in recording.scans.iter().enumerate() {
+        if index > spans.odometry.start
+            && let Some(increment) = scan.odometry
+        {
+            robot = robot.compose(&mount.robot_increment(increment));
+        }
+        let odometry = spans.odometry.contains(&index).then_some(robot);
+        let reference = scan.map_from_laser.map(|laser| mount.robot_pose(laser));
+        let edges = match (reference, odometry) {
+            (Some(reference), Some(odometry)) => vec![
+                (MAP_FRAME, ODOMETRY_FRAME, reference.compose(&odometry.inverse())),
+                (ODOMETRY_FRAME, BASE_FRAME, odometry),
+            ],
+            (Some(reference), None) => vec![(MAP_FRAME, BASE_FRAME, reference)],
+            (None, Some(odometry)) => vec![(ODOMETRY_FRAME, BASE_FRAME, odometry)],
+            (None, None) => vec![],
+        };
+        if !edges.iter().all(|(_, _, pose)| is_readable(pose)) {
+            let what = "pose of the robot, with the odometry up to it, is out of range";
+            return Err(out_of_range(index, what));
+        }
+        placed.push(Placed { odometry, reference, edges });
+    }
+    Ok(placed)
 }
 
 /// The smallest and the largest reading, and 0 if that is smaller.
@@ -313,6 +356,13 @@ pub fn check_scans(scans: &[LaserScan]) -> Result<(), WriteBagError> {
         if let Some(stamp) = scan.stamp.filter(|stamp| !(0..=LAST).contains(&stamp.nanoseconds())) {
             return Err(WriteBagError::Stamp { scan: index, stamp });
         }
+        let ScanGeometry { start_angle, angle_step, .. } = scan.geometry;
+        let (start, step) = (start_angle as f32, angle_step as f32);
+        if !(start.is_finite() && step.is_finite()) || step == 0.0 && beams > 1 {
+            let what = "directions of the beams do not fit into 32-bit floats";
+            let expected = "finite angles, and a step between two beams that is not 0";
+            return Err(WriteBagError::OutOfRange { scan: index, what, expected });
+        }
         for (pose, what) in
             [(scan.map_from_laser, "reference pose"), (scan.odometry, "odometry increment")]
         {
@@ -332,7 +382,39 @@ fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
     // A step connects its scan with the one before.
     let start = steps.start.saturating_sub(1);
     let odometry = if steps.is_empty() { 0..0 } else { start..steps.end };
+    let times = times(scans);
+    check_outside(&times, &odometry, "odometry")?;
+    check_outside(&times, &reference, "reference pose")?;
     Ok(Spans { odometry, reference })
+}
+
+/// When readers take the scans to be: at their stamps, or when they are logged if those are 0.
+fn times(scans: &[LaserScan]) -> Vec<i64> {
+    let mut log_time = 0;
+    let mut time = |scan: &LaserScan| {
+        let stamp = scan.stamp.map_or(0, Stamp::nanoseconds);
+        log_time = log_time.max(stamp);
+        if stamp > 0 { stamp } else { log_time }
+    };
+    scans.iter().map(&mut time).collect()
+}
+
+/// Stamps may repeat and step back: a scan outside of the span may still lie within its time.
+fn check_outside(
+    times: &[i64],
+    span: &Range<usize>,
+    what: &'static str,
+) -> Result<(), WriteBagError> {
+    let inside = &times[span.clone()];
+    let (Some(&first), Some(&last)) = (inside.iter().min(), inside.iter().max()) else {
+        return Ok(());
+    };
+    let is_filled =
+        |index: &usize| !span.contains(index) && (first..=last).contains(&times[*index]);
+    match (0..times.len()).find(is_filled) {
+        Some(scan) => Err(WriteBagError::Gap { scan, what }),
+        None => Ok(()),
+    }
 }
 
 /// From the first to the last scan that has something, which all between must have.

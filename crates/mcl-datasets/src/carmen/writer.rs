@@ -94,11 +94,48 @@ pub fn write(
     mut sink: impl Write,
 ) -> Result<(), WriteError> {
     let has_reference = check(recording)?;
-    write_lines(recording, has_reference, comments, &mut sink).map_err(WriteError::Io)
+    let placed = place(recording, has_reference)?;
+    write_lines(recording, &placed, has_reference, comments, &mut sink).map_err(WriteError::Io)
+}
+
+/// Where a scan is written to have been taken.
+struct Placed {
+    /// Raw odometry up to the scan, where it is known.
+    odometry: Option<Pose2>,
+    laser: Pose2,
+    robot: Pose2,
+}
+
+/// The poses that are written, which readers must accept, too: sums of many steps, or of a pose and the
+/// mount, may be beyond them.
+fn place(recording: &Recording, has_reference: bool) -> Result<Vec<Placed>, WriteError> {
+    let mount = Mount::new(recording.robot_from_laser);
+    let mut placed: Vec<Placed> = Vec::with_capacity(recording.scans.len());
+    let mut raw = Pose2::IDENTITY;
+    for (index, scan) in recording.scans.iter().enumerate() {
+        let start = match placed.last() {
+            Some(before) if has_reference => before.robot,
+            _ => raw,
+        };
+        let increment = scan.odometry.filter(|_| index > 0);
+        let odometry = increment.map(|increment| start.compose(&mount.robot_increment(increment)));
+        raw = odometry.unwrap_or(raw);
+        let (laser, robot) = match scan.map_from_laser {
+            Some(laser) => (laser, mount.robot_pose(laser)),
+            None => (mount.laser_pose(raw), raw),
+        };
+        if ![Some(laser), Some(robot), odometry].into_iter().flatten().all(is_readable) {
+            let what = "pose with the mount or the odometry up to it";
+            return Err(WriteError::OutOfRange { scan: index, what });
+        }
+        placed.push(Placed { odometry, laser, robot });
+    }
+    Ok(placed)
 }
 
 fn write_lines(
     recording: &Recording,
+    placed: &[Placed],
     has_reference: bool,
     comments: &[&str],
     sink: &mut impl Write,
@@ -112,18 +149,12 @@ fn write_lines(
     let scans = &recording.scans;
     let is_flaser =
         scans.iter().all(|scan| flaser_geometry(scan.ranges.len()) == Some(scan.geometry));
-    let mount = Mount::new(recording.robot_from_laser);
-    let mut odometry = Pose2::IDENTITY;
     let mut line = String::new();
-    for (index, scan) in scans.iter().enumerate() {
-        if let Some(increment) = scan.odometry.filter(|_| index > 0) {
-            odometry = odometry.compose(&mount.robot_increment(increment));
+    for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
+        let &Placed { odometry, laser, robot } = placed;
+        if let Some(odometry) = odometry {
             write_odom(&mut line, sink, odometry, scan.stamp)?;
         }
-        let (laser, robot) = match scan.map_from_laser {
-            Some(laser) => (laser, mount.robot_pose(laser)),
-            None => (mount.laser_pose(odometry), odometry),
-        };
         line.clear();
         if is_flaser {
             push_flaser(&mut line, scan, laser, robot);
@@ -133,7 +164,6 @@ fn write_lines(
         sink.write_all(line.as_bytes())?;
         let next_has_odometry = scans.get(index + 1).is_some_and(|next| next.odometry.is_some());
         if has_reference && next_has_odometry {
-            odometry = robot;
             write_odom(&mut line, sink, robot, scan.stamp)?;
         }
     }

@@ -42,4 +42,4 @@ pub use sensitivity_trials::{
     SensitivityKey, SensitivityRow, SensitivityTrial, sensitivity_trials,
 };
 pub(crate) use store::pause_saving;
-pub use store::{FailureRow, TimingRow, TrialStore, read_rows, write_rows};
+pub use store::{FailureRow, TimingRow, TrialStore, parse_rows, read_rows, write_rows};

@@ -140,7 +140,11 @@ pub fn write_rows<R: Serialize>(path: &Path, rows: &[R]) -> Result<()> {
     write_atomically(path, &to_csv(rows, true)?)
 }
 
-fn parse_rows<R: DeserializeOwned>(source: impl std::io::Read, path: &Path) -> Result<Vec<R>> {
+/// Reads the rows of the content of a CSV file; `path` stands for it in errors.
+///
+/// # Errors
+/// As [`read_rows`].
+pub fn parse_rows<R: DeserializeOwned>(source: impl std::io::Read, path: &Path) -> Result<Vec<R>> {
     csv::Reader::from_reader(source)
         .deserialize()
         .collect::<Result<_, _>>()

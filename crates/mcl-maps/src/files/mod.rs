@@ -44,6 +44,7 @@ mod pcd_points;
 mod ply_points;
 mod text_rows;
 
+use std::io;
 use std::path::Path;
 
 use mcl_core::{Point, PointMap};
@@ -52,7 +53,7 @@ use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
 
 pub use atomic::{is_leftover, temporary_beside, write_atomically};
 pub use error::{MapFileError, MapProblem, Place};
-pub use map_server::{read_grid, write_grid};
+pub use map_server::{encode_grid, parse_grid, read_grid, write_grid};
 
 /// How numbers are written to PLY and PCD. CSV is always text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -64,11 +65,53 @@ pub enum Encoding {
     Ascii,
 }
 
+/// A format of point maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PointFormat {
+    /// `.csv`
+    Csv,
+    /// `.ply`
+    Ply,
+    /// `.pcd`
+    Pcd,
+}
+
+impl PointFormat {
+    /// Reads the content of a file.
+    ///
+    /// # Errors
+    /// [`MapProblem`] says what is wrong with it.
+    pub fn parse<const D: usize>(self, bytes: &[u8]) -> Result<PointMap<D>, MapProblem> {
+        const { planar_or_spatial(D) };
+        let points: Vec<Point<D>> = match self {
+            PointFormat::Csv => csv_points::parse(bytes),
+            PointFormat::Ply => ply_points::parse(bytes),
+            PointFormat::Pcd => pcd_points::parse(bytes),
+        }?;
+        PointMap::new(points).map_err(MapProblem::Points)
+    }
+
+    /// The content of the file of a map.
+    ///
+    /// # Errors
+    /// Those of the formats' libraries; memory does not fail to be written to.
+    pub fn encode<const D: usize>(
+        self,
+        map: &PointMap<D>,
+        encoding: Encoding,
+    ) -> io::Result<Vec<u8>> {
+        const { planar_or_spatial(D) };
+        match self {
+            PointFormat::Csv => csv_points::encode(map.points()),
+            PointFormat::Ply => ply_points::encode(map.points(), encoding),
+            PointFormat::Pcd => pcd_points::encode(map.points(), encoding),
+        }
+    }
+}
+
 /// The formats, by the file's ending.
 enum Format {
-    Csv,
-    Ply,
-    Pcd,
+    Points(PointFormat),
     Grid,
 }
 
@@ -76,9 +119,9 @@ impl Format {
     fn of(path: &Path) -> Result<Self, MapFileError> {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match ending.as_str() {
-            "csv" => Ok(Format::Csv),
-            "ply" => Ok(Format::Ply),
-            "pcd" => Ok(Format::Pcd),
+            "csv" => Ok(Format::Points(PointFormat::Csv)),
+            "ply" => Ok(Format::Points(PointFormat::Ply)),
+            "pcd" => Ok(Format::Points(PointFormat::Pcd)),
             "yaml" | "yml" => Ok(Format::Grid),
             "pgm" | "png" => Err(MapFileError::BareImage { path: path.into() }),
             _ => Err(MapFileError::UnknownEnding { path: path.into(), ending }),
@@ -122,17 +165,10 @@ const fn planar_or_spatial(dimensions: usize) {
 pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, MapFileError> {
     const { planar_or_spatial(D) };
     let path = path.as_ref();
-    let parse: fn(&[u8]) -> Result<Vec<Point<D>>, MapProblem> = match Format::of(path)? {
-        Format::Csv => csv_points::parse,
-        Format::Ply => ply_points::parse,
-        Format::Pcd => pcd_points::parse,
-        Format::Grid => return read_grid_points(path),
-    };
+    let Format::Points(format) = Format::of(path)? else { return read_grid_points(path) };
     let bytes = std::fs::read(path)
         .map_err(|source| MapFileError::Unreadable { path: path.into(), source })?;
-    parse(&bytes)
-        .and_then(|points| PointMap::new(points).map_err(MapProblem::Points))
-        .map_err(|problem| MapFileError::Content { path: path.into(), problem })
+    format.parse(&bytes).map_err(|problem| MapFileError::Content { path: path.into(), problem })
 }
 
 /// The occupied cells of a grid map.
@@ -176,13 +212,9 @@ pub fn write_map<const D: usize>(
 ) -> Result<(), MapFileError> {
     const { planar_or_spatial(D) };
     let path = path.as_ref();
-    let bytes = match Format::of(path)? {
-        Format::Csv => csv_points::encode(map.points()),
-        Format::Ply => ply_points::encode(map.points(), encoding),
-        Format::Pcd => pcd_points::encode(map.points(), encoding),
-        Format::Grid => return write_grid_of(path, map),
-    };
-    bytes
+    let Format::Points(format) = Format::of(path)? else { return write_grid_of(path, map) };
+    format
+        .encode(map, encoding)
         .and_then(|bytes| write_atomically(path, &bytes))
         .map_err(|source| MapFileError::Unwritable { path: path.into(), source })
 }

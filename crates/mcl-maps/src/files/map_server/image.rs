@@ -73,6 +73,14 @@ fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapPro
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (width, height) = (reader.info().width, reader.info().height);
     check_size(width.into(), height.into())?;
+    // Deflate packs at most 1,032 bytes into one, and an interlaced image takes its memory at once.
+    let needed = u64::from(width) * u64::from(height) * reader.info().bits_per_pixel() as u64 / 8;
+    if needed > 1032 * bytes.len() as u64 {
+        return Err(MapProblem::syntax(format!(
+            "the PNG image says {width} × {height} pixels, which its {} bytes cannot hold: it is damaged or cut short",
+            bytes.len()
+        )));
+    }
     let (color, depth) = reader.output_color_type();
     let bytes_per_sample = if depth == png::BitDepth::Sixteen { 2 } else { 1 };
     let largest = if bytes_per_sample == 2 { 65535.0 } else { 255.0 };

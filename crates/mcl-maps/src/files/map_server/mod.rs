@@ -64,11 +64,26 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
             ),
             other => other,
         })?;
+    grid_of(&description, Cells { width, cells }).map_err(|problem| content(path, problem))
+}
+
+/// Reads a grid map from the content of its description (`.yaml`) and of its image.
+///
+/// # Errors
+/// [`MapProblem`] says what is wrong with one of them.
+pub fn parse_grid(description: &[u8], image: &[u8]) -> Result<OccupancyGrid, MapProblem> {
+    let description = Description::parse(description)?;
+    let cells = image::cells(image, |pixel| description.cell(pixel))?;
+    grid_of(&description, cells)
+}
+
+fn grid_of(description: &Description, image: Cells) -> Result<OccupancyGrid, MapProblem> {
+    let Cells { width, cells } = image;
     let [x, y, yaw] = description.origin;
     let from_bottom = cells.chunks(width).rev().flatten().copied().collect();
     let map_from_grid = Pose2::new(x, y, wrap_angle(yaw));
     OccupancyGrid::new(width, description.resolution, map_from_grid, from_bottom)
-        .map_err(|error| content(path, MapProblem::Grid(error)))
+        .map_err(MapProblem::Grid)
 }
 
 /// The bytes of a file of at most this many.
@@ -135,6 +150,13 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
     let image_name = image_path.file_name().and_then(|name| name.to_str()).ok_or_else(|| {
         unwritable(&image_path)(std::io::Error::other("the name is not UTF-8 text"))
     })?;
+    let (description, image) = encode_grid(grid, image_name);
+    write_atomically(&image_path, &image).map_err(unwritable(&image_path))?;
+    write_atomically(path, description.as_bytes()).map_err(unwritable(path))
+}
+
+/// The content of the description of a grid map, whose image has this name, and of its image (PGM).
+pub fn encode_grid(grid: &OccupancyGrid, image_name: &str) -> (String, Vec<u8>) {
     let Pose2 { x, y, theta } = grid.map_from_grid();
     let description = Description {
         image: image_name.to_owned(),
@@ -152,7 +174,5 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
     };
     let rows = grid.cells().chunks(grid.width()).rev();
     let pixels: Vec<u8> = rows.flatten().map(grey).collect();
-    let image = pgm::encode(grid.width(), grid.height(), &pixels);
-    write_atomically(&image_path, &image).map_err(unwritable(&image_path))?;
-    write_atomically(path, description.text().as_bytes()).map_err(unwritable(path))
+    (description.text(), pgm::encode(grid.width(), grid.height(), &pixels))
 }
