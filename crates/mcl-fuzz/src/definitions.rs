@@ -4,8 +4,8 @@ use std::path::Path;
 
 use mcl_datasets::registry::{Dataset, Source};
 use mcl_eval::experiment::{
-    DatasetFacts, Definition, Experiment, Kind, Manifest, localization_trials, sensitivity_trials,
-    trials,
+    DatasetFacts, Definition, Experiment, Kind, Manifest, localization_trials, refinement_trials,
+    sensitivity_trials, trials,
 };
 use serde::Serialize;
 
@@ -52,12 +52,14 @@ pub fn experiment(bytes: &[u8]) {
             Experiment::Likelihood(e) => drop(trials(e, &name, e.sizes_for(&name), 1_000)),
             Experiment::Localization(e) => drop(localization_trials(e, &name)),
             Experiment::Sensitivity(e) => drop(sensitivity_trials(e, &name)),
+            Experiment::Refinement(e) => drop(refinement_trials(e, &name)),
         });
     }
     match &experiment {
         Experiment::Likelihood(e) => through_a_manifest(Kind::Likelihood, e),
         Experiment::Localization(e) => through_a_manifest(Kind::Localization, e),
         Experiment::Sensitivity(e) => through_a_manifest(Kind::Sensitivity, e),
+        Experiment::Refinement(e) => through_a_manifest(Kind::Refinement, e),
     }
 }
 

@@ -45,6 +45,7 @@ mod point_set;
 pub mod refine;
 pub mod sampling;
 mod size;
+pub mod size_criteria;
 
 pub use build::{BuiltMap, InitialMap, MapSettings, build_map, initial_map};
 pub use error::MapError;

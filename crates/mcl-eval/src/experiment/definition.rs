@@ -7,7 +7,7 @@ use mcl_maps::FkmSettings;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Builder, MapStrategy, SensitivityExperiment};
+use super::{Builder, MapStrategy, RefinementExperiment, SensitivityExperiment};
 
 /// An experiment as its TOML file defines it. Unknown keys are errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,8 @@ pub enum Experiment {
     Localization(LocalizationExperiment),
     /// How the localization error depends on the settings that the paper leaves open.
     Sensitivity(SensitivityExperiment),
+    /// How likely the data is under maps of the same size that were refined in different ways.
+    Refinement(RefinementExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -30,6 +32,8 @@ pub enum Kind {
     Localization,
     /// [`SensitivityExperiment`].
     Sensitivity,
+    /// [`RefinementExperiment`].
+    Refinement,
 }
 
 /// Settings of a likelihood experiment.
@@ -71,6 +75,10 @@ pub struct LocalizationExperiment {
     pub splits: Vec<Split>,
     /// Map sizes in percent of the points that build the map.
     pub sizes: Vec<f64>,
+    /// Also localizes on what [`Refinement::BEST`](mcl_maps::Refinement::BEST) makes of the grid-based
+    /// maps (*gbs+best*).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub best: bool,
     /// Gaussian noise added to the odometry of each run, the same for every map.
     pub odometry_noise: OdometryNoise,
     /// σ of the mixture in metres, for fuzzy k-means.
@@ -171,7 +179,7 @@ impl Definition for LocalizationExperiment {
         let runs = self.datasets.iter().filter_map(|dataset| dataset.runs).chain([self.runs]);
         let sizes =
             self.datasets.iter().map(|dataset| dataset.sizes.len()).chain([self.sizes.len()]);
-        let maps = 1 + MapStrategy::SAMPLED.len() * sizes.max().unwrap_or(0);
+        let maps = 1 + MapStrategy::DRAWN.len() * sizes.max().unwrap_or(0);
         for runs in runs {
             if runs < self.maps {
                 bail!("runs is {runs}, expected at least one per map ({})", self.maps);
@@ -248,11 +256,13 @@ impl Experiment {
             Kind::Likelihood => Experiment::Likelihood(toml::from_str(text)?),
             Kind::Localization => Experiment::Localization(toml::from_str(text)?),
             Kind::Sensitivity => Experiment::Sensitivity(toml::from_str(text)?),
+            Kind::Refinement => Experiment::Refinement(toml::from_str(text)?),
         };
         match &experiment {
             Experiment::Likelihood(experiment) => experiment.check()?,
             Experiment::Localization(experiment) => experiment.check()?,
             Experiment::Sensitivity(experiment) => experiment.check()?,
+            Experiment::Refinement(experiment) => experiment.check()?,
         }
         Ok(experiment)
     }
@@ -263,6 +273,7 @@ impl Experiment {
             Experiment::Likelihood(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Localization(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Sensitivity(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Refinement(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
         }
     }
 }

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::with_room;
 use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
 use mcl_filter::{CheckedSettings, MapDistances, Replay, Run, localize, noisy_increments};
-use mcl_maps::{MapSize, PointSet, fuzzy_k_means, initial_map};
+use mcl_maps::{MapSize, PointSet, RefineSettings, Refinement, fuzzy_k_means, initial_map};
 use mcl_metrics::{
     DivergenceSettings, LossSettings, PoseError, WeightedPoseError, diverged, lost_episodes,
     pose_errors,
@@ -24,6 +24,9 @@ pub enum MapStrategy {
     /// The same, improved by fuzzy k-means.
     #[serde(rename = "gbs+f-km")]
     GridImproved,
+    /// The same, improved by [`Refinement::BEST`].
+    #[serde(rename = "gbs+best")]
+    GridBest,
     /// Random sampling.
     #[serde(rename = "rnd")]
     Random,
@@ -44,6 +47,15 @@ impl MapStrategy {
         MapStrategy::RandomImproved,
     ];
 
+    /// Those of the paper and beyond.
+    pub const DRAWN: [MapStrategy; 5] = [
+        MapStrategy::Grid,
+        MapStrategy::GridImproved,
+        MapStrategy::Random,
+        MapStrategy::RandomImproved,
+        MapStrategy::GridBest,
+    ];
+
     /// The maps of a builder, before or after fuzzy k-means.
     pub fn of(builder: Builder, improved: bool) -> Self {
         match (builder, improved) {
@@ -57,7 +69,9 @@ impl MapStrategy {
     /// Who chose the points; `None` for all points.
     pub fn builder(self) -> Option<Builder> {
         match self {
-            MapStrategy::Grid | MapStrategy::GridImproved => Some(Builder::Grid),
+            MapStrategy::Grid | MapStrategy::GridImproved | MapStrategy::GridBest => {
+                Some(Builder::Grid)
+            }
             MapStrategy::Random | MapStrategy::RandomImproved => Some(Builder::Random),
             MapStrategy::All => None,
         }
@@ -68,6 +82,7 @@ impl MapStrategy {
         match self {
             MapStrategy::Grid => "gbs",
             MapStrategy::GridImproved => "gbs+f-km",
+            MapStrategy::GridBest => "gbs+best",
             MapStrategy::Random => "rnd",
             MapStrategy::RandomImproved => "rnd+f-km",
             MapStrategy::All => "all",
@@ -171,6 +186,8 @@ pub struct LocalizationTrial {
     pub map_seed: u64,
     /// Numbers of the runs.
     pub runs: Vec<u32>,
+    /// Whether the map that the best refinement makes of a grid-based one is localized on, too.
+    pub best: bool,
     cost: f64,
 }
 
@@ -193,7 +210,10 @@ impl LocalizationTrial {
     pub fn strategies(&self) -> Vec<MapStrategy> {
         match self.builder {
             Some(builder) => {
-                [false, true].map(|improved| MapStrategy::of(builder, improved)).to_vec()
+                let mut maps =
+                    [false, true].map(|improved| MapStrategy::of(builder, improved)).to_vec();
+                maps.extend(self.best.then_some(MapStrategy::GridBest));
+                maps
             }
             None => vec![MapStrategy::All],
         }
@@ -229,7 +249,9 @@ pub fn localization_trials(
                     .derive(&size_percent.to_string())
                     .derive_index(u64::from(map))
                     .number();
-                let cost = runs.len() as f64 * if builder.is_some() { 2.0 } else { 1.5 };
+                let best = experiment.best && builder == Some(Builder::Grid);
+                let maps = if builder.is_some() { 2.0 + f64::from(best) } else { 1.5 };
+                let cost = runs.len() as f64 * maps;
                 let runs = runs.clone();
                 trials.push(LocalizationTrial {
                     split,
@@ -238,6 +260,7 @@ pub fn localization_trials(
                     map,
                     map_seed,
                     runs,
+                    best,
                     cost,
                 });
             };
@@ -323,10 +346,17 @@ impl LocalizationExperiment {
         let initial = initial_map(&data.points, &builder.initial(size, trial.map_seed))?;
         let (means, _) = fuzzy_k_means(&data.points, &initial.map, &self.fkm(), |_, _| {})?;
         let improved = initial.snapped(&data.points, &means)?;
-        Ok(vec![
-            (MapStrategy::of(builder, false), initial.map),
-            (MapStrategy::of(builder, true), improved.map),
-        ])
+        let mut maps = vec![(MapStrategy::of(builder, true), improved.map)];
+        if trial.best {
+            let best = RefineSettings {
+                method: Refinement::BEST,
+                seed: Seed::new(trial.map_seed),
+                ..RefineSettings::fkm(self.fkm())
+            };
+            maps.push((MapStrategy::GridBest, initial.refined(&data.points, &best, |_| {})?.map));
+        }
+        maps.insert(0, (MapStrategy::of(builder, false), initial.map));
+        Ok(maps)
     }
 
     /// Localizes the robot on a map. Noise and filter depend on the run's number, never on the map.

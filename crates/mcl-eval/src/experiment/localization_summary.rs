@@ -58,11 +58,13 @@ pub struct LocalizationTestRow {
 }
 
 /// Pairs of strategies that are compared: improved against initial, grid-based against random.
-pub(super) const COMPARED: [(MapStrategy, MapStrategy); 4] = [
+pub(super) const COMPARED: [(MapStrategy, MapStrategy); 6] = [
     (MapStrategy::GridImproved, MapStrategy::Grid),
     (MapStrategy::RandomImproved, MapStrategy::Random),
     (MapStrategy::Grid, MapStrategy::Random),
     (MapStrategy::GridImproved, MapStrategy::RandomImproved),
+    (MapStrategy::GridBest, MapStrategy::GridImproved),
+    (MapStrategy::GridBest, MapStrategy::Grid),
 ];
 
 /// Summaries per split, strategy and size, in that order.

@@ -4,10 +4,12 @@
 //! as it is done; summaries, tests and figures are made from saved rows only.
 
 mod definition;
+mod held_out;
 mod likelihood;
 mod localization;
 mod localization_summary;
 mod manifest;
+mod refinement;
 mod scheduler;
 mod sensitivity;
 mod sensitivity_summary;
@@ -18,6 +20,7 @@ pub use definition::{
     Definition, Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment,
     LocalizationDataset, LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
 };
+pub use held_out::{HeldOut, hold_out};
 pub use likelihood::{
     Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,
     test_improvement, trials,
@@ -30,6 +33,10 @@ pub use localization_summary::{
     LocalizationSummaryRow, LocalizationTestRow, summarize_localization, test_localization,
 };
 pub use manifest::{DatasetFacts, Manifest};
+pub use refinement::{
+    INITIAL, RefinementDataset, RefinementExperiment, RefinementRow, RefinementSummaryRow,
+    RefinementTrial, refinement_trials, summarize_refinement,
+};
 pub use scheduler::{Stopwatch, Trial, TrialOutcome, run_trials};
 pub use sensitivity::{
     SensitivityDataset, SensitivityExperiment, Setting, SettingKey, Sweep, SweptMap,

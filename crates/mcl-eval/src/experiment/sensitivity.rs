@@ -241,6 +241,7 @@ impl SensitivityExperiment {
         percent: f64,
     ) -> LocalizationExperiment {
         LocalizationExperiment {
+            best: false,
             kind: Kind::Localization,
             seed: self.seed,
             runs,

@@ -114,7 +114,12 @@ impl Drawing {
                 })
                 .collect(),
         };
-        MapStrategy::SAMPLED.into_iter().enumerate().map(curve).collect()
+        MapStrategy::DRAWN
+            .into_iter()
+            .enumerate()
+            .map(curve)
+            .filter(|curve| !curve.points.is_empty())
+            .collect()
     }
 
     /// Map, true and estimated path of one run.

@@ -18,6 +18,7 @@ mod likelihood;
 mod localization;
 mod localization_figures;
 mod maps;
+mod refinement;
 mod sensitivity;
 mod sensitivity_figures;
 
@@ -87,6 +88,9 @@ pub fn run_experiment(
         Experiment::Sensitivity(definition) => {
             sensitivity::run(definition, name, source, folder, options)
         }
+        Experiment::Refinement(definition) => {
+            refinement::run(definition, name, source, folder, options)
+        }
     }
 }
 
@@ -107,6 +111,7 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
         Kind::Likelihood => figures::draw(folder, manifest),
         Kind::Localization => localization_figures::draw(folder, manifest),
         Kind::Sensitivity => sensitivity_figures::draw(folder, manifest),
+        Kind::Refinement => refinement::draw(folder, manifest),
     }
 }
 

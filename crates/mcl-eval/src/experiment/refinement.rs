@@ -1,0 +1,353 @@
+use std::fmt;
+
+use anyhow::{Result, bail};
+use mcl_core::Seed;
+use mcl_maps::refine::RefineSettings;
+use mcl_maps::{FkmSettings, MapSize, PointSet, Refinement, initial_map, mixture_log_likelihood};
+use mcl_metrics::mean_interval;
+use serde::{Deserialize, Serialize};
+
+use super::definition::{Definition, check_name, check_percent, check_rows};
+use super::scheduler::{Stopwatch, Trial};
+use super::{Builder, Kind, Split};
+
+/// Blocks of time that a log is cut into for held-out likelihoods.
+const BLOCKS: usize = 20;
+/// One in so many of them is held out.
+const FOLDS: usize = 5;
+
+/// Settings of a comparison of refinements: how likely the data is under maps of the same size.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefinementExperiment {
+    /// [`Kind::Refinement`].
+    pub kind: Kind,
+    /// Root of every seed of the experiment.
+    pub seed: u64,
+    /// Initial maps (offsets of the grid) per size; with [`Split::HeldOut`] each holds out other scans.
+    pub repeats: u32,
+    /// Which scans build maps, and which they are rated by: all, or blocks of time held out.
+    pub splits: Vec<Split>,
+    /// Map sizes in percent of the points that build the map.
+    pub sizes: Vec<f64>,
+    /// What is made of each initial map.
+    pub methods: Vec<Refinement>,
+    /// σ of the mixture in metres.
+    pub sigma: f64,
+    /// EM stops when an update gains less than this (nats per point).
+    pub tolerance: f64,
+    /// EM stops after this many updates.
+    pub max_iterations: usize,
+    /// The data sets to run on, as far as they are at hand.
+    #[serde(rename = "dataset", default)]
+    pub datasets: Vec<RefinementDataset>,
+}
+
+/// A data set of a comparison of refinements.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefinementDataset {
+    /// Name in the registry.
+    pub name: String,
+    /// Sizes for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<f64>,
+    /// Initial maps for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<u32>,
+}
+
+impl RefinementExperiment {
+    /// σ, and when EM stops.
+    pub fn fkm(&self) -> FkmSettings {
+        FkmSettings {
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+        }
+    }
+
+    fn of_dataset(&self, name: &str) -> Option<&RefinementDataset> {
+        self.datasets.iter().find(|dataset| dataset.name == name)
+    }
+
+    fn sizes_for(&self, name: &str) -> &[f64] {
+        self.of_dataset(name)
+            .map(|dataset| &dataset.sizes)
+            .filter(|sizes| !sizes.is_empty())
+            .unwrap_or(&self.sizes)
+    }
+
+    fn repeats_for(&self, name: &str) -> u32 {
+        self.of_dataset(name).and_then(|dataset| dataset.repeats).unwrap_or(self.repeats)
+    }
+}
+
+impl Definition for RefinementExperiment {
+    fn check(&self) -> Result<()> {
+        self.datasets.iter().try_for_each(|dataset| check_name(&dataset.name))?;
+        self.fkm().check()?;
+        if self.splits.is_empty() {
+            bail!("splits is empty, expected \"same\", \"held-out\" or both");
+        }
+        if self.sizes.is_empty() {
+            bail!("sizes is empty, expected at least one");
+        }
+        let own = self.datasets.iter();
+        for &size in own.clone().flat_map(|dataset| &dataset.sizes).chain(&self.sizes) {
+            check_percent(size, "sizes")?;
+        }
+        let most = own.clone().map(|dataset| dataset.sizes.len()).chain([self.sizes.len()]).max();
+        for repeats in own.filter_map(|dataset| dataset.repeats).chain([self.repeats]) {
+            if repeats == 0 {
+                bail!("repeats is 0, expected at least 1");
+            }
+            let rows =
+                [repeats as usize, self.splits.len(), most.unwrap_or(0), 1 + self.methods.len()];
+            check_rows(&rows, &format!("repeats = {repeats}"))?;
+        }
+        let mut names: Vec<&str> = self.methods.iter().map(Refinement::name).collect();
+        names.sort_unstable();
+        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            bail!("methods lists {} twice", pair[0]);
+        }
+        Ok(())
+    }
+}
+
+/// A trial: a grid-based map, and what each method makes of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RefinementTrial {
+    /// How scans are divided.
+    pub split: Split,
+    /// Requested size in percent.
+    pub size_percent: f64,
+    /// Number of the repeat, from 0.
+    pub repeat: u32,
+    seed: u64,
+}
+
+impl Trial for RefinementTrial {
+    fn cost(&self) -> f64 {
+        // Pairs of points and components grow with the density of the map.
+        1.0 + self.size_percent
+    }
+}
+
+/// "held-out 0.25 % #3".
+impl fmt::Display for RefinementTrial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {} % #{}", self.split.name(), self.size_percent, self.repeat)
+    }
+}
+
+impl RefinementTrial {
+    /// What tells this trial from the others on its data set; floats by their bits.
+    pub fn key(&self) -> (Split, u64, u32) {
+        (self.split, self.size_percent.to_bits(), self.repeat)
+    }
+
+    /// The blocks of time that are held out: of how many, which of how many folds.
+    pub fn held_out(&self) -> (usize, usize, usize) {
+        (BLOCKS, FOLDS, self.repeat as usize)
+    }
+}
+
+/// All trials of the experiment on a data set.
+pub fn refinement_trials(experiment: &RefinementExperiment, dataset: &str) -> Vec<RefinementTrial> {
+    let root = Seed::new(experiment.seed).derive("map").derive(dataset);
+    let mut trials = Vec::new();
+    for &split in &experiment.splits {
+        for &size_percent in experiment.sizes_for(dataset) {
+            for repeat in 0..experiment.repeats_for(dataset) {
+                let seed = root
+                    .derive(split.name())
+                    .derive(&size_percent.to_string())
+                    .derive_index(u64::from(repeat))
+                    .number();
+                trials.push(RefinementTrial { split, size_percent, repeat, seed });
+            }
+        }
+    }
+    trials
+}
+
+/// A map, and how likely the points are that built it, and others. Likelihoods in nats per point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of trials.csv, described in docs/results.md.
+pub struct RefinementRow {
+    pub dataset: String,
+    pub split: Split,
+    /// `gbs` for the initial map.
+    pub method: String,
+    pub size_percent: f64,
+    pub repeat: u32,
+    pub seed: u64,
+    pub data_points: usize,
+    pub map_points: usize,
+    pub evaluations: usize,
+    pub converged: Option<bool>,
+    pub log_likelihood: f64,
+    pub held_out_log_likelihood: Option<f64>,
+}
+
+impl RefinementRow {
+    /// The trial that this row belongs to.
+    pub fn trial(&self) -> (Split, u64, u32) {
+        (self.split, self.size_percent.to_bits(), self.repeat)
+    }
+
+    /// What tells this row from the others on its data set.
+    pub fn key(&self) -> (Split, f64, u32, String) {
+        (self.split, self.size_percent, self.repeat, self.method.clone())
+    }
+}
+
+impl RefinementExperiment {
+    /// Runs one trial: a row for the initial map and one per method. `held_out` are other points that
+    /// maps are rated by.
+    ///
+    /// # Errors
+    /// When a map cannot be built.
+    pub fn run_trial(
+        &self,
+        dataset: &str,
+        building: &PointSet<2>,
+        held_out: Option<&PointSet<2>>,
+        trial: &RefinementTrial,
+        watch: &mut Stopwatch,
+    ) -> Result<Vec<RefinementRow>> {
+        let size = MapSize::Percent(trial.size_percent);
+        let initial = initial_map(building, &Builder::Grid.initial(size, trial.seed))?;
+        watch.lap(INITIAL);
+        let mut maps = vec![(INITIAL, initial.clone())];
+        for &method in &self.methods {
+            let seed = Seed::new(trial.seed);
+            let settings = RefineSettings { method, seed, ..RefineSettings::fkm(self.fkm()) };
+            maps.push((method.name(), initial.refined(building, &settings, |_| {})?));
+            watch.lap(method.name());
+        }
+        let mut rows = Vec::new();
+        for (method, built) in maps {
+            let per_point = |data: &PointSet<2>| {
+                mixture_log_likelihood(data, &built.map, self.sigma).map(|found| found.per_point)
+            };
+            rows.push(RefinementRow {
+                dataset: dataset.to_owned(),
+                split: trial.split,
+                method: method.to_owned(),
+                size_percent: trial.size_percent,
+                repeat: trial.repeat,
+                seed: trial.seed,
+                data_points: building.len(),
+                map_points: built.map.len(),
+                evaluations: built.refinement.as_ref().map_or(0, |report| report.evaluations),
+                converged: built.refinement.as_ref().map(|report| report.converged),
+                log_likelihood: per_point(building)?,
+                held_out_log_likelihood: held_out.map(per_point).transpose()?,
+            });
+        }
+        watch.lap("likelihood");
+        Ok(rows)
+    }
+}
+
+/// The method of the initial maps' rows.
+pub const INITIAL: &str = "gbs";
+
+/// The method whose maps others are measured by.
+const PLAIN: &str = "fkm";
+
+/// Summary of the maps of one split, method and size. Likelihoods in nats per point, with Student's 95 %
+/// interval of the mean.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the columns of summary.csv, described in docs/results.md.
+pub struct RefinementSummaryRow {
+    pub dataset: String,
+    pub split: Split,
+    pub method: String,
+    pub size_percent: f64,
+    pub maps: usize,
+    pub mean_map_points: f64,
+    pub mean_real_percent: f64,
+    pub log_likelihood: f64,
+    pub ci95_low: Option<f64>,
+    pub ci95_high: Option<f64>,
+    pub held_out_log_likelihood: Option<f64>,
+    /// How many times as many points a map of plain fuzzy k-means needs for the same likelihood (of held-out
+    /// points where there are some): between its measured sizes, interpolated in the logarithm.
+    pub plain_size_factor: Option<f64>,
+    /// The Bayesian information criterion and the description length of data and map, in nats per
+    /// point; smaller is better (docs/refinement.md).
+    pub bic: f64,
+    pub description_length: f64,
+}
+
+/// Summaries per split, method and size, in that order.
+///
+/// # Errors
+/// When a row holds a number that is none.
+pub fn summarize_refinement(rows: &[RefinementRow]) -> Result<Vec<RefinementSummaryRow>> {
+    let mut sorted: Vec<&RefinementRow> = rows.iter().collect();
+    sorted.sort_by(|a, b| {
+        (a.split, &a.method)
+            .cmp(&(b.split, &b.method))
+            .then(a.size_percent.total_cmp(&b.size_percent))
+    });
+    let same = |a: &&RefinementRow, b: &&RefinementRow| {
+        (a.split, &a.method, a.size_percent) == (b.split, &b.method, b.size_percent)
+    };
+    let mut summary = sorted.chunk_by(same).map(summarize_cell).collect::<Result<Vec<_>>>()?;
+    let factors: Vec<_> = summary.iter().map(|row| plain_size_factor(row, &summary)).collect();
+    for (row, factor) in summary.iter_mut().zip(factors) {
+        row.plain_size_factor = factor;
+    }
+    Ok(summary)
+}
+
+fn summarize_cell(cell: &[&RefinementRow]) -> Result<RefinementSummaryRow> {
+    let first = cell[0];
+    let mean = |value: &dyn Fn(&RefinementRow) -> f64| {
+        cell.iter().map(|row| value(row)).sum::<f64>() / cell.len() as f64
+    };
+    let likelihoods: Vec<f64> = cell.iter().map(|row| row.log_likelihood).collect();
+    let interval = match cell.len() {
+        1 => None,
+        _ => Some(mean_interval(&likelihoods)?.interval),
+    };
+    let held_out: Option<Vec<f64>> = cell.iter().map(|row| row.held_out_log_likelihood).collect();
+    let mean_map_points = mean(&|row| row.map_points as f64);
+    let criterion = |of: fn(f64, usize, usize) -> f64| {
+        mean(&|row| of(row.log_likelihood, row.data_points, row.map_points))
+    };
+    Ok(RefinementSummaryRow {
+        dataset: first.dataset.clone(),
+        split: first.split,
+        method: first.method.clone(),
+        size_percent: first.size_percent,
+        maps: cell.len(),
+        mean_map_points,
+        mean_real_percent: mean(&|row| 100.0 * row.map_points as f64 / row.data_points as f64),
+        log_likelihood: mean(&|row| row.log_likelihood),
+        ci95_low: interval.map(|interval| interval.low),
+        ci95_high: interval.map(|interval| interval.high),
+        held_out_log_likelihood: held_out.map(|all| all.iter().sum::<f64>() / all.len() as f64),
+        plain_size_factor: None,
+        bic: criterion(mcl_maps::size_criteria::bic::<2>),
+        description_length: criterion(mcl_maps::size_criteria::description_length),
+    })
+}
+
+/// At which size the curve of plain fuzzy k-means reaches the likelihood of a row, over the row's size.
+fn plain_size_factor(row: &RefinementSummaryRow, all: &[RefinementSummaryRow]) -> Option<f64> {
+    let rated =
+        |row: &RefinementSummaryRow| row.held_out_log_likelihood.unwrap_or(row.log_likelihood);
+    let plain: Vec<_> =
+        all.iter().filter(|other| other.method == PLAIN && other.split == row.split).collect();
+    let pair =
+        plain.windows(2).find(|pair| (rated(pair[0])..=rated(pair[1])).contains(&rated(row)))?;
+    let (below, above) = (rated(pair[0]), rated(pair[1]));
+    let part = if above > below { (rated(row) - below) / (above - below) } else { 0.0 };
+    let sizes = [pair[0], pair[1]].map(|row| row.mean_map_points.ln());
+    Some((sizes[0] + part * (sizes[1] - sizes[0])).exp() / row.mean_map_points)
+}
