@@ -20,6 +20,9 @@
 //! wants another resolution, or free space, makes the grid ([`crate::occupancy`]) and calls
 //! [`write_grid`].
 //!
+//! A point cloud as a scanner wrote it is data, not a map: [`read_cloud`] takes either dimension, and leaves out
+//! the points that are no measurement.
+//!
 //! # Example
 //! ```
 //! use mcl_core::PointMap;
@@ -36,6 +39,7 @@
 //! ```
 
 mod atomic;
+mod cloud;
 mod columns;
 mod csv_points;
 mod error;
@@ -49,8 +53,10 @@ use std::path::Path;
 use mcl_core::{Point, PointMap};
 
 use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
+use columns::{NotFinite, Parsed};
 
 pub use atomic::{is_leftover, temporary_beside, write_atomically};
+pub use cloud::{PointCloud, is_point_cloud, read_cloud};
 pub use error::{MapFileError, MapProblem, Place};
 pub use map_server::{read_grid, write_grid};
 
@@ -113,6 +119,8 @@ const fn planar_or_spatial(dimensions: usize) {
     assert!(dimensions == 2 || dimensions == 3, "map files hold points in 2 or 3 dimensions");
 }
 
+type Parse<const D: usize> = fn(&[u8], NotFinite) -> Result<Parsed<D>, MapProblem>;
+
 /// Reads a point map; the ending of `path` says the format, and the points keep the file's order.
 ///
 /// # Errors
@@ -122,7 +130,7 @@ const fn planar_or_spatial(dimensions: usize) {
 pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, MapFileError> {
     const { planar_or_spatial(D) };
     let path = path.as_ref();
-    let parse: fn(&[u8]) -> Result<Vec<Point<D>>, MapProblem> = match Format::of(path)? {
+    let parse: Parse<D> = match Format::of(path)? {
         Format::Csv => csv_points::parse,
         Format::Ply => ply_points::parse,
         Format::Pcd => pcd_points::parse,
@@ -130,8 +138,8 @@ pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, M
     };
     let bytes = std::fs::read(path)
         .map_err(|source| MapFileError::Unreadable { path: path.into(), source })?;
-    parse(&bytes)
-        .and_then(|points| PointMap::new(points).map_err(MapProblem::Points))
+    parse(&bytes, NotFinite::Refused)
+        .and_then(|parsed| PointMap::new(parsed.points).map_err(MapProblem::Points))
         .map_err(|problem| MapFileError::Content { path: path.into(), problem })
 }
 
