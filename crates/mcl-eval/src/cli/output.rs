@@ -5,11 +5,12 @@ use std::io::{self, Write};
 use anyhow::Result;
 use clap::CommandFactory;
 use clap::error::ErrorKind;
+use mcl_datasets::log::ReadReport;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::Cli;
-use crate::source::LogSource;
+use crate::source::{DataSource, LogSource};
 
 /// Prints a result as one JSON object, or as lines of text.
 ///
@@ -25,10 +26,21 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
 
 /// Says on stderr what a log left open and what of it was lost, and whether anything was.
 pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
-    for assumption in &source.assumptions {
+    tell(name, &source.assumptions, &source.report)
+}
+
+/// [`tell_losses`] of a log or a point cloud.
+pub fn tell_data_losses(name: &str, source: &DataSource) -> Outcome {
+    match source {
+        DataSource::Log(log) => tell_losses(name, log),
+        DataSource::Cloud(cloud) => tell(name, &cloud.assumptions, &cloud.report),
+    }
+}
+
+fn tell(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
+    for assumption in assumptions {
         eprintln!("warning: {name}: {assumption}");
     }
-    let report = &source.report;
     if report.is_complete() {
         return Outcome::Done;
     }

@@ -14,6 +14,7 @@
 
 mod compare;
 mod figures;
+mod figures_in_space;
 mod likelihood;
 mod localization;
 mod localization_figures;
@@ -40,7 +41,7 @@ use crate::experiment::{
     run_trials, write_rows,
 };
 use crate::progress;
-use crate::source::LogSource;
+use crate::source::DataSource;
 
 pub(crate) use maps::ComparisonMaps;
 
@@ -63,7 +64,7 @@ pub struct RunOptions {
     pub quiet: bool,
 }
 
-/// Runs an experiment on one log into `folder`, going on where an earlier run stopped, then
+/// Runs an experiment on one log or point cloud into `folder`, going on where an earlier run stopped, then
 /// summarizes and draws. The rows of trials that succeeded are kept whatever happens.
 ///
 /// # Errors
@@ -72,7 +73,7 @@ pub struct RunOptions {
 pub fn run_experiment(
     experiment: &Experiment,
     name: &str,
-    source: &LogSource,
+    source: &DataSource,
     folder: &Path,
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
@@ -81,10 +82,10 @@ pub fn run_experiment(
             likelihood::run(definition, name, source, folder, options)
         }
         Experiment::Localization(definition) => {
-            localization::run(definition, name, source, folder, options)
+            localization::run(definition, name, source.log()?, folder, options)
         }
         Experiment::Sensitivity(definition) => {
-            sensitivity::run(definition, name, source, folder, options)
+            sensitivity::run(definition, name, source.log()?, folder, options)
         }
     }
 }

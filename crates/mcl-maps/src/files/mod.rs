@@ -50,7 +50,7 @@ mod text_rows;
 
 use std::path::Path;
 
-use mcl_core::{Point, PointMap};
+use mcl_core::PointMap;
 
 use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
 use columns::{NotFinite, Parsed};
