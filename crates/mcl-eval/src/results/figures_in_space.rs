@@ -149,6 +149,7 @@ impl View {
             "Seen obliquely from above, coloured by height: dark blue at {low:.1} m and below, yellow at {high:.1} m \
              and above{hidden}."
         )
+        .replace('-', "−")
     }
 }
 
