@@ -23,7 +23,7 @@ use flate2::bufread::MultiGzDecoder;
 use mcl_core::Recording;
 use serde::{Deserialize, Serialize};
 
-use crate::bag::{self, BagError, PoseRole, PoseTopic};
+use crate::bag::{self, BagCloud, BagError, CloudOptions, PoseRole, PoseTopic};
 use crate::carmen::{self, CarmenError};
 
 const GZIP_MAGIC: &[u8] = &[0x1f, 0x8b];
@@ -443,6 +443,18 @@ pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<Po
         return bag::read_poses_of_folder(path, topic, role, open);
     }
     bag::read_poses(open(path)?, topic, role)
+        .map_err(|error| LogError::Bag { path: path.to_owned(), error: Box::new(error) })
+}
+
+/// Reads the point clouds of one topic of a bag, a file or a folder.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened or is no bag, and as [`bag::read_clouds`].
+pub fn read_clouds(path: &Path, options: &CloudOptions) -> Result<BagCloud, LogError> {
+    if path.is_dir() {
+        return bag::read_clouds_of_folder(path, options, open);
+    }
+    bag::read_clouds(open(path)?, options)
         .map_err(|error| LogError::Bag { path: path.to_owned(), error: Box::new(error) })
 }
 

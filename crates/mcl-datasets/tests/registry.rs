@@ -29,7 +29,15 @@ fn every_definition_of_the_repository_is_built_in_as_it_stands() {
     assert_eq!(names(&built_in), on_disk.iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(
         names(&built_in),
-        ["aces", "freiburg-079", "intel-lab", "olin-mac", "simulated-office"]
+        [
+            "aces",
+            "freiburg-079",
+            "intel-lab",
+            "olin-mac",
+            "simulated-office",
+            "simulated-office-3d",
+            "small-gicp-target"
+        ]
     );
 }
 
@@ -88,7 +96,7 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     assert_eq!(
         message,
         "no data set is named `intel`; known are: aces, freiburg-079, intel-lab, \
-         olin-mac, simulated-office"
+         olin-mac, simulated-office, simulated-office-3d, small-gicp-target"
     );
 }
 
@@ -106,7 +114,16 @@ fn a_folder_of_definitions_is_found_from_below_and_overrides_by_name() {
     let registry = Registry::discover(&below, None).unwrap();
     assert_eq!(
         names(&registry),
-        ["aces", "freiburg-079", "intel-lab", "mine", "olin-mac", "simulated-office"]
+        [
+            "aces",
+            "freiburg-079",
+            "intel-lab",
+            "mine",
+            "olin-mac",
+            "simulated-office",
+            "simulated-office-3d",
+            "small-gicp-target"
+        ]
     );
     assert!(registry.get("aces").unwrap().title.starts_with("our ACES"));
     assert_eq!(registry.fetch_folder(registry.get("mine").unwrap()), datasets.join("mine"));

@@ -10,8 +10,8 @@ use std::time::Duration;
 use http_server::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry};
 use mcl_datasets::registry::{
-    Content, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, UrlFailure,
-    Verification, VerifyError,
+    Content, Facts, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry,
+    UrlFailure, Verification, VerifyError,
 };
 use tempfile::TempDir;
 
@@ -27,7 +27,7 @@ fn other_copy() -> Vec<u8> {
 
 const FACTS: &str = "[facts]\nscans = 2000\nreadings = 6000\npoints = 4000\n";
 
-fn read(path: &Path) -> Result<Recording, ReadLogError> {
+fn read(path: &Path) -> Result<Facts, ReadLogError> {
     let mut scans = Vec::new();
     for line in std::fs::read_to_string(path)?.lines() {
         let ranges = line.split(' ').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
@@ -39,7 +39,7 @@ fn read(path: &Path) -> Result<Recording, ReadLogError> {
             odometry: None,
         });
     }
-    Ok(Recording { scans, robot_from_laser: Pose2::IDENTITY })
+    Ok(Facts::of(&Recording { scans, robot_from_laser: Pose2::IDENTITY }, 10.0))
 }
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -591,4 +591,35 @@ fn simulated_data_and_data_without_an_address_say_so() {
     let message = lab.fetch().unwrap_err().to_string();
     assert!(message.contains("names no address"), "{message}");
     assert!(message.contains(&lab.data().display().to_string()), "{message}");
+}
+
+#[test]
+fn a_file_of_an_archive_is_taken_out_of_it_and_checked() {
+    let archive = |path: &str| {
+        let mut archive = tar::Builder::new(Vec::new());
+        for (path, bytes) in [("lab-1.0/README.md", &b"A lab."[..]), (path, &log())] {
+            let mut header = tar::Header::new_gnu();
+            header.set_size(bytes.len() as u64);
+            header.set_mode(0o644);
+            archive.append_data(&mut header, path, bytes).unwrap();
+        }
+        gzip(&archive.into_inner().unwrap())
+    };
+    let of_member = |lab: &Lab| {
+        let path = lab.data().join("dataset.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(path, format!("member = 'lab-1.0/data/lab.log'\n{text}")).unwrap();
+    };
+    let server = Server::start(vec![Answer::Send(ok(&archive("lab-1.0/data/lab.log")))]);
+    let lab = Lab::new(&[server.url("/lab-1.0.tar.gz")]);
+    of_member(&lab);
+    lab.assert_only_the_log(lab.fetch());
+
+    let server = Server::start(vec![Answer::Send(ok(&archive("lab-1.0/elsewhere.log")))]);
+    let lab = Lab::new(&[server.url("/lab-1.0.tar.gz")]);
+    of_member(&lab);
+    let (failure, message) = last_failure(lab.fetch());
+    assert!(matches!(failure, UrlFailure::NoMember { .. }), "{message}");
+    assert!(message.contains("no file \"lab-1.0/data/lab.log\""), "{message}");
+    lab.assert_files(&[]);
 }

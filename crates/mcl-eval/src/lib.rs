@@ -8,6 +8,7 @@
 
 pub mod claims;
 pub mod cli;
+pub mod cloud_source;
 pub mod experiment;
 pub mod figures;
 pub mod progress;

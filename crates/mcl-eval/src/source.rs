@@ -5,12 +5,17 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Recording, Seed};
+use mcl_datasets::bag::BagError;
 use mcl_datasets::log::{
-    Log, LogKind, ReadOptions, ReadReport, ReferencePoses, TopicChoice, is_bag_folder, read_log_as,
+    Log, LogError, LogKind, ReadOptions, ReadReport, ReferencePoses, TopicChoice, is_bag,
+    is_bag_folder, read_log_as,
 };
-use mcl_datasets::registry::{Dataset, Registry, Source};
+use mcl_datasets::registry::{Dataset, DatasetKind, Registry, Source};
 use mcl_datasets::simulator::{OfficeSettings, simulate};
+use mcl_maps::files::is_point_cloud;
 use sha2::{Digest, Sha256};
+
+use crate::cloud_source::{CloudSource, Points, refuse_cloud};
 
 /// Readings beyond this (m) are no measurements, unless a data set or the user says otherwise; the
 /// paper's limit.
@@ -46,6 +51,114 @@ pub struct SourceOptions {
     pub reference: Option<ReferencePoses>,
     /// Topics of a bag.
     pub topics: TopicChoice,
+    /// Topic of a bag's point clouds.
+    pub cloud_topic: Option<String>,
+    /// 2 or 3, whatever a point cloud says itself; 2 drops its heights.
+    pub dimensions: Option<usize>,
+}
+
+/// What maps can be built of.
+#[derive(Debug, Clone)]
+pub enum DataSource {
+    /// Scans along a path.
+    Log(LogSource),
+    /// Points.
+    Cloud(CloudSource),
+}
+
+impl DataSource {
+    /// Opens a log, a point cloud (.ply, .pcd, .csv) or a data set of either kind. A bag is read for its
+    /// point clouds when it has no scans, when a topic of clouds is named, or three dimensions are asked for.
+    /// Of a log as [`LogSource::open`], whole as [`LogSource::open_whole`].
+    ///
+    /// # Errors
+    /// As [`LogSource::open`] and [`CloudSource::open`].
+    pub fn open(name_or_path: &str, options: &SourceOptions, whole: bool) -> Result<Self> {
+        let path = Path::new(name_or_path);
+        let log = |log: LogSource| DataSource::Log(if whole { log } else { log.covered() });
+        let cloud = options.cloud_topic.is_some() || options.dimensions == Some(3);
+        if !is_path(path) {
+            let registry = Registry::from_environment()?;
+            if let Ok(dataset) = registry.get(name_or_path)
+                && dataset.kind == DatasetKind::Cloud
+            {
+                return CloudSource::open_dataset(&registry, dataset, options)
+                    .map(DataSource::Cloud);
+            }
+        } else if is_point_cloud(path) {
+            return CloudSource::open(path, options).map(DataSource::Cloud);
+        } else if cloud {
+            if !is_bag(path)? {
+                bail!(
+                    "{name_or_path} is a laser log, which has neither point clouds nor three dimensions"
+                );
+            }
+            return CloudSource::open(path, options).map(DataSource::Cloud);
+        }
+        if cloud {
+            bail!(
+                "{name_or_path} has scans, in the plane; --cloud-topic and --dimensions 3 go with point clouds"
+            );
+        }
+        match LogSource::open_whole(name_or_path, options) {
+            Ok(found) => Ok(log(found)),
+            Err(no_scan)
+                if is_missing(&no_scan, |error| matches!(error, BagError::NoScan { .. })) =>
+            {
+                match CloudSource::open(path, options) {
+                    Err(error) if is_missing(&error, |e| matches!(e, BagError::NoCloud { .. })) => {
+                        Err(no_scan)
+                    }
+                    found => found.map(DataSource::Cloud),
+                }
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Name of the data set, or the file's name without its ending.
+    pub fn name(&self) -> &str {
+        match self {
+            DataSource::Log(log) => &log.name,
+            DataSource::Cloud(cloud) => &cloud.name,
+        }
+    }
+
+    /// The log.
+    ///
+    /// # Errors
+    /// When it is a point cloud.
+    pub fn log(&self) -> Result<&LogSource> {
+        match self {
+            DataSource::Log(log) => Ok(log),
+            DataSource::Cloud(cloud) => refuse_cloud(&cloud.name),
+        }
+    }
+
+    /// The point set D.
+    ///
+    /// # Errors
+    /// As [`LogSource::points`].
+    pub fn points(&self) -> Result<Points> {
+        match self {
+            DataSource::Log(log) => log.points().map(Points::Planar),
+            DataSource::Cloud(cloud) => Ok(cloud.points.clone()),
+        }
+    }
+}
+
+/// Whether a name is that of a file or folder, and not of a data set.
+fn is_path(path: &Path) -> bool {
+    let looks_like_path = path.components().count() > 1 || path.extension().is_some();
+    path.is_file() || looks_like_path || is_bag_folder(path)
+}
+
+/// Whether an error is that a bag has no scans, or no point clouds.
+fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
+    match error.downcast_ref::<LogError>() {
+        Some(LogError::Bag { error, .. }) => what(error),
+        _ => false,
+    }
 }
 
 impl SourceOptions {
@@ -72,8 +185,7 @@ impl LogSource {
     /// As [`LogSource::open`].
     pub fn open_whole(name_or_path: &str, options: &SourceOptions) -> Result<Self> {
         let path = Path::new(name_or_path);
-        let looks_like_path = path.components().count() > 1 || path.extension().is_some();
-        if !path.is_file() && !looks_like_path && !is_bag_folder(path) {
+        if !is_path(path) {
             let registry = Registry::from_environment()?;
             return match registry.get(name_or_path) {
                 Ok(dataset) => Self::open_dataset(&registry, dataset, options),
@@ -81,6 +193,9 @@ impl LogSource {
                     format!("there is no file {name_or_path:?}, and no data set of that name")
                 }),
             };
+        }
+        if is_point_cloud(path) {
+            return refuse_cloud(name_or_path);
         }
         let log = read_log_as(path, &options.read_options(ReferencePoses::Auto))?;
         let name = stem(path);
@@ -98,6 +213,9 @@ impl LogSource {
         options: &SourceOptions,
     ) -> Result<Self> {
         let max_range = options.max_range.unwrap_or(dataset.max_range);
+        if dataset.kind == DatasetKind::Cloud {
+            return refuse_cloud(&dataset.name);
+        }
         match &dataset.source {
             Source::File(_) => {
                 let path = registry.locate(dataset)?;
@@ -209,7 +327,7 @@ fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
 }
 
 /// The file's name up to its first dot: `intel.gfs.log.gz` is `intel`.
-fn stem(path: &Path) -> String {
+pub(crate) fn stem(path: &Path) -> String {
     // The folder of a bag may be given as `.` or `..`, which name nothing.
     let absolute = path.canonicalize();
     let path = match path.file_name() {

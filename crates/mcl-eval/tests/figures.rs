@@ -81,12 +81,12 @@ impl Drawn {
 }
 
 fn panel<'a>(title: &str, points: &'a [[f64; 2]]) -> CloudPanel<'a> {
-    CloudPanel { title: title.into(), points, paths: vec![] }
+    CloudPanel { title: title.into(), points, shades: &[], paths: vec![] }
 }
 
 fn cloud_figure(panels: Vec<CloudPanel>) -> CloudFigure {
     let caption = vec!["Simulated office, σ = 0.05 m.".into()];
-    CloudFigure { panels, arrangement: Arrangement::Stacked, caption }
+    CloudFigure { panels, arrangement: Arrangement::Stacked, labels: CloudLabels::PLANE, caption }
 }
 
 fn point(x: f64, mean: f64) -> CurvePoint {

@@ -72,7 +72,8 @@ fn through_a_manifest<D: Serialize + Definition + PartialEq + std::fmt::Debug>(
         title: "Lab".to_owned(),
         sha256: "00".to_owned(),
         scans: 1,
-        max_range: 10.0,
+        max_range: Some(10.0),
+        dimensions: 2,
         points: 1_000,
         skipped_records: 0,
     };

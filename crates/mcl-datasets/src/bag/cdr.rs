@@ -12,6 +12,8 @@ pub enum Value {
     Text(String),
     /// An array of numbers.
     Numbers(Vec<f64>),
+    /// An array of `uint8`: images and point clouds, eight times as large as numbers.
+    Bytes(Vec<u8>),
     /// An array of texts or messages.
     List(Vec<Value>),
     /// A message: its fields in order.
@@ -141,6 +143,10 @@ impl<'a> Decoder<'a> {
         if count.saturating_mul(element_bytes) > left as u64 {
             return Err(CdrError::Length { field: field.to_owned(), count, left });
         }
+        if let ElementType::Number(NumberType::Unsigned(1)) = element {
+            // No more than what is left, which is in memory.
+            return self.take(count as usize, field).map(|bytes| Value::Bytes(bytes.to_vec()));
+        }
         if let ElementType::Number(number) = element {
             let numbers = (0..count).map(|_| self.number(*number, field));
             return numbers.collect::<Result<_, _>>().map(Value::Numbers);
@@ -239,6 +245,7 @@ impl<'a> View<'a> {
                 Value::Number(_) => "a number",
                 Value::Text(_) => "a text",
                 Value::Numbers(_) => "an array of numbers",
+                Value::Bytes(_) => "an array of bytes",
                 Value::List(_) => "an array",
                 Value::Message(_) => "a message",
             },
@@ -276,6 +283,17 @@ impl<'a> View<'a> {
         match self.field(name)?.1 {
             Value::Numbers(numbers) => Ok(numbers),
             other => Err(self.wrong(name, other, "an array of numbers")),
+        }
+    }
+
+    /// An array of `uint8`.
+    ///
+    /// # Errors
+    /// As [`View::number`].
+    pub fn bytes(&self, name: &str) -> Result<&'a [u8], SchemaError> {
+        match self.field(name)?.1 {
+            Value::Bytes(bytes) => Ok(bytes),
+            other => Err(self.wrong(name, other, "an array of bytes (uint8[])")),
         }
     }
 
@@ -384,6 +402,11 @@ mod tests {
             let error = MessageSchema::parse("p/A", language, text.as_bytes()).unwrap_err();
             assert!(error.to_string().contains("size of an array, at least 1"), "{error}");
         }
+        let bytes = self::schema("uint8[] a");
+        let decoded = decode(&bytes, &[0, 1, 0, 0, 2, 0, 0, 0, 7, 255]);
+        assert_eq!(decoded, Ok(Value::Message(vec![Value::Bytes(vec![7, 255])])));
+        let error = decode(&bytes, &[0, 1, 0, 0, 3, 0, 0, 0x80, 7]).unwrap_err();
+        assert_eq!(error, CdrError::Length { field: "a".into(), count: 0x8000_0003, left: 1 });
         let empties = self::schema("B[] b\n===\nMSG: p/B\n");
         assert!(decode(&empties, &[0, 1, 0, 0, 0xff, 0xff, 0xff, 0x7f]).is_err());
     }

@@ -146,6 +146,28 @@ pub enum BagError {
         /// What else is to be said, such as how many messages were malformed.
         because: Option<String>,
     },
+    /// There is no point cloud.
+    #[error("no sensor_msgs/msg/PointCloud2 message in the bag{}; topics: {topics}", because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default())]
+    NoCloud {
+        /// The topics of the bag with their types.
+        topics: String,
+        /// What else is to be said, such as how many messages were malformed.
+        because: Option<String>,
+    },
+    /// Several clouds of a scanner that nothing tells the place of.
+    #[error(
+        "topic {topic} has {clouds} clouds in frame {frame:?}, and {why}; expected transforms on /tf or an Odometry topic that lead from a fixed frame to {frame:?} over the time of the clouds; without them, cut the bag to one cloud"
+    )]
+    NoPlace {
+        /// The topic.
+        topic: String,
+        /// Its clouds.
+        clouds: usize,
+        /// Their frame.
+        frame: String,
+        /// What is missing.
+        why: String,
+    },
     /// Several topics could be meant.
     #[error("several topics of {what}: {candidates}; choose one with {option}")]
     Ambiguous {

@@ -52,7 +52,7 @@ pub(super) struct Header {
     pub frame: String,
 }
 
-fn header(view: &View<'_>) -> Result<Header, MessageError> {
+pub(super) fn header(view: &View<'_>) -> Result<Header, MessageError> {
     let header = view.message("header")?;
     let stamp = header.message("stamp")?;
     let (sec, nanosec) = (stamp.number("sec")?, stamp.number("nanosec")?);
@@ -164,6 +164,15 @@ impl TransformMessage {
             })
         };
         transforms.iter().map(transform).collect()
+    }
+
+    /// What a `nav_msgs/Odometry` says of its two frames.
+    pub fn of_odometry(view: &View<'_>) -> Result<Self, MessageError> {
+        Ok(TransformMessage {
+            header: header(view)?,
+            child: frame(view.text("child_frame_id")?),
+            parent_from_child: pose(&view.message("pose")?.message("pose")?)?,
+        })
     }
 }
 

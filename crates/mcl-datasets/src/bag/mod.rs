@@ -25,6 +25,15 @@
 //!   outside have no odometry. The **reference** is taken in the same way; its poses are those of the
 //!   robot's frame, or of the `child_frame_id` of an odometry topic.
 //!
+//! **Point clouds** ([`read_clouds`]): `sensor_msgs/PointCloud2`, the only topic or `/points`. x, y and z are
+//! FLOAT32 or FLOAT64 fields at any place of a point, in either byte order; padding and other fields are
+//! passed over, and points that are not finite left out and counted. All clouds of the topic are joined in
+//! the frame at the root of `/tf` and `/tf_static`, each where the scanner was at its stamp, between the
+//! two neighbouring transforms; an odometry topic tells of its two frames where `/tf` does not. Several
+//! clouds are taken as they are only in a frame that stands still: `map`, `odom`, `world`, `earth`,
+//! `camera_init`, or one that others move in. Clouds are not corrected for motion during a turn of the
+//! scanner.
+//!
 //! # Example
 //! ```
 //! use mcl_core::Seed;
@@ -48,13 +57,16 @@
 mod bytes;
 pub mod cdr;
 mod chunk;
+mod clouds;
 mod encode;
 mod error;
 pub(crate) mod files;
 mod idl_text;
 mod messages;
+mod motion;
 mod msg_text;
 pub mod planar;
+mod point_cloud;
 mod poses;
 mod recording;
 pub mod schema;
@@ -70,11 +82,14 @@ use std::path::{Path, PathBuf};
 
 pub use bytes::BadRecord;
 pub use chunk::MAX_CHUNK_BYTES;
+pub use clouds::{BagCloud, CloudOptions};
 pub use encode::Encoder;
 pub use error::{BagError, StreamProblem};
 pub use files::listed_files;
+pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
-pub use recording::MAX_MESSAGE_BYTES;
+pub use recording::{MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
+use topics::Purpose;
 pub use topics::{MAX_KEPT_BYTES, PoseRole};
 pub use writer::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
@@ -88,7 +103,16 @@ use crate::log::{Log, LogError, ReadOptions};
 /// # Errors
 /// [`BagError`] for bytes that are no MCAP or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
-    recording::assemble(content_of(input)?, options)
+    recording::assemble(content_of(input, Purpose::Scans)?, options)
+}
+
+/// Reads the point clouds of one topic of a bag of one file.
+///
+/// # Errors
+/// [`BagError`] for bytes that are no MCAP or damaged, for a bag without point clouds or with several
+/// topics of them, and for several clouds of a scanner that nothing tells the place of.
+pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud, BagError> {
+    clouds::join(&content_of(input, Purpose::Clouds)?, options)
 }
 
 /// Reads the poses of one topic of a bag of one file: the topic asked for, or the one that its type and
@@ -101,11 +125,11 @@ pub fn read_poses(
     topic: Option<&str>,
     role: PoseRole,
 ) -> Result<PoseTopic, BagError> {
-    poses::poses(&content_of(input)?, topic, role)
+    poses::poses(&content_of(input, Purpose::Scans)?, topic, role)
 }
 
-fn content_of(input: impl Read) -> Result<topics::Content, BagError> {
-    let mut content = topics::Content::default();
+fn content_of(input: impl Read, purpose: Purpose) -> Result<topics::Content, BagError> {
+    let mut content = topics::Content::new(purpose);
     content.add(input, None)?;
     Ok(content)
 }
@@ -116,8 +140,18 @@ pub(crate) fn read_folder<R: Read>(
     options: &ReadOptions,
     open: impl Fn(&Path) -> Result<R, LogError>,
 ) -> Result<Log, LogError> {
-    let content = content_of_folder(folder, open)?;
+    let content = content_of_folder(folder, Purpose::Scans, open)?;
     recording::assemble(content, options).map_err(at(folder))
+}
+
+/// [`read_clouds`] of the bag in a folder.
+pub(crate) fn read_clouds_of_folder<R: Read>(
+    folder: &Path,
+    options: &CloudOptions,
+    open: impl Fn(&Path) -> Result<R, LogError>,
+) -> Result<BagCloud, LogError> {
+    let content = content_of_folder(folder, Purpose::Clouds, open)?;
+    clouds::join(&content, options).map_err(at(folder))
 }
 
 /// [`read_poses`] of the bag in a folder.
@@ -127,15 +161,16 @@ pub(crate) fn read_poses_of_folder<R: Read>(
     role: PoseRole,
     open: impl Fn(&Path) -> Result<R, LogError>,
 ) -> Result<PoseTopic, LogError> {
-    let content = content_of_folder(folder, open)?;
+    let content = content_of_folder(folder, Purpose::Scans, open)?;
     poses::poses(&content, topic, role).map_err(at(folder))
 }
 
 fn content_of_folder<R: Read>(
     folder: &Path,
+    purpose: Purpose,
     open: impl Fn(&Path) -> Result<R, LogError>,
 ) -> Result<topics::Content, LogError> {
-    let mut content = topics::Content::default();
+    let mut content = topics::Content::new(purpose);
     for file in files::files_of(folder).map_err(at(folder))? {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         content.add(open(&file)?, Some(&name)).map_err(at(&file))?;

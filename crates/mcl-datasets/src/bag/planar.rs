@@ -166,9 +166,9 @@ mod tests {
                 let found = ["offset", "datatype", "count"].map(|name| field.number(name).unwrap());
                 assert_eq!(found, [4.0 * index as f64, 7.0, 1.0]);
             }
-            let data: Vec<u8> =
-                cloud.numbers("data").unwrap().iter().map(|&byte| byte as u8).collect();
-            let values: Vec<f32> = data
+            let values: Vec<f32> = cloud
+                .bytes("data")
+                .unwrap()
                 .chunks_exact(4)
                 .map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap()))
                 .collect();

@@ -18,6 +18,9 @@ use crate::log::{Log, LogKind, Place, ReadOptions, ReadReport, SkippedRecord};
 /// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
 /// kind takes some fifty times its bytes.
 pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
+/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes as much again and
+/// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
+pub const MAX_CLOUD_BYTES: usize = 64 << 20;
 /// Frames that robots call their own, where no odometry says which it is.
 pub(super) const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 /// Parent of the robot's frame in odometry, by REP 105.
@@ -84,13 +87,14 @@ impl<'a> Decoder<'a> {
     }
 
     /// The values of all messages of a topic and of these kinds; malformed ones are skipped.
-    fn topic<T>(
+    pub fn topic<T>(
         &mut self,
         wanted: impl Fn(&str, Kind) -> bool,
         mut value: impl FnMut(Kind, &View<'_>, &Kept) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
         let content = self.content;
         let mut values = Vec::new();
+        let mut count: BTreeMap<usize, usize> = BTreeMap::new();
         for message in &content.messages {
             let topic = &content.topics[message.topic];
             let Some(kind) = topic.kind.filter(|&kind| wanted(&topic.name, kind)) else { continue };
@@ -112,9 +116,11 @@ impl<'a> Decoder<'a> {
                     new.insert(schema.map_err(schema_error)?)
                 }
             };
-            let decoded = if message.data.len() > MAX_MESSAGE_BYTES {
+            *count.entry(message.topic).or_default() += 1;
+            let limit = if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES };
+            let decoded = if message.data.len() > limit {
                 let found = format!("{} bytes long", message.data.len());
-                Err(malformed("the message", found, format!("at most {MAX_MESSAGE_BYTES}")))
+                Err(malformed("the message", found, format!("at most {limit}")))
             } else {
                 cdr::decode(schema, &message.data)
                     .map_err(MessageError::from)
@@ -134,7 +140,12 @@ impl<'a> Decoder<'a> {
                             log_time: message.log_time,
                             offset: message.offset,
                         },
-                        record: topic.type_name().to_owned(),
+                        record: match kind {
+                            Kind::Cloud => {
+                                format!("{} {}", topic.type_name(), count[&message.topic])
+                            }
+                            _ => topic.type_name().to_owned(),
+                        },
                         field,
                         found,
                         expected,
@@ -217,7 +228,11 @@ impl<'a> Decoder<'a> {
 }
 
 /// Poses in different frames cannot be compared: those in another frame than the first are malformed.
-fn same_frame(field: &str, known: &mut Option<String>, found: &str) -> Result<(), MessageError> {
+pub(super) fn same_frame(
+    field: &str,
+    known: &mut Option<String>,
+    found: &str,
+) -> Result<(), MessageError> {
     match known {
         Some(known) if known != found => Err(malformed(
             field,

@@ -21,6 +21,7 @@ const ODOMETRY: &str = "nav_msgs/Odometry";
 const POSE: &str = "geometry_msgs/PoseStamped";
 const POSE_WITH_COVARIANCE: &str = "geometry_msgs/PoseWithCovarianceStamped";
 const TRANSFORMS: &str = "tf2_msgs/TFMessage";
+const CLOUD: &str = "sensor_msgs/PointCloud2";
 /// Last part of the names of pose topics that say where the robot should be, or was told it is.
 const NO_REFERENCE: [&str; 5] = ["goal_pose", "goal", "initialpose", "clicked_pose", "target_pose"];
 /// Last part of the names of topics that hold ground truth.
@@ -47,6 +48,7 @@ pub(super) enum Kind {
     Pose,
     PoseWithCovariance,
     Transforms,
+    Cloud,
 }
 
 impl Kind {
@@ -57,6 +59,7 @@ impl Kind {
             POSE => Kind::Pose,
             POSE_WITH_COVARIANCE => Kind::PoseWithCovariance,
             TRANSFORMS | "tf/tfMessage" => Kind::Transforms,
+            CLOUD => Kind::Cloud,
             _ => return None,
         })
     }
@@ -89,9 +92,29 @@ pub(super) struct Kept {
     pub data: Vec<u8>,
 }
 
+/// What a bag is read for: messages of other kinds are counted, but not kept in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Purpose {
+    /// Laser scans and poses.
+    #[default]
+    Scans,
+    /// Point clouds, and where they were taken.
+    Clouds,
+}
+
+impl Purpose {
+    fn keeps(self, kind: Kind) -> bool {
+        match self {
+            Purpose::Scans => kind != Kind::Cloud,
+            Purpose::Clouds => matches!(kind, Kind::Cloud | Kind::Odometry | Kind::Transforms),
+        }
+    }
+}
+
 /// The content of a bag, of one file or several.
 #[derive(Debug, Default)]
 pub(super) struct Content {
+    purpose: Purpose,
     pub topics: Vec<Topic>,
     pub messages: Vec<Kept>,
     /// Why the bag ends early, if it does.
@@ -106,6 +129,11 @@ pub(super) struct Content {
 }
 
 impl Content {
+    /// Nothing yet.
+    pub fn new(purpose: Purpose) -> Self {
+        Content { purpose, ..Content::default() }
+    }
+
     /// Reads one more file; `name` tells it from the others of a split bag.
     pub fn add(&mut self, input: impl Read, name: Option<&str>) -> Result<(), BagError> {
         let mut by_id: BTreeMap<u16, usize> = BTreeMap::new();
@@ -115,7 +143,8 @@ impl Content {
                     let kind = channel
                         .schema
                         .as_ref()
-                        .and_then(|schema| Kind::of(&plain_name(&schema.name)));
+                        .and_then(|schema| Kind::of(&plain_name(&schema.name)))
+                        .filter(|&kind| self.purpose.keeps(kind));
                     let topic = Topic {
                         name: channel.topic.clone(),
                         encoding: channel.message_encoding.clone(),
@@ -287,6 +316,40 @@ pub(super) fn choose<'a>(
         return Err(BagError::NoReference { topics: content.list() });
     }
     Ok(Chosen { scan, odometry, reference: found })
+}
+
+/// The topic of the point clouds: the one asked for, else the only one of its type, or among several
+/// the one named `/points`.
+pub(super) fn cloud_topic<'a>(
+    content: &'a Content,
+    asked: Option<&'a str>,
+) -> Result<&'a str, BagError> {
+    const OPTION: &str = "--cloud-topic";
+    const TYPE: &str = "sensor_msgs/msg/PointCloud2";
+    if let Some(topic) = asked {
+        return content.asked(topic, &[Kind::Cloud], OPTION, TYPE);
+    }
+    only_or_named(&content.names(&[Kind::Cloud]), "/points")
+        .map_err(|names| content.ambiguous(TYPE, &names, OPTION))?
+        .ok_or_else(|| BagError::NoCloud {
+            topics: content.list(),
+            because: content.truncated.clone(),
+        })
+}
+
+/// The topic of the robot's odometry among those of its type, where there is one: the one asked for, the
+/// only one, or `/odom`.
+pub(super) fn odometry_topic<'a>(
+    content: &'a Content,
+    asked: Option<&'a str>,
+) -> Result<Option<&'a str>, BagError> {
+    const OPTION: &str = "--odom-topic";
+    const TYPE: &str = "nav_msgs/msg/Odometry";
+    match asked {
+        Some(topic) => content.asked(topic, &[Kind::Odometry], OPTION, TYPE).map(Some),
+        None => only_or_named(&content.names(&[Kind::Odometry]), "/odom")
+            .map_err(|names| content.ambiguous(TYPE, &names, OPTION)),
+    }
 }
 
 /// The topic of the reference poses, as [`choose`] says; `None` if there is none.

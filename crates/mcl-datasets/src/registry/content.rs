@@ -31,6 +31,7 @@ impl Content {
             Ok(content) => Ok(content),
             Err(UnpackError::Input(error) | UnpackError::Output(error)) => Err(error),
             Err(UnpackError::TooLarge) => Err(io::ErrorKind::FileTooLarge.into()),
+            Err(UnpackError::NoMember) => Err(io::ErrorKind::NotFound.into()),
         }
     }
 }
@@ -44,7 +45,12 @@ pub(super) enum UnpackError {
     Output(io::Error),
     /// The unpacked content is larger than the limit.
     TooLarge,
+    /// The archive has no file of this path.
+    NoMember,
 }
+
+/// An archive is read no further than this, unpacked.
+const ARCHIVE_LIMIT: u64 = 1 << 30;
 
 /// Copies `input` to `output`, unpacking gzip, and digests what it writes; stops beyond `limit`
 /// bytes of output.
@@ -60,6 +66,32 @@ pub(super) fn unpack(
     } else {
         copy(input, output, limit)
     }
+}
+
+/// [`unpack`] of one file of a tar archive, plain or packed with gzip: the one of this path in it. Nothing
+/// else of the archive is written, and its path names no file on disk.
+pub(super) fn unpack_member(
+    input: impl Read,
+    member: &str,
+    output: &mut impl Write,
+    limit: u64,
+) -> Result<Content, UnpackError> {
+    let mut input = BufReader::new(input);
+    let packed = input.fill_buf().map_err(UnpackError::Input)?.starts_with(&GZIP_MAGIC);
+    let plain: Box<dyn Read + '_> =
+        if packed { Box::new(MultiGzDecoder::new(input)) } else { Box::new(input) };
+    let broken = |error: io::Error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => UnpackError::Input(error),
+        _ => UnpackError::Input(io::Error::new(io::ErrorKind::InvalidData, error)),
+    };
+    let mut archive = tar::Archive::new(plain.take(ARCHIVE_LIMIT));
+    for entry in archive.entries().map_err(broken)? {
+        let entry = entry.map_err(broken)?;
+        if entry.header().entry_type().is_file() && *entry.path_bytes() == *member.as_bytes() {
+            return copy(entry, output, limit);
+        }
+    }
+    Err(UnpackError::NoMember)
 }
 
 fn copy(mut input: impl Read, output: &mut impl Write, limit: u64) -> Result<Content, UnpackError> {
@@ -115,6 +147,43 @@ mod tests {
         let result = unpack(bomb.as_slice(), &mut written, 100_000);
         assert!(matches!(result, Err(UnpackError::TooLarge)), "{result:?}");
         assert!(written.len() <= 100_000);
+    }
+
+    fn tar(files: &[(&str, &[u8])]) -> Vec<u8> {
+        let mut archive = tar::Builder::new(Vec::new());
+        for (path, bytes) in files {
+            let mut header = tar::Header::new_gnu();
+            header.set_size(bytes.len() as u64);
+            header.set_mode(0o644);
+            archive.append_data(&mut header, path, *bytes).unwrap();
+        }
+        archive.into_inner().unwrap()
+    }
+
+    #[test]
+    fn one_file_of_an_archive_is_taken_and_no_other() {
+        let plain = tar(&[("a/data/other.ply", b"xyz"), ("a/data/scan.ply", b"abc")]);
+        for archive in [plain.clone(), gzip(&plain)] {
+            let mut written = Vec::new();
+            let member = |path: &str, written: &mut Vec<u8>, limit| {
+                unpack_member(archive.as_slice(), path, written, limit)
+            };
+            let content = member("a/data/scan.ply", &mut written, 3).unwrap();
+            assert_eq!((written.as_slice(), content.bytes), (&b"abc"[..], 3));
+            let large = member("a/data/scan.ply", &mut Vec::new(), 2);
+            assert!(matches!(large, Err(UnpackError::TooLarge)), "{large:?}");
+            for path in ["scan.ply", "a/data", "../a/data/scan.ply", ""] {
+                let missing = member(path, &mut Vec::new(), 3);
+                assert!(matches!(missing, Err(UnpackError::NoMember)), "{path}: {missing:?}");
+            }
+        }
+        let broken = unpack_member(&b"no archive at all, ".repeat(60)[..], "a", &mut io::sink(), 9);
+        assert!(matches!(broken, Err(UnpackError::Input(_))), "{broken:?}");
+        let packed = gzip(&plain);
+        for length in (2..packed.len()).step_by(7) {
+            let cut = unpack_member(&packed[..length], "a/data/scan.ply", &mut io::sink(), 9);
+            assert!(!matches!(cut, Err(UnpackError::NoMember | UnpackError::TooLarge)), "{cut:?}");
+        }
     }
 
     #[test]

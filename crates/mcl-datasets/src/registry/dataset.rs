@@ -18,9 +18,12 @@ pub struct Dataset {
     pub title: String,
     /// What it is, in a sentence or two.
     pub description: String,
-    /// Where its scans come from.
+    /// Whether it has scans or points.
+    pub kind: DatasetKind,
+    /// Where these come from.
     pub source: Source,
-    /// Largest reading that counts as a measurement, in metres, inclusive.
+    /// Largest reading that counts as a measurement, in metres, inclusive; of a cloud, largest distance from
+    /// the origin of its frame, where the scanner is.
     pub max_range: f64,
     /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
     pub robot_from_laser: Pose2,
@@ -34,10 +37,19 @@ pub struct Dataset {
     pub citation: String,
 }
 
+/// What a data set holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DatasetKind {
+    /// Laser scans along a path: maps can be built and robots localized.
+    Scans,
+    /// Points without scans, in two or three dimensions: maps can be built.
+    Cloud,
+}
+
 /// Where the scans of a data set come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
-    /// A log on disk, CARMEN or MCAP; its first bytes say which.
+    /// A log on disk, CARMEN or MCAP (its first bytes say which), or a point cloud (its ending says the format).
     File(LogFile),
     /// The built-in simulation, made in memory from this seed.
     Simulated {
@@ -55,6 +67,8 @@ pub struct LogFile {
     pub other_names: Vec<String>,
     /// HTTP(S) addresses, tried in this order.
     pub urls: Vec<String>,
+    /// Path of the file in the tar archive that the addresses give, where they do not give the file itself.
+    pub member: Option<String>,
     /// Copies known to be good. They differ in header lines only.
     pub copies: Vec<KnownCopy>,
 }
@@ -121,6 +135,7 @@ mod tests {
             name: "a.log".into(),
             other_names: vec!["b.log.gz".into(), "a.log.gz".into()],
             urls: vec![],
+            member: None,
             copies: vec![],
         };
         assert_eq!(file.known_names(), ["a.log", "a.log.gz", "b.log", "b.log.gz"]);

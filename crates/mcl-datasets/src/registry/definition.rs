@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use crate::log::ReferencePoses;
 
-use super::dataset::{Dataset, KnownCopy, LogFile, Source};
+use super::dataset::{Dataset, DatasetKind, KnownCopy, LogFile, Source};
 use super::{DEFINITION_FILE, Facts};
 
 /// What is wrong with a `dataset.toml`.
@@ -47,7 +47,22 @@ pub enum DefinitionError {
 enum Format {
     Carmen,
     Mcap,
+    Cloud,
     Simulated,
+    #[serde(rename = "simulated-cloud")]
+    SimulatedCloud,
+}
+
+impl Format {
+    fn name(&self) -> &'static str {
+        match self {
+            Format::Carmen => "carmen",
+            Format::Mcap => "mcap",
+            Format::Cloud => "cloud",
+            Format::Simulated => "simulated",
+            Format::SimulatedCloud => "simulated-cloud",
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -81,7 +96,8 @@ pub(super) struct Definition {
     reference: ReferencePoses,
     terms: String,
     citation: String,
-    sensor: SensorKeys,
+    member: Option<String>,
+    sensor: Option<SensorKeys>,
     facts: Option<Facts>,
     #[serde(default, rename = "copy")]
     copies: Vec<KnownCopy>,
@@ -103,7 +119,21 @@ impl Definition {
                 expected: "a positive number of metres",
             });
         }
-        let PoseKeys { x, y, theta } = self.sensor.robot_from_laser;
+        let format = self.format.name();
+        let kind = match self.format {
+            Format::Cloud | Format::SimulatedCloud => DatasetKind::Cloud,
+            _ => DatasetKind::Scans,
+        };
+        let (x, y, theta) = match (kind, self.sensor) {
+            (DatasetKind::Scans, None) => {
+                return Err(DefinitionError::MissingKey { key: "sensor", format });
+            }
+            (DatasetKind::Cloud, Some(_)) => {
+                return Err(DefinitionError::UselessKey { key: "sensor", format });
+            }
+            (_, Some(SensorKeys { robot_from_laser: PoseKeys { x, y, theta } })) => (x, y, theta),
+            (_, None) => (0.0, 0.0, 0.0),
+        };
         let robot_from_laser = Pose2::new(x, y, theta);
         if !robot_from_laser.is_finite() {
             return Err(DefinitionError::Value {
@@ -113,23 +143,19 @@ impl Definition {
             });
         }
         let source = match self.format {
-            Format::Carmen | Format::Mcap => {
-                let format = match self.format {
-                    Format::Mcap => "mcap",
-                    _ => "carmen",
-                };
+            Format::Carmen | Format::Mcap | Format::Cloud => {
                 refuse(self.seed.is_some(), "seed", format)?;
                 let name = self.file.ok_or(DefinitionError::MissingKey { key: "file", format })?;
-                Source::File(log_file(format, name, self.other_names, self.urls, self.copies)?)
+                let file = log_file(format, name, self.other_names, self.urls, self.copies)?;
+                Source::File(LogFile { member: self.member, ..file })
             }
-            Format::Simulated => {
-                refuse(self.file.is_some(), "file", "simulated")?;
-                refuse(!self.other_names.is_empty(), "other_names", "simulated")?;
-                refuse(!self.urls.is_empty(), "urls", "simulated")?;
-                refuse(!self.copies.is_empty(), "copy", "simulated")?;
-                let seed = self
-                    .seed
-                    .ok_or(DefinitionError::MissingKey { key: "seed", format: "simulated" })?;
+            Format::Simulated | Format::SimulatedCloud => {
+                refuse(self.file.is_some(), "file", format)?;
+                refuse(!self.other_names.is_empty(), "other_names", format)?;
+                refuse(!self.urls.is_empty(), "urls", format)?;
+                refuse(self.member.is_some(), "member", format)?;
+                refuse(!self.copies.is_empty(), "copy", format)?;
+                let seed = self.seed.ok_or(DefinitionError::MissingKey { key: "seed", format })?;
                 Source::Simulated { seed }
             }
         };
@@ -137,6 +163,7 @@ impl Definition {
             name: name.to_owned(),
             title: self.title,
             description: self.description.trim().to_owned(),
+            kind,
             source,
             max_range: self.max_range,
             robot_from_laser,
@@ -190,7 +217,7 @@ fn log_file(
         // Without a digest, whatever a server answers would have to be taken.
         return Err(DefinitionError::MissingKey { key: "copy", format });
     }
-    Ok(LogFile { name, other_names, urls, copies })
+    Ok(LogFile { name, other_names, urls, member: None, copies })
 }
 
 const PLAIN_NAME: &str = "a file name without a path and not beginning with a dot";
@@ -258,6 +285,7 @@ mod tests {
             ("http://", "ftp://", "`urls` is \"ftp://example.org/lab.log.gz\""),
             ("format = \"carmen\"", "format = \"bag\"", "unknown variant `bag`"),
             ("format = \"carmen\"", "format = \"simulated\"", "key `file` has no meaning"),
+            ("format = \"carmen\"", "format = \"cloud\"", "key `sensor` has no meaning"),
         ] {
             let text = MINIMAL.replace(from, to);
             assert_ne!(text, MINIMAL, "{from}");

@@ -43,9 +43,15 @@ pub enum UrlFailure {
         /// Size of the largest known copy.
         largest: u64,
     },
-    /// The file begins like gzip but cannot be unpacked.
-    #[error("the file is a broken gzip file: {0}")]
+    /// The file begins like gzip, or should be an archive, but cannot be unpacked.
+    #[error("the file is a broken gzip file or archive: {0}")]
     Gzip(io::Error),
+    /// The archive lacks the file.
+    #[error("the archive has no file {member:?}")]
+    NoMember {
+        /// Its path in the archive.
+        member: String,
+    },
     /// What an earlier attempt received and the rest received now do not make a known copy.
     #[error(
         "the rest sent now does not fit the bytes kept of an earlier attempt; \
@@ -93,9 +99,10 @@ impl UrlFailure {
             | UrlFailure::Broken { .. }
             | UrlFailure::CutOff { .. }
             | UrlFailure::Unfit => true,
-            UrlFailure::TooLarge { .. } | UrlFailure::Gzip(_) | UrlFailure::UnknownCopy { .. } => {
-                false
-            }
+            UrlFailure::TooLarge { .. }
+            | UrlFailure::Gzip(_)
+            | UrlFailure::NoMember { .. }
+            | UrlFailure::UnknownCopy { .. } => false,
         }
     }
 }

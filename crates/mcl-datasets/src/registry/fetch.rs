@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use super::content::{UnpackError, unpack};
+use super::content::{UnpackError, unpack, unpack_member};
 use super::download::{agent, receive};
 use super::failure::Stop;
 use super::part_file::PartFile;
@@ -18,6 +18,9 @@ const SIZE_FACTOR: u64 = 4;
 
 /// Files up to this size are always read on, so that a small wrong one is told by its digest.
 const SIZE_FLOOR: u64 = 1 << 20;
+
+/// An archive is received up to this size; the file wanted may be a small part of it.
+const ARCHIVE_DOWNLOAD_LIMIT: u64 = 256 << 20;
 
 /// What a fetch came to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -288,10 +291,16 @@ impl Fetch<'_> {
     ) -> Result<(PathBuf, Content), Stop> {
         let largest = self.file.copies.iter().map(|copy| copy.bytes).max().unwrap_or(0);
         let limit = largest.saturating_mul(SIZE_FACTOR).max(SIZE_FLOOR);
-        let received = receive(&self.agent, url, &mut self.part, limit, largest, report)?;
+        let receive_limit = if self.file.member.is_some() { ARCHIVE_DOWNLOAD_LIMIT } else { limit };
+        let received = receive(&self.agent, url, &mut self.part, receive_limit, largest, report)?;
 
         let mut unpacked = self.temporary_file()?;
-        let failure = match unpack(self.part.reader()?, unpacked.as_file_mut(), limit) {
+        let input = self.part.reader()?;
+        let content = match &self.file.member {
+            Some(member) => unpack_member(input, member, unpacked.as_file_mut(), limit),
+            None => unpack(input, unpacked.as_file_mut(), limit),
+        };
+        let failure = match content {
             Ok(content) if self.file.accepts(&content) => {
                 return self.finish(url, unpacked, content);
             }
@@ -300,6 +309,9 @@ impl Fetch<'_> {
                 UrlFailure::UnknownCopy { found, expected }
             }
             Err(UnpackError::TooLarge) => UrlFailure::TooLarge { limit, largest },
+            Err(UnpackError::NoMember) => {
+                UrlFailure::NoMember { member: self.file.member.clone().unwrap_or_default() }
+            }
             Err(UnpackError::Output(source)) => {
                 return Err(FetchError::file("write", unpacked.path(), source).into());
             }
@@ -374,7 +386,7 @@ impl Fetch<'_> {
         let (name, url) = (self.dataset.name.clone(), url.to_owned());
         match (self.read)(path) {
             Err(source) => Err(FetchError::Log { name, url, source }),
-            Ok(recording) => match facts.check(&recording, self.dataset.max_range) {
+            Ok(found) => match facts.check(&found) {
                 mismatches if mismatches.is_empty() => Ok(()),
                 mismatches => Err(FetchError::Facts { name, url, mismatches }),
             },

@@ -11,12 +11,14 @@ const REGISTRY_FOLDER: &str = "datasets";
 const DATA_DIR_VARIABLE: &str = "MCL_DATA_DIR";
 
 /// The definitions of this repository.
-const BUILT_IN: [(&str, &str); 5] = [
+const BUILT_IN: [(&str, &str); 7] = [
     ("aces", include_str!("../../../../datasets/aces/dataset.toml")),
     ("freiburg-079", include_str!("../../../../datasets/freiburg-079/dataset.toml")),
     ("intel-lab", include_str!("../../../../datasets/intel-lab/dataset.toml")),
     ("olin-mac", include_str!("../../../../datasets/olin-mac/dataset.toml")),
     ("simulated-office", include_str!("../../../../datasets/simulated-office/dataset.toml")),
+    ("simulated-office-3d", include_str!("../../../../datasets/simulated-office-3d/dataset.toml")),
+    ("small-gicp-target", include_str!("../../../../datasets/small-gicp-target/dataset.toml")),
 ];
 
 /// The known data sets, and the folders their files are looked for in.

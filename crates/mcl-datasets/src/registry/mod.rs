@@ -41,10 +41,8 @@ mod verify;
 
 use std::path::{Path, PathBuf};
 
-use mcl_core::Recording;
-
 pub use content::Content;
-pub use dataset::{DEFINITION_FILE, Dataset, KnownCopy, LogFile, Source};
+pub use dataset::{DEFINITION_FILE, Dataset, DatasetKind, KnownCopy, LogFile, Source};
 pub use definition::{DefinitionError, is_plain_name};
 pub use digest::{ParseDigestError, Sha256Digest};
 pub use download::{FetchEvent, FetchSettings};
@@ -54,8 +52,8 @@ pub use fetch::{FetchError, Fetched};
 pub use folders::{Registry, RegistryError};
 pub use verify::{FoundCopy, Verification, VerifyError};
 
-/// How a log is read when its facts are checked. The registry knows no formats.
-pub type ReadLog<'a> = dyn Fn(&Path) -> Result<Recording, ReadLogError> + 'a;
+/// How the facts of a file are found. The registry knows no formats.
+pub type ReadLog<'a> = dyn Fn(&Path) -> Result<Facts, ReadLogError> + 'a;
 
 /// Whatever the reader of a log says when it cannot read it.
 pub type ReadLogError = Box<dyn std::error::Error + Send + Sync>;

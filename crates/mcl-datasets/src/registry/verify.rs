@@ -95,7 +95,7 @@ impl Registry {
         let mismatches = match dataset.facts {
             None => None,
             Some(facts) => match read(&path) {
-                Ok(recording) => Some(facts.check(&recording, dataset.max_range)),
+                Ok(found) => Some(facts.check(&found)),
                 Err(source) => return Err(VerifyError::Log { path, content, source }),
             },
         };

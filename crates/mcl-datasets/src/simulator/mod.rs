@@ -12,6 +12,9 @@
 //! exact distance from the reference pose to the nearest surface (rounded to the scanner's
 //! resolution).
 //!
+//! **Three dimensions.** [`simulate_cloud`] gives the same building heights, and scans it with a lidar of
+//! several beams along the same path.
+//!
 //! **Reproducibility.** The same settings and seed give the same bits on every run, whatever the
 //! number of threads. Ranges, poses and odometry increments are rounded to six decimals (1 µm,
 //! 1 µrad), which also makes a text log exact, and which removes the differences in the last bits that
@@ -32,6 +35,7 @@
 mod floor_plan;
 mod furniture;
 mod laser;
+mod lidar;
 mod obstacles;
 mod odometry;
 mod office;
@@ -42,6 +46,7 @@ mod settings;
 
 use mcl_core::{Recording, Seed};
 
+pub use lidar::{LidarSettings, simulate_cloud};
 pub use obstacles::{Circle, Material, Obstacles, Segment};
 pub use office::Office;
 pub use settings::{

@@ -79,6 +79,30 @@ impl Office {
         Recording { scans, robot_from_laser: Pose2::IDENTITY }
     }
 
+    /// Poses along the path, each at least `distance` metres of driving after the one before.
+    pub(super) fn poses_every(&self, distance: f64) -> Vec<Pose2> {
+        let mut kept: Vec<Pose2> = Vec::new();
+        let mut last: Option<Pose2> = None;
+        let mut driven = f64::INFINITY;
+        for (_, pose) in self.logged_poses() {
+            driven += last.map_or(0.0, |last| last.distance(&pose));
+            last = Some(pose);
+            if driven >= distance {
+                kept.push(pose);
+                driven = 0.0;
+            }
+        }
+        kept
+    }
+
+    pub(super) fn settings(&self) -> &OfficeSettings {
+        &self.settings
+    }
+
+    pub(super) fn seed(&self) -> Seed {
+        self.seed
+    }
+
     /// Stamps and poses of the sweeps that are logged: the first, and each that is far enough from
     /// the one logged before.
     fn logged_poses(&self) -> Vec<(Stamp, Pose2)> {

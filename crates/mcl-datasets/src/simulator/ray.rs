@@ -22,6 +22,8 @@ pub(super) struct Hit {
     pub incidence_cos: f64,
     /// What was hit.
     pub material: Material,
+    /// Which surface it was: segments count from 0, circles on from there.
+    pub surface: usize,
 }
 
 /// Exact ray casting against segments and circles; a uniform grid tells which of them are near.
@@ -151,7 +153,7 @@ impl<'a> RayCaster<'a> {
                 beyond,
             ),
         };
-        hit.filter(|hit| hit.distance > beyond)
+        hit.filter(|hit| hit.distance > beyond).map(|hit| Hit { surface, ..hit })
     }
 }
 
@@ -168,6 +170,7 @@ fn hit_segment(segment: &Segment, origin: Point<2>, direction: [f64; 2]) -> Opti
         distance: cross(offset, along) / denominator,
         incidence_cos: denominator.abs() / along[0].hypot(along[1]),
         material: segment.material,
+        surface: 0,
     })
 }
 
@@ -186,6 +189,7 @@ fn hit_circle(circle: &Circle, origin: Point<2>, direction: [f64; 2], beyond: f6
         distance: if near > beyond { near } else { along + half_chord },
         incidence_cos: half_chord / circle.radius,
         material: Material::Opaque,
+        surface: 0,
     })
 }
 

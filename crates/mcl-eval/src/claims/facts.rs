@@ -36,7 +36,7 @@ fn figure_1_size(facts: &DatasetFacts) -> Claim {
                  numbers itself, 706,628 under figure 1 and 706,528 in the text, and no limit of \
                  the range",
                 thousands(facts.points),
-                facts.max_range
+                facts.max_range.unwrap_or(f64::INFINITY)
             ),
         })
     })
@@ -77,8 +77,8 @@ fn points(facts: &DatasetFacts) -> Claim {
     };
     statement.decide(&place(facts), || {
         require(facts, INTEL)?;
-        if facts.max_range != PAPER_RANGE {
-            let range = facts.max_range;
+        if facts.max_range != Some(PAPER_RANGE) {
+            let range = facts.max_range.unwrap_or(f64::INFINITY);
             return Err(Untestable(format!("measured with a limit of {range} m, not 10 m")));
         }
         Ok(Finding {
@@ -111,8 +111,9 @@ mod tests {
             name: name.into(),
             title: "A log".into(),
             sha256: "00".into(),
+            dimensions: 2,
             scans: 1,
-            max_range,
+            max_range: Some(max_range),
             points,
             skipped_records: 0,
         };

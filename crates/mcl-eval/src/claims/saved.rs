@@ -65,6 +65,10 @@ pub(super) fn read(folders: &[PathBuf]) -> Result<Vec<Dataset>> {
         }
         let manifest = Manifest::read(&folder.join(MANIFEST))?;
         let facts = &manifest.dataset;
+        // The paper's maps are planar.
+        if facts.dimensions != 2 {
+            continue;
+        }
         let data = (facts.name.clone(), facts.sha256.clone(), facts.points);
         let dataset = datasets.entry(data).or_insert_with(|| Dataset {
             facts: facts.clone(),

@@ -13,7 +13,8 @@ pub use localize::{Initial, LocalizeArgs};
 /// Monte Carlo localization evaluation on sample-based maps.
 ///
 /// LOG is a CARMEN log (.log, .clf, plain or .gz), a ROS 2 bag (.mcap, or the folder of a split bag) or
-/// the name of a data set (`mcl-eval datasets list`).
+/// the name of a data set (`mcl-eval datasets list`). inspect, map and likelihood also take point clouds in two
+/// or three dimensions: .ply, .pcd, .csv, or a bag with PointCloud2 messages.
 #[derive(Debug, Parser)]
 #[command(name = "mcl-eval", version, propagate_version = true, max_term_width = 100)]
 pub struct Cli {
@@ -65,7 +66,8 @@ pub enum Command {
 pub struct LogArgs {
     /// CARMEN log, ROS 2 bag or name of a data set.
     pub log: String,
-    /// Readings beyond this many metres are not used [default: the data set's, else 10].
+    /// Readings beyond this many metres are not used [default: the data set's, else 10]. Of a point cloud:
+    /// points so far from the origin of its frame, where the scanner is [default: the data set's, else all].
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
     /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
@@ -74,6 +76,36 @@ pub struct LogArgs {
     pub reference: Option<ReferencePoses>,
     #[command(flatten)]
     pub topics: TopicArgs,
+}
+
+/// What only point clouds have.
+#[derive(Debug, Args)]
+pub struct CloudArgs {
+    /// Topic of a bag's point clouds [default: the only PointCloud2 topic, or /points, of a bag without scans].
+    #[arg(long, value_name = "TOPIC")]
+    pub cloud_topic: Option<String>,
+    /// Dimensions of a point cloud: 3, or 2 to drop its heights [default: 3 if its points differ in height].
+    #[arg(long, value_name = "2|3", value_parser = clap::value_parser!(u8).range(2..=3))]
+    pub dimensions: Option<u8>,
+}
+
+/// What maps are built of: a log, a point cloud or a data set.
+#[derive(Debug, Args)]
+pub struct DataArgs {
+    #[command(flatten)]
+    pub log: LogArgs,
+    #[command(flatten)]
+    pub cloud: CloudArgs,
+}
+
+impl DataArgs {
+    pub fn options(&self) -> SourceOptions {
+        SourceOptions {
+            cloud_topic: self.cloud.cloud_topic.clone(),
+            dimensions: self.cloud.dimensions.map(usize::from),
+            ..self.log.options()
+        }
+    }
 }
 
 /// Topics of a ROS 2 bag.
@@ -107,6 +139,7 @@ impl LogArgs {
             max_range: self.max_range,
             reference: self.reference,
             topics: self.topics.choice(),
+            ..SourceOptions::default()
         }
     }
 }
@@ -114,7 +147,7 @@ impl LogArgs {
 #[derive(Debug, Args)]
 pub struct InspectArgs {
     #[command(flatten)]
-    pub log: LogArgs,
+    pub data: DataArgs,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -151,7 +184,7 @@ pub enum Refine {
 #[derive(Debug, Args)]
 pub struct MapArgs {
     #[command(flatten)]
-    pub log: LogArgs,
+    pub data: DataArgs,
     /// How to choose the points.
     #[arg(long)]
     pub init: Init,
@@ -161,9 +194,9 @@ pub struct MapArgs {
     /// Edge length of a grid cell in metres.
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,
-    /// A corner of a grid cell in metres [default: 0,0].
-    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
-    pub offset: Option<[f64; 2]>,
+    /// A corner of a grid cell in metres; in three dimensions X,Y,Z [default: 0,0].
+    #[arg(long, value_name = "X,Y", value_parser = offset, allow_hyphen_values = true)]
+    pub offset: Option<Offset>,
     /// Seed of a random map, and of what a refinement draws.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
@@ -209,7 +242,7 @@ pub struct MapArgs {
 #[derive(Debug, Args)]
 pub struct LikelihoodArgs {
     #[command(flatten)]
-    pub log: LogArgs,
+    pub data: DataArgs,
     /// The map: .csv, .ply, .pcd or .yaml (map_server).
     #[arg(long, value_name = "MAP")]
     pub map: PathBuf,
@@ -307,6 +340,8 @@ pub struct RunArgs {
     pub max_range: Option<f64>,
     #[command(flatten)]
     pub topics: TopicArgs,
+    #[command(flatten)]
+    pub cloud: CloudArgs,
     /// Folder that holds <experiment>/<data set>/.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
@@ -389,10 +424,13 @@ pub struct ConvertArgs {
 
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// The log to write; with .gz compressed.
+    /// The log to write; with .gz compressed. In three dimensions a point cloud: .ply, .pcd or .csv.
     #[arg(long, short, value_name = "LOG")]
     pub output: PathBuf,
-    /// Seed of the simulation; 1 is the data set `simulated-office`.
+    /// The office with heights, as a lidar of 32 beams sees it along the same path.
+    #[arg(long)]
+    pub three_dimensional: bool,
+    /// Seed of the simulation; 1 is the data set `simulated-office`, and `simulated-office-3d`.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
     /// One JSON object on stdout.
@@ -443,6 +481,20 @@ fn number(text: &str, valid: impl Fn(f64) -> bool, expected: &str) -> Result<f64
 
 fn fraction(text: &str) -> Result<f64, String> {
     number(text, |value| (0.0..=1.0).contains(&value), "a number from 0 to 1")
+}
+
+/// A corner of a grid cell, of two or three coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Offset {
+    Planar([f64; 2]),
+    Spatial([f64; 3]),
+}
+
+fn offset(text: &str) -> Result<Offset, String> {
+    match text.matches(',').count() {
+        2 => numbers(text).map(Offset::Spatial),
+        _ => numbers(text).map(Offset::Planar),
+    }
 }
 
 /// `N` numbers parted by commas.

@@ -18,7 +18,7 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     if datasets.is_empty() {
         bail!(
             "{}: results of other kinds only, the claims are about likelihood and localization \
-             experiments; `make experiments` runs them",
+             experiments in the plane; `make experiments` runs them",
             args.root.display()
         );
     }

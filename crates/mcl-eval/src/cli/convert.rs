@@ -112,7 +112,12 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
 }
 
 fn options(args: &ConvertArgs, max_range: Option<f64>) -> SourceOptions {
-    SourceOptions { max_range, reference: args.reference, topics: args.topics.choice() }
+    SourceOptions {
+        max_range,
+        reference: args.reference,
+        topics: args.topics.choice(),
+        ..SourceOptions::default()
+    }
 }
 
 fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {

@@ -4,14 +4,15 @@ use std::time::Duration;
 use anyhow::{Result, bail};
 use mcl_datasets::log::read_log_as;
 use mcl_datasets::registry::{
-    Dataset, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry, Source,
-    Verification,
+    Dataset, DatasetKind, Facts, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError,
+    Registry, Source, Verification,
 };
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
 use super::output::{print, thousands, told_once};
+use crate::cloud_source::CloudSource;
 use crate::progress::{self, tell};
 
 pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
@@ -148,6 +149,12 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     report(lines, names.json)
 }
 
-fn read_for_facts(dataset: &Dataset, path: &Path) -> Result<mcl_core::Recording, ReadLogError> {
-    Ok(read_log_as(path, &dataset.reference.into())?.recording)
+fn read_for_facts(dataset: &Dataset, path: &Path) -> Result<Facts, ReadLogError> {
+    match dataset.kind {
+        DatasetKind::Scans => {
+            let log = read_log_as(path, &dataset.reference.into())?;
+            Ok(Facts::of(&log.recording, dataset.max_range))
+        }
+        DatasetKind::Cloud => Ok(CloudSource::facts(path, dataset.max_range)?),
+    }
 }

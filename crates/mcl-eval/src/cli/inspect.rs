@@ -1,13 +1,14 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use mcl_core::Bounds;
+use mcl_core::{Bounds, Point};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{print, tell_losses, thousands};
-use crate::source::LogSource;
+use super::output::{print, tell_data_losses, tell_losses, thousands};
+use crate::cloud_source::{CloudSource, Points};
+use crate::source::{DataSource, LogSource};
 
 #[derive(Serialize)]
 struct Inspection {
@@ -24,6 +25,8 @@ struct Inspection {
     backward_stamps: usize,
     has_reference: bool,
     has_odometry: bool,
+    /// 2: scans lie in the plane.
+    dimensions: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
     #[serde(skip)]
@@ -39,7 +42,83 @@ struct Notes {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Outcome> {
-    let source = LogSource::open_whole(&args.log.log, &args.log.options())?;
+    let name = &args.data.log.log;
+    match DataSource::open(name, &args.data.options(), true)? {
+        DataSource::Log(log) => inspect_log(&log, args),
+        DataSource::Cloud(cloud) => inspect_cloud(cloud, args),
+    }
+}
+
+#[derive(Serialize)]
+struct CloudInspection {
+    dimensions: usize,
+    clouds: usize,
+    /// Points of the file, usable or not.
+    readings: usize,
+    points: usize,
+    not_finite: usize,
+    out_of_range: usize,
+    /// The smallest coordinates, then the largest.
+    bounds: Vec<f64>,
+    ignored_records: usize,
+    skipped_records: usize,
+    /// How a bag was read, a line each.
+    bag: Vec<String>,
+}
+
+fn inspect_cloud(cloud: CloudSource, args: &InspectArgs) -> Result<Outcome> {
+    let points = cloud.points.len();
+    let inspection = CloudInspection {
+        dimensions: cloud.points.dimensions(),
+        clouds: cloud.clouds,
+        readings: cloud.readings,
+        points,
+        not_finite: cloud.not_finite,
+        out_of_range: cloud.readings - points - cloud.not_finite,
+        bounds: match &cloud.points {
+            Points::Planar(points) => bounds_of(points),
+            Points::Spatial(points) => bounds_of(points),
+        },
+        ignored_records: cloud.report.ignored,
+        skipped_records: cloud.report.skipped,
+        bag: cloud.notes.clone(),
+    };
+    print(args.json, &inspection, |found| cloud_text(found, &cloud))?;
+    Ok(tell_data_losses(&args.data.log.log, &DataSource::Cloud(cloud)))
+}
+
+fn bounds_of<const D: usize>(points: &[Point<D>]) -> Vec<f64> {
+    Bounds::of(points).map_or(Vec::new(), |bounds| [bounds.min, bounds.max].concat())
+}
+
+fn cloud_text(found: &CloudInspection, cloud: &CloudSource) -> String {
+    let mut text = format!("{}\n", cloud.title);
+    let mut line = |name: &str, value: String| {
+        writeln!(text, "  {name:<14}{value}").expect("writing to a string does not fail");
+    };
+    line("kind", format!("{}, {} dimensions", cloud.kind, found.dimensions));
+    line("clouds", thousands(found.clouds));
+    let range = cloud.max_range.map_or(String::new(), |m| format!(" with 0 < r ≤ {m} m"));
+    line("points", format!("{} of {}{range}", thousands(found.points), thousands(found.readings)));
+    line(
+        "left out",
+        format!(
+            "{} not finite, {} out of range",
+            thousands(found.not_finite),
+            thousands(found.out_of_range)
+        ),
+    );
+    let axes = ["x", "y", "z"].iter().zip(&found.bounds).zip(&found.bounds[found.dimensions..]);
+    let bounds: Vec<String> =
+        axes.map(|((axis, low), high)| format!("{axis} {low:.2} … {high:.2} m")).collect();
+    line("bounds", bounds.join(", "));
+    for note in &found.bag {
+        line("bag", note.clone());
+    }
+    text
+}
+
+fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
     // What other commands use of a bag.
     let covered = source.clone().covered().recording;
     let recording = &source.recording;
@@ -62,6 +141,7 @@ pub fn run(args: &InspectArgs) -> Result<Outcome> {
         backward_stamps: recording.backward_stamps(),
         has_reference: covered.has_reference(),
         has_odometry: covered.has_odometry(),
+        dimensions: 2,
         bag: source.notes.clone(),
         notes: Notes {
             heading: source.title.clone(),
@@ -71,7 +151,7 @@ pub fn run(args: &InspectArgs) -> Result<Outcome> {
         },
     };
     print(args.json, &inspection, text)?;
-    Ok(tell_losses(&args.log.log, &source))
+    Ok(tell_losses(&args.data.log.log, source))
 }
 
 fn text(found: &Inspection) -> String {

@@ -1,14 +1,18 @@
 use anyhow::Result;
+use mcl_core::Point;
+use mcl_maps::files::read_map;
 use mcl_maps::{PointSet, mixture_log_likelihood};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::LikelihoodArgs;
-use super::output::{print, tell_losses, thousands};
-use crate::source::LogSource;
+use super::output::{print, tell_data_losses, thousands};
+use crate::cloud_source::Points;
+use crate::source::DataSource;
 
 #[derive(Serialize)]
 struct Likelihood {
+    dimensions: usize,
     points: usize,
     map_points: usize,
     log_likelihood: f64,
@@ -16,15 +20,11 @@ struct Likelihood {
 }
 
 pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
-    let map = mcl_maps::files::read_map(&args.map)?;
-    let source = LogSource::open(&args.log.log, &args.log.options())?;
-    let data = PointSet::new(source.points()?)?;
-    let found = mixture_log_likelihood(&data, &map, args.sigma)?;
-    let likelihood = Likelihood {
-        points: data.len(),
-        map_points: map.len(),
-        log_likelihood: found.total,
-        log_likelihood_per_point: found.per_point,
+    let name = &args.data.log.log;
+    let source = DataSource::open(name, &args.data.options(), false)?;
+    let likelihood = match source.points()? {
+        Points::Planar(points) => likelihood(points, args)?,
+        Points::Spatial(points) => likelihood(points, args)?,
     };
     print(args.json, &likelihood, |found| {
         format!(
@@ -36,5 +36,18 @@ pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
             found.log_likelihood
         )
     })?;
-    Ok(tell_losses(&args.log.log, &source))
+    Ok(tell_data_losses(name, &source))
+}
+
+fn likelihood<const D: usize>(points: Vec<Point<D>>, args: &LikelihoodArgs) -> Result<Likelihood> {
+    let map = read_map::<D>(&args.map)?;
+    let data = PointSet::new(points)?;
+    let found = mixture_log_likelihood(&data, &map, args.sigma)?;
+    Ok(Likelihood {
+        dimensions: D,
+        points: data.len(),
+        map_points: map.len(),
+        log_likelihood: found.total,
+        log_likelihood_per_point: found.per_point,
+    })
 }

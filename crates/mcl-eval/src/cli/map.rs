@@ -1,27 +1,29 @@
-use anyhow::Result;
-use mcl_core::{PointMap, Seed};
+use anyhow::{Result, bail};
+use mcl_core::{Point, PointMap, Seed};
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
-use mcl_maps::refine::{RefineStep, Refined, refine};
+use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
-    FkmSettings, GridOffset, InitialMap, PointSet, RefineSettings, Refinement, initial_map,
-    mixture_log_likelihood,
+    BuiltMap, FkmSettings, GridOffset, InitialMap, PointSet, RefineSettings, Refinement,
+    initial_map, mixture_log_likelihood,
 };
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{Global, Init, MapArgs, Refine};
+use super::args::{Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{print, refuse, tell_losses, thousands};
+use super::output::{print, refuse, tell_data_losses, thousands};
+use crate::cloud_source::Points;
 use crate::progress;
-use crate::source::LogSource;
+use crate::source::{DataSource, LogSource};
 
 #[derive(Serialize)]
 struct Built {
+    dimensions: usize,
     points: usize,
     map_points: usize,
     cell_m: Option<f64>,
     /// A corner of a grid cell; null unless grid.
-    offset_m: Option<[f64; 2]>,
+    offset_m: Option<Vec<f64>>,
     iterations: usize,
     /// Null without a refinement.
     converged: Option<bool>,
@@ -34,71 +36,169 @@ struct Built {
 }
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
-    let initial = initial_settings(args);
-    let refinement = refine_settings(args);
+    check_arguments(args);
     check_options(&args.output, args.resolution, None);
     mcl_maps::files::check_writable(&args.output)?;
-    let source = LogSource::open(&args.log.log, &args.log.options())?;
-    let data = PointSet::new(source.points()?)?;
+    let name = &args.data.log.log;
+    let source = DataSource::open(name, &args.data.options(), false)?;
+    let built = match source.points()? {
+        Points::Planar(points) => {
+            let offset = match args.offset {
+                None => GridOffset::ORIGIN,
+                Some(Offset::Planar(offset)) => GridOffset::Metres(offset),
+                Some(Offset::Spatial(_)) => {
+                    refuse("--offset has three numbers, expected two (X,Y)")
+                }
+            };
+            let log = match &source {
+                DataSource::Log(log) => Some(log),
+                DataSource::Cloud(_) => None,
+            };
+            build_planar(points, offset, log, args, global)?
+        }
+        Points::Spatial(points) => {
+            let offset = match args.offset {
+                None => GridOffset::ORIGIN,
+                Some(Offset::Spatial(offset)) => GridOffset::Metres(offset),
+                Some(Offset::Planar(_)) => {
+                    refuse("--offset has two numbers, expected three (X,Y,Z) in three dimensions")
+                }
+            };
+            if is_grid(&args.output) {
+                bail!(
+                    "{}: a grid map is planar, and {name} has three dimensions; expected .ply, .pcd or \
+                     .csv, or --dimensions 2 to drop the heights",
+                    args.output.display()
+                );
+            }
+            build_spatial(points, offset, args, global)?
+        }
+    };
+    print(args.json, &built, |built| text(built, args))?;
+    Ok(tell_data_losses(name, &source))
+}
 
-    let initial = initial_map(&data, &initial)?;
-    let (map, report) = match refinement {
+/// A point map of points in space.
+fn build_spatial(
+    points: Vec<Point<3>>,
+    offset: GridOffset<3>,
+    args: &MapArgs,
+    global: &Global,
+) -> Result<Built> {
+    let data = PointSet::new(points)?;
+    let fitted = fit(&data, offset, args, global)?;
+    let built = fitted.built(&data, None, args)?;
+    write_map(&args.output, &fitted.map, encoding(args))?;
+    Ok(built)
+}
+
+/// A point map or a grid of points in the plane.
+fn build_planar(
+    points: Vec<Point<2>>,
+    offset: GridOffset<2>,
+    log: Option<&LogSource>,
+    args: &MapArgs,
+    global: &Global,
+) -> Result<Built> {
+    let data = PointSet::new(points)?;
+    let mut fitted = fit(&data, offset, args, global)?;
+    let grid = match is_grid(&args.output) {
+        true => Some(grid_of(&fitted.map, args.resolution, log)?),
+        false => None,
+    };
+    // What the file holds, and all that is told of it: points that share a cell are one.
+    if let Some(grid) = &grid {
+        fitted.map = PointMap::new(grid.occupied_points())?;
+    }
+    let built = fitted.built(&data, grid.as_ref().map(GridFigures::of), args)?;
+    match &grid {
+        Some(grid) => write_grid(&args.output, grid)?,
+        None => write_map(&args.output, &fitted.map, encoding(args))?,
+    }
+    Ok(built)
+}
+
+fn encoding(args: &MapArgs) -> Encoding {
+    if args.ascii { Encoding::Ascii } else { Encoding::Binary }
+}
+
+/// A map with the one it came from.
+struct Fitted<const D: usize> {
+    initial: BuiltMap<D>,
+    map: PointMap<D>,
+    report: Option<RefineReport>,
+}
+
+fn fit<const D: usize>(
+    data: &PointSet<D>,
+    offset: GridOffset<D>,
+    args: &MapArgs,
+    global: &Global,
+) -> Result<Fitted<D>> {
+    let initial = initial_map(data, &initial_settings(args, offset))?;
+    let (map, report) = match refine_settings(args) {
         None => (initial.map.clone(), None),
         Some(settings) => {
-            let found = refined(&settings, &data, &initial.map, global)?;
+            let found = refined(&settings, data, &initial.map, global)?;
             let kept = || found.indices.iter().map(|&index| data.points()[index]).collect();
             let points = if args.no_snap { found.means } else { kept() };
             (PointMap::new(points)?, Some(found.report))
         }
     };
-    let grid = match is_grid(&args.output) {
-        true => Some(grid_of(&map, args.resolution, Some(&source))?),
-        false => None,
-    };
-    // What the file holds, and all that is told of it: points that share a cell are one.
-    let map = match &grid {
-        Some(grid) => PointMap::new(grid.occupied_points())?,
-        None => map,
-    };
-    // Likelihoods cost more than the sampling itself: only where somebody looks at them.
-    let wanted = args.json || report.is_some();
-    let likelihood = |map: &PointMap<2>| match wanted {
-        true => mixture_log_likelihood(&data, map, args.sigma).map(|found| Some(found.per_point)),
-        false => Ok(None),
-    };
-    let log_likelihood_per_point = likelihood(&map)?;
-    let built = Built {
-        points: data.len(),
-        map_points: map.len(),
-        cell_m: initial.cell,
-        offset_m: initial.offset,
-        iterations: report.as_ref().map_or(0, |report| report.evaluations - 1),
-        converged: report.as_ref().map(|report| report.converged),
-        log_likelihood_trace: match &report {
-            Some(report) => report.steps.iter().map(|step| step.log_likelihood).collect(),
-            // Without a refinement a point map written is the initial one.
-            None if grid.is_none() => log_likelihood_per_point.into_iter().collect(),
-            None => likelihood(&initial.map)?.into_iter().collect(),
-        },
-        steps: report.map_or(Vec::new(), |report| report.steps),
-        log_likelihood_per_point,
-        grid: grid.as_ref().map(GridFigures::of),
-    };
-    let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
-    match &grid {
-        Some(grid) => write_grid(&args.output, grid)?,
-        None => write_map(&args.output, &map, encoding)?,
-    }
-    print(args.json, &built, |built| text(built, args))?;
-    Ok(tell_losses(&args.log.log, &source))
+    Ok(Fitted { initial, map, report })
 }
 
-/// What `--init` and its companions mean; combinations that mean nothing are usage errors.
-fn initial_settings(args: &MapArgs) -> InitialMap<2> {
+impl<const D: usize> Fitted<D> {
+    /// What is told of it.
+    fn built(
+        &self,
+        data: &PointSet<D>,
+        grid: Option<GridFigures>,
+        args: &MapArgs,
+    ) -> Result<Built> {
+        let Fitted { initial, map, report } = self;
+        // Likelihoods cost more than the sampling itself: only where somebody looks at them.
+        let wanted = args.json || report.is_some();
+        let likelihood = |map: &PointMap<D>| match wanted {
+            true => {
+                mixture_log_likelihood(data, map, args.sigma).map(|found| Some(found.per_point))
+            }
+            false => Ok(None),
+        };
+        let log_likelihood_per_point = likelihood(map)?;
+        Ok(Built {
+            dimensions: D,
+            points: data.len(),
+            map_points: map.len(),
+            cell_m: initial.cell,
+            offset_m: initial.offset.map(|offset| offset.to_vec()),
+            iterations: report.as_ref().map_or(0, |report| report.evaluations - 1),
+            converged: report.as_ref().map(|report| report.converged),
+            log_likelihood_trace: match report {
+                Some(report) => report.steps.iter().map(|step| step.log_likelihood).collect(),
+                // Without a refinement a point map written is the initial one.
+                None if grid.is_none() => log_likelihood_per_point.into_iter().collect(),
+                None => likelihood(&initial.map)?.into_iter().collect(),
+            },
+            steps: report.as_ref().map_or(Vec::new(), |report| report.steps.clone()),
+            log_likelihood_per_point,
+            grid,
+        })
+    }
+}
+
+/// Usage errors: combinations of `--init` and its companions that mean nothing.
+fn check_arguments(args: &MapArgs) {
+    refine_settings(args);
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
         refuse("--cell and --offset go with --init grid");
     }
-    let offset = args.offset.map_or(GridOffset::ORIGIN, GridOffset::Metres);
+    // Seen before the log is read.
+    initial_settings::<2>(args, GridOffset::ORIGIN);
+}
+
+/// What `--init` and its companions mean.
+fn initial_settings<const D: usize>(args: &MapArgs, offset: GridOffset<D>) -> InitialMap<D> {
     match (args.init, args.size, args.cell) {
         (Init::All, Some(_), _) => {
             refuse("--init all takes every point: --size does not go with it")
@@ -151,12 +251,12 @@ fn refine_settings(args: &MapArgs) -> Option<RefineSettings> {
 }
 
 /// A refinement with a line that tells how far it is.
-fn refined(
+fn refined<const D: usize>(
     settings: &RefineSettings,
-    data: &PointSet<2>,
-    initial: &PointMap<2>,
+    data: &PointSet<D>,
+    initial: &PointMap<D>,
     global: &Global,
-) -> Result<Refined<2>> {
+) -> Result<Refined<D>> {
     let bar = progress::spinner(settings.method.name(), global.quiet);
     let observe = |step: &RefineStep| {
         let RefineStep { evaluations, log_likelihood, .. } = step;
@@ -175,8 +275,9 @@ fn text(built: &Built, args: &MapArgs) -> String {
         thousands(built.points),
         100.0 * built.map_points as f64 / built.points as f64
     );
-    if let (Some(cell), Some([x, y])) = (built.cell_m, built.offset_m) {
-        text += &format!("\ngrid: cells of {cell:.6} m, corner at ({x:.3}, {y:.3}) m");
+    if let (Some(cell), Some(offset)) = (built.cell_m, &built.offset_m) {
+        let corner: Vec<String> = offset.iter().map(|value| format!("{value:.3}")).collect();
+        text += &format!("\ngrid: cells of {cell:.6} m, corner at ({}) m", corner.join(", "));
     }
     if let Some(grid) = &built.grid {
         text += &format!("\n{}", grid.text());

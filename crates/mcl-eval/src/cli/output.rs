@@ -5,13 +5,14 @@ use std::io::{self, Write};
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
+use mcl_datasets::log::ReadReport;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
 use super::Outcome;
 use super::args::Cli;
 use crate::progress::tell;
-use crate::source::LogSource;
+use crate::source::{DataSource, LogSource};
 
 /// Prints a result as one JSON object, or as lines of text.
 ///
@@ -63,10 +64,21 @@ fn indent_of(line: &str, width: usize) -> usize {
 
 /// Says on stderr what a log left open and what of it was lost, and whether anything was.
 pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
-    for assumption in &source.assumptions {
+    tell_of(name, &source.assumptions, &source.report)
+}
+
+/// [`tell_losses`] of a log or a point cloud.
+pub fn tell_data_losses(name: &str, source: &DataSource) -> Outcome {
+    match source {
+        DataSource::Log(log) => tell_losses(name, log),
+        DataSource::Cloud(cloud) => tell_of(name, &cloud.assumptions, &cloud.report),
+    }
+}
+
+fn tell_of(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
+    for assumption in assumptions {
         tell!("warning: {name}: {assumption}");
     }
-    let report = &source.report;
     if report.is_complete() {
         return Outcome::Done;
     }

@@ -6,11 +6,11 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs};
-use super::output::{print, tell_losses, told_once};
+use super::output::{print, tell_data_losses, told_once};
 use crate::experiment::{Experiment, RankedSetting, TrialOutcome, pause_saving};
 use crate::progress::tell;
 use crate::results::{self, RunOptions};
-use crate::source::{LogSource, SourceOptions};
+use crate::source::{DataSource, SourceOptions};
 
 #[derive(Serialize)]
 struct Ran {
@@ -40,16 +40,21 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         false => args.datasets.clone(),
         true => at_hand(&experiment, global)?,
     };
-    let options =
-        SourceOptions { max_range: args.max_range, reference: None, topics: args.topics.choice() };
+    let options = SourceOptions {
+        max_range: args.max_range,
+        topics: args.topics.choice(),
+        cloud_topic: args.cloud.cloud_topic.clone(),
+        dimensions: args.cloud.dimensions.map(usize::from),
+        ..SourceOptions::default()
+    };
     let mut total = TrialOutcome { done: 0, failed: 0 };
     let mut complete = true;
     let mut folders: Vec<PathBuf> = Vec::new();
     let mut lost = Vec::new();
     for dataset in &names {
-        let source = LogSource::open(dataset, &options)?;
-        complete &= tell_losses(dataset, &source) == Outcome::Done;
-        let folder = args.output.join(&name).join(&source.name);
+        let source = DataSource::open(dataset, &options, false)?;
+        complete &= tell_data_losses(dataset, &source) == Outcome::Done;
+        let folder = args.output.join(&name).join(source.name());
         if folders.contains(&folder) {
             bail!("{dataset}: the results of another log of this name are in {}", folder.display());
         }

@@ -1,12 +1,12 @@
 use std::io::Write;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use mcl_core::Seed;
+use mcl_core::{PointMap, Seed};
 use mcl_datasets::carmen;
-use mcl_datasets::simulator::{OfficeSettings, simulate};
-use mcl_maps::files::write_atomically;
+use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate, simulate_cloud};
+use mcl_maps::files::{Encoding, check_writable, is_point_cloud, write_atomically, write_map};
 use serde::Serialize;
 
 use super::Outcome;
@@ -20,7 +20,16 @@ struct Simulated {
     path_length_m: f64,
 }
 
+#[derive(Serialize)]
+struct SimulatedCloud {
+    dimensions: usize,
+    points: usize,
+}
+
 pub fn run(args: &SimulateArgs) -> Result<Outcome> {
+    if args.three_dimensional {
+        return simulate_in_space(args);
+    }
     let recording = simulate(&OfficeSettings::default(), Seed::new(args.seed))?;
     let comments = [
         format!("mcl-eval {}: simulated office, seed {}", env!("CARGO_PKG_VERSION"), args.seed),
@@ -49,6 +58,22 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
             thousands(found.readings),
             found.path_length_m
         )
+    })?;
+    Ok(Outcome::Done)
+}
+
+fn simulate_in_space(args: &SimulateArgs) -> Result<Outcome> {
+    let path = &args.output;
+    if !is_point_cloud(path) {
+        bail!("{}: expected a point cloud in three dimensions: .ply, .pcd or .csv", path.display());
+    }
+    check_writable(path)?;
+    let seed = Seed::new(args.seed);
+    let points = simulate_cloud(&OfficeSettings::default(), &LidarSettings::default(), seed)?;
+    let simulated = SimulatedCloud { dimensions: 3, points: points.len() };
+    write_map(path, &PointMap::new(points)?, Encoding::Binary)?;
+    print(args.json, &simulated, |found| {
+        format!("{}: {} points in three dimensions", path.display(), thousands(found.points))
     })?;
     Ok(Outcome::Done)
 }

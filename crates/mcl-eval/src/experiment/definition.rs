@@ -228,6 +228,10 @@ pub struct ExperimentDataset {
     /// Sizes for this data set instead of the experiment's.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sizes: Vec<SizeGroup>,
+    /// In three dimensions, figures leave out points above this height (m), such as a ceiling that hides the
+    /// rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hide_above: Option<f64>,
 }
 
 impl Experiment {
@@ -296,6 +300,11 @@ impl LikelihoodExperiment {
             tolerance: self.tolerance,
             max_iterations: self.max_iterations,
         }
+    }
+
+    /// The height above which figures leave out points of a data set, in m.
+    pub fn hide_above(&self, dataset: &str) -> Option<f64> {
+        self.datasets.iter().find(|listed| listed.name == dataset)?.hide_above
     }
 
     /// Sizes and repeats for a data set: its own, or the experiment's.

@@ -36,7 +36,7 @@ impl Builder {
     }
 
     /// The initial map of `size` that belongs to a seed.
-    pub fn initial(self, size: MapSize, seed: u64) -> InitialMap<2> {
+    pub fn initial<const D: usize>(self, size: MapSize, seed: u64) -> InitialMap<D> {
         let seed = Seed::new(seed);
         match self {
             Builder::Random => InitialMap::Random { size, seed },
@@ -145,10 +145,10 @@ impl LikelihoodTrial {
 ///
 /// # Errors
 /// When the map cannot be built.
-pub fn run_likelihood_trial(
+pub fn run_likelihood_trial<const D: usize>(
     experiment: &LikelihoodExperiment,
     dataset: &str,
-    data: &PointSet<2>,
+    data: &PointSet<D>,
     trial: &LikelihoodTrial,
     watch: &mut Stopwatch,
 ) -> Result<LikelihoodRow> {
@@ -163,7 +163,8 @@ pub fn run_likelihood_trial(
     watch.lap("likelihood");
 
     let trace = &report.log_likelihood_trace;
-    let axis = |axis: usize| initial.offset.map(|offset: Point<2>| offset[axis]);
+    // A third one follows from the seed, as these do.
+    let axis = |axis: usize| initial.offset.map(|offset: Point<D>| offset[axis]);
     Ok(LikelihoodRow {
         dataset: dataset.to_owned(),
         builder: trial.builder,

@@ -8,7 +8,7 @@ use super::Kind;
 use super::definition::Definition;
 use super::store::write_atomically;
 use crate::cli::thousands;
-use crate::source::{LogSource, digest};
+use crate::source::{DataSource, LogSource, digest};
 
 /// Keys of a definition that may differ between a run and the one it goes on from: they add trials or
 /// concern figures, but change no row.
@@ -38,25 +38,57 @@ pub struct DatasetFacts {
     pub title: String,
     /// SHA-256 of the recording's content, whatever the file it came from.
     pub sha256: String,
-    /// Number of scans.
+    /// Dimensions of its points.
+    #[serde(default = "planar", skip_serializing_if = "is_planar")]
+    pub dimensions: usize,
+    /// Number of scans or clouds.
     pub scans: usize,
-    /// Largest reading that counted, in metres.
-    pub max_range: f64,
+    /// Largest reading that counted, in metres; of a point cloud without limit none.
+    pub max_range: Option<f64>,
     /// Number of points.
     pub points: usize,
     /// Malformed records that were skipped.
     pub skipped_records: usize,
 }
 
+const fn planar() -> usize {
+    2
+}
+
+fn is_planar(dimensions: &usize) -> bool {
+    *dimensions == planar()
+}
+
 impl DatasetFacts {
+    /// The facts of an open log or point cloud.
+    ///
+    /// # Errors
+    /// When a log has no points.
+    pub fn of_data(source: &DataSource) -> Result<Self> {
+        Ok(match source {
+            DataSource::Log(log) => Self::of(log, log.points()?.len()),
+            DataSource::Cloud(cloud) => DatasetFacts {
+                name: cloud.name.clone(),
+                title: cloud.title.clone(),
+                sha256: cloud.digest(),
+                dimensions: cloud.points.dimensions(),
+                scans: cloud.clouds,
+                max_range: cloud.max_range,
+                points: cloud.points.len(),
+                skipped_records: cloud.report.skipped,
+            },
+        })
+    }
+
     /// The facts of an open log with its number of points.
     pub fn of(source: &LogSource, points: usize) -> Self {
         DatasetFacts {
             name: source.name.clone(),
             title: source.title.clone(),
             sha256: digest(&source.recording),
+            dimensions: 2,
             scans: source.recording.scans.len(),
-            max_range: source.max_range,
+            max_range: Some(source.max_range),
             points,
             skipped_records: source.report.skipped,
         }
@@ -66,13 +98,12 @@ impl DatasetFacts {
 impl DatasetFacts {
     /// "Intel Research Lab: 910 scans, 155,648 points with 0 < r ≤ 10 m", for captions.
     pub fn describe(&self) -> String {
-        format!(
-            "{}: {} scans, {} points with 0 < r ≤ {} m",
-            self.title,
-            thousands(self.scans),
-            thousands(self.points),
-            self.max_range
-        )
+        let scans = match (self.dimensions, self.scans) {
+            (3, _) => "three dimensions".to_owned(),
+            (_, scans) => format!("{} scans", thousands(scans)),
+        };
+        let range = self.max_range.map_or(String::new(), |m| format!(" with 0 < r ≤ {m} m"));
+        format!("{}: {scans}, {} points{range}", self.title, thousands(self.points))
     }
 }
 
@@ -179,8 +210,9 @@ mod tests {
             name: "office".into(),
             title: "Office".into(),
             sha256: "00".into(),
+            dimensions: 2,
             scans: 1,
-            max_range: 10.0,
+            max_range: Some(10.0),
             points: 180,
             skipped_records: 0,
         };

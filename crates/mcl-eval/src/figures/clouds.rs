@@ -19,8 +19,6 @@ use super::{FigureError, render_error};
 /// Largest height of a panel on its own, and of one among several.
 const TALLEST: [f64; 2] = [560.0, 420.0];
 const GAP: f64 = 16.0;
-const X_LABEL: &str = "x [m]";
-const Y_LABEL: &str = "y [m]";
 /// Panels narrower than this go to the next row.
 const NARROWEST: f64 = 150.0;
 
@@ -31,8 +29,24 @@ pub struct CloudFigure<'a> {
     pub panels: Vec<CloudPanel<'a>>,
     /// How the panels stand.
     pub arrangement: Arrangement,
+    /// What stands at the axes.
+    pub labels: CloudLabels,
     /// Paragraphs beneath: the data set, the settings.
     pub caption: Vec<String>,
+}
+
+/// The labels of the axes of a [`CloudFigure`], with their unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CloudLabels {
+    /// Of the horizontal axis.
+    pub x: &'static str,
+    /// Of the vertical axis.
+    pub y: &'static str,
+}
+
+impl CloudLabels {
+    /// Of a map in the plane.
+    pub const PLANE: CloudLabels = CloudLabels { x: "x [m]", y: "y [m]" };
 }
 
 /// How panels stand to each other.
@@ -51,6 +65,8 @@ pub struct CloudPanel<'a> {
     pub title: String,
     /// The points (m); those that are not finite are left out, and the caption says so.
     pub points: &'a [Point<2>],
+    /// Of each point, from 0 (dark blue) to 1 (yellow), drawn in this order; empty: all points are black.
+    pub shades: &'a [f64],
     /// Lines over the points, drawn in this order.
     pub paths: Vec<CloudPath<'a>>,
 }
@@ -136,6 +152,7 @@ pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], Fi
 }
 
 fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
+    let CloudLabels { x: x_label, y: y_label } = figure.labels;
     let mut page = Page::new();
     let paths = figure.panels.iter().flat_map(|panel| &panel.paths);
     page.legend(paths.map(|path| (path.label.as_str(), path.style)), false)?;
@@ -143,7 +160,7 @@ fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
     let [x, y] = [0, 1].map(|axis| Axis::over([view.low[axis], view.high[axis]], Scale::Linear));
     let tallest = TALLEST[usize::from(figure.panels.len() > 1)];
     // The most labels that the y axis could have; how high it is depends on the room they take.
-    let left = left_room(&y.clone().with_ticks(tallest, along_y), Y_LABEL).ceil();
+    let left = left_room(&y.clone().with_ticks(tallest, along_y), y_label).ceil();
     let free = INNER - left;
     let columns = match figure.arrangement {
         Arrangement::Stacked => 1,
@@ -166,18 +183,18 @@ fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
             row.iter().map(|panel| wrap(&panel.title, &text::title(), room)).collect();
         let heights = titles.iter().map(|lines| height(lines, &text::title()));
         let above = page.take((heights.fold(0.0, f64::max) + TITLE_GAP).ceil());
-        let below = page.take(window[1] + bottom_room(X_LABEL));
+        let below = page.take(window[1] + bottom_room(x_label));
         for (column, (panel, title)) in row.iter().zip(&titles).enumerate() {
             let at = left + indent + (width + GAP) * column as f64;
             draw_lines(&above.margin(0, 0, units(at), 0), title, &text::title())?;
             // The first panel of a row has labels at its y axis, the others only ticks.
             let (y, y_label, left) = match column {
-                0 => (y.clone(), Y_LABEL, left),
+                0 => (y.clone(), y_label, left),
                 _ => (y.clone().without_labels(), "", GAP),
             };
             let beyond = units(INNER - at - width);
             let area = below.margin(0, 0, units(at - left), beyond);
-            let chart = draw_axes(&area, left, [x.clone(), y], [X_LABEL, y_label], false)?;
+            let chart = draw_axes(&area, left, [x.clone(), y], [x_label, y_label], false)?;
             draw_panel(&chart, panel, window)?;
         }
         page.take(8.0);
@@ -204,7 +221,11 @@ fn draw_panel(
     };
     let points = place(panel.points);
     let mut raster = Raster::new(width, height).ok_or(DrawError::LayoutError)?;
-    raster.draw_points(&points);
+    // Shades and points belong together only as long as no point is left out.
+    match panel.shades.len() == points.len() && !points.is_empty() {
+        true => raster.draw_shaded(&points, panel.shades),
+        false => raster.draw_points(&points),
+    }
     for path in &panel.paths {
         raster.draw_path(&place(path.points), path.style);
     }

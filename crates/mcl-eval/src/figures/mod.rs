@@ -26,7 +26,7 @@ use mcl_core::memory::check_room;
 use resvg::{tiny_skia, usvg};
 
 pub use axis::Scale;
-pub use clouds::{Arrangement, CloudFigure, CloudPanel, CloudPath, draw_clouds};
+pub use clouds::{Arrangement, CloudFigure, CloudLabels, CloudPanel, CloudPath, draw_clouds};
 pub use curves::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, Interval, draw_curve_file, draw_curves,
 };

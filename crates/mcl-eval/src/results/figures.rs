@@ -12,8 +12,8 @@ use super::{FIGURES, MAPS, SUMMARY};
 use crate::cli::thousands;
 use crate::experiment::{Builder, LikelihoodExperiment, Manifest, SummaryRow, read_rows};
 use crate::figures::{
-    Arrangement, AxisSpec, CloudFigure, CloudPanel, Curve, CurveFigure, CurvePanel, CurvePoint,
-    CurveStyle, Interval, Scale, draw_clouds, draw_curves,
+    Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, Curve, CurveFigure, CurvePanel,
+    CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
 };
 
 /// Draws figures 1 to 4.
@@ -25,13 +25,16 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
         definition: manifest.definition()?,
         manifest,
     };
+    if drawing.manifest.dataset.dimensions == 3 {
+        return drawing.in_space();
+    }
     let drawn =
         [drawing.overview()?, drawing.comparison()?, drawing.points()?, drawing.likelihood()?];
     Ok(drawn.concat())
 }
 
 /// The saved maps.
-struct Maps {
+pub(super) struct Maps {
     folder: PathBuf,
     rows: Vec<MapRow>,
 }
@@ -41,23 +44,23 @@ impl Maps {
         Ok(Maps { folder: folder.to_owned(), rows: read_rows(&folder.join(INDEX))? })
     }
 
-    fn row(&self, name: &str) -> Result<&MapRow> {
+    pub(super) fn row(&self, name: &str) -> Result<&MapRow> {
         self.rows.iter().find(|row| row.name == name).with_context(|| {
             format!("{} has no row for map {name}", self.folder.join(INDEX).display())
         })
     }
 
-    fn points(&self, name: &str) -> Result<PointMap<2>> {
+    pub(super) fn points<const D: usize>(&self, name: &str) -> Result<PointMap<D>> {
         Ok(read_map(self.folder.join(file_name(name)))?)
     }
 }
 
-struct Drawing {
-    manifest: Manifest,
-    definition: LikelihoodExperiment,
-    maps: Maps,
+pub(super) struct Drawing {
+    pub manifest: Manifest,
+    pub definition: LikelihoodExperiment,
+    pub maps: Maps,
     summary: Vec<SummaryRow>,
-    figures: PathBuf,
+    pub figures: PathBuf,
 }
 
 impl Drawing {
@@ -116,7 +119,7 @@ impl Drawing {
 
     /// Figure 4: likelihood against map size, all sizes above and up to 10 % beneath as in the paper;
     /// last the sizes whose likelihoods lie too close together to be told apart there.
-    fn likelihood(&self) -> Result<[PathBuf; 2]> {
+    pub(super) fn likelihood(&self) -> Result<[PathBuf; 2]> {
         let panel = |title: &str, sizes: RangeInclusive<f64>, x: Scale, y: Scale| {
             let axis =
                 |label: &str, scale| AxisSpec { label: label.to_owned(), scale, range: None };
@@ -188,7 +191,7 @@ impl Drawing {
     }
 
     /// A map's name with its size and likelihood.
-    fn title(&self, what: &str, name: &str) -> Result<String> {
+    pub(super) fn title(&self, what: &str, name: &str) -> Result<String> {
         let row = self.maps.row(name)?;
         let percent = 100.0 * row.points as f64 / self.manifest.dataset.points as f64;
         let mut title = format!("{what}: {} points ({percent:.2} %)", thousands(row.points));
@@ -205,14 +208,15 @@ impl Drawing {
         arrangement: Arrangement,
         caption: String,
     ) -> Result<[PathBuf; 2]> {
-        let figure = CloudFigure { panels, arrangement, caption: vec![caption] };
+        let figure =
+            CloudFigure { panels, arrangement, labels: CloudLabels::PLANE, caption: vec![caption] };
         Ok(draw_clouds(&self.figures.join(name), &figure)?)
     }
 }
 
 fn panel(title: String, map: &PointMap<2>) -> CloudPanel<'_> {
     let points: &[Point<2>] = map.points();
-    CloudPanel { title, points, paths: Vec::new() }
+    CloudPanel { title, points, shades: &[], paths: Vec::new() }
 }
 
 /// Wide buildings above each other, others beside each other.

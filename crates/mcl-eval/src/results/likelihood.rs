@@ -2,39 +2,54 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use anyhow::Result;
+use mcl_core::Point;
 use mcl_maps::PointSet;
 
 use super::{MAPS, RunOptions, SUMMARY, TESTS, TRIALS, Trials, draw_figures, maps, prepare};
+use crate::cloud_source::Points;
 use crate::experiment::{
     DatasetFacts, Kind, LikelihoodExperiment, LikelihoodRow, Manifest, TrialOutcome, TrialStore,
     run_likelihood_trial, summarize, test_improvement, trials, write_rows,
 };
-use crate::source::LogSource;
+use crate::source::DataSource;
 
-/// Runs a likelihood experiment on one log; see [`super::run_experiment`].
+/// Runs a likelihood experiment on one log or point cloud; see [`super::run_experiment`].
 pub(super) fn run(
     experiment: &LikelihoodExperiment,
     name: &str,
-    source: &LogSource,
+    source: &DataSource,
     folder: &Path,
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
-    let points = source.points()?;
-    let facts = DatasetFacts::of(source, points.len());
-    let manifest = Manifest::new(name, Kind::Likelihood, experiment, facts)?;
-    let prepared = prepare(folder, &manifest, options.fresh)?;
+    let manifest =
+        Manifest::new(name, Kind::Likelihood, experiment, DatasetFacts::of_data(source)?)?;
+    match source.points()? {
+        Points::Planar(points) => run_on(points, experiment, &manifest, folder, options),
+        Points::Spatial(points) => run_on(points, experiment, &manifest, folder, options),
+    }
+}
+
+fn run_on<const D: usize>(
+    points: Vec<Point<D>>,
+    experiment: &LikelihoodExperiment,
+    manifest: &Manifest,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<TrialOutcome> {
+    let dataset = manifest.dataset.name.as_str();
+    let prepared = prepare(folder, manifest, options.fresh)?;
     let data = PointSet::new(points)?;
 
     let mut store = TrialStore::open(&folder.join(TRIALS))?;
     let saved: HashSet<_> =
         store.rows().iter().map(|row: &LikelihoodRow| identity(row.key())).collect();
     let (done, pending): (Vec<_>, Vec<_>) =
-        trials(experiment, &source.name, experiment.sizes_for(&source.name), data.len())
+        trials(experiment, dataset, experiment.sizes_for(dataset), data.len())
             .into_iter()
             .partition(|trial| saved.contains(&identity(trial.key())));
-    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let trials = Trials { dataset, folder, done, pending };
     let outcome = trials.run(&mut store, options, |trial, watch| {
-        Ok(vec![run_likelihood_trial(experiment, &source.name, &data, trial, watch)?])
+        Ok(vec![run_likelihood_trial(experiment, dataset, &data, trial, watch)?])
     })?;
     let rows = store.finish(LikelihoodRow::key)?;
     write_rows(&folder.join(SUMMARY), &summarize(&rows)?)?;
@@ -48,7 +63,7 @@ pub(super) fn run(
         .transpose()?
         .is_some_and(|earlier| earlier.figures == experiment.figures);
     if !unchanged || !maps::complete(&folder_of_maps) {
-        maps::build(experiment, &source.name, &data, &folder_of_maps)?;
+        maps::build(experiment, dataset, &data, &folder_of_maps)?;
     }
     draw_figures(folder)?;
     Ok(outcome)

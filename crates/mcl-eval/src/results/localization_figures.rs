@@ -14,8 +14,8 @@ use crate::experiment::{
     LocalizationExperiment, LocalizationSummaryRow, Manifest, MapStrategy, Split, read_rows,
 };
 use crate::figures::{
-    Arrangement, AxisSpec, CloudFigure, CloudPanel, CloudPath, Curve, CurveFigure, CurvePanel,
-    CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
+    Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure,
+    CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
 };
 
 /// Draws figure 5 of each split, and the trajectory figures.
@@ -136,9 +136,11 @@ impl Drawing {
             panels: vec![CloudPanel {
                 title: format!("map of {} points (gbs+f-km)", thousands(map.len())),
                 points: map.points(),
+                shades: &[],
                 paths: vec![path("reference", 2, &reference), path("estimate", 1, &estimate)],
             }],
             arrangement: Arrangement::Stacked,
+            labels: CloudLabels::PLANE,
             caption: vec![format!(
                 "{}. Run 0 with {} particles. {}.",
                 self.manifest.dataset.describe(),

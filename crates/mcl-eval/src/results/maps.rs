@@ -68,15 +68,15 @@ pub(super) fn complete(folder: &Path) -> bool {
 }
 
 /// Builds and saves the maps that figures show. Grids lie at the origin, as in the paper.
-pub(super) fn build(
+pub(super) fn build<const D: usize>(
     experiment: &LikelihoodExperiment,
     dataset: &str,
-    data: &PointSet<2>,
+    data: &PointSet<D>,
     folder: &Path,
 ) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut rows = Vec::new();
-    let mut save = |name: &str, map: &PointMap<2>, cell_m, seed, scored: bool| -> Result<()> {
+    let mut save = |name: &str, map: &PointMap<D>, cell_m, seed, scored: bool| -> Result<()> {
         write_map(folder.join(file_name(name)), map, Encoding::Binary)?;
         let log_likelihood = match scored {
             true => Some(mixture_log_likelihood(data, map, experiment.sigma)?.per_point),
@@ -92,7 +92,7 @@ pub(super) fn build(
     };
     save(ALL, &PointMap::new(data.points().to_vec())?, None, None, false)?;
 
-    let overview: BuiltMap<2> = initial_map(data, &grid(experiment.figures.overview))?;
+    let overview: BuiltMap<D> = initial_map(data, &grid(experiment.figures.overview))?;
     save(OVERVIEW, &overview.map, overview.cell, None, true)?;
     let (means, _) = fuzzy_k_means(data, &overview.map, &experiment.fkm(), |_, _| {})?;
     save(OVERVIEW_IMPROVED, &overview.snapped(data, &means)?.map, overview.cell, None, true)?;

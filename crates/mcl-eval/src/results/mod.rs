@@ -14,6 +14,7 @@
 
 mod compare;
 mod figures;
+mod figures_in_space;
 mod likelihood;
 mod localization;
 mod localization_figures;
@@ -42,7 +43,7 @@ use crate::experiment::{
     run_trials, write_rows,
 };
 use crate::progress::{self, tell};
-use crate::source::LogSource;
+use crate::source::DataSource;
 
 pub(crate) use maps::ComparisonMaps;
 
@@ -65,7 +66,7 @@ pub struct RunOptions {
     pub quiet: bool,
 }
 
-/// Runs an experiment on one log into `folder`, going on where an earlier run stopped, then
+/// Runs an experiment on one log or point cloud into `folder`, going on where an earlier run stopped, then
 /// summarizes and draws. The rows of trials that succeeded are kept whatever happens.
 ///
 /// # Errors
@@ -74,7 +75,7 @@ pub struct RunOptions {
 pub fn run_experiment(
     experiment: &Experiment,
     name: &str,
-    source: &LogSource,
+    source: &DataSource,
     folder: &Path,
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
@@ -83,13 +84,13 @@ pub fn run_experiment(
             likelihood::run(definition, name, source, folder, options)
         }
         Experiment::Localization(definition) => {
-            localization::run(definition, name, source, folder, options)
+            localization::run(definition, name, source.log()?, folder, options)
         }
         Experiment::Sensitivity(definition) => {
-            sensitivity::run(definition, name, source, folder, options)
+            sensitivity::run(definition, name, source.log()?, folder, options)
         }
         Experiment::Refinement(definition) => {
-            refinement::run(definition, name, source, folder, options)
+            refinement::run(definition, name, source.log()?, folder, options)
         }
     }
 }

@@ -6,16 +6,54 @@ use super::{MapProblem, Place};
 
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
+/// What becomes of a point with a coordinate that is NaN or infinite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum NotFinite {
+    /// It is an error: maps have no such points.
+    Refused,
+    /// It is no measurement, and left out: scanners write such points where nothing came back.
+    LeftOut,
+}
+
 /// Where x, y and z stand among the columns of a file.
 pub(super) struct Axes<const D: usize> {
     columns: [usize; D],
     /// The z column of a file read as a planar map: it must be 0 everywhere.
     flat: Option<usize>,
+    not_finite: NotFinite,
+}
+
+/// The points of a file, in its order.
+pub(super) struct Parsed<const D: usize> {
+    pub points: Vec<Point<D>>,
+    /// Points left out because a coordinate was NaN or infinite.
+    pub left_out: usize,
+}
+
+impl<const D: usize> Parsed<D> {
+    pub(super) fn new() -> Self {
+        Parsed { points: Vec::new(), left_out: 0 }
+    }
+
+    /// Points of the file so far.
+    pub(super) fn count(&self) -> usize {
+        self.points.len() + self.left_out
+    }
+
+    pub(super) fn push(&mut self, point: Option<Point<D>>) {
+        match point {
+            Some(point) => self.points.push(point),
+            None => self.left_out += 1,
+        }
+    }
 }
 
 impl<const D: usize> Axes<D> {
     /// Finds the coordinates by name, upper or lower case, in any order.
-    pub(super) fn find<S: AsRef<str>>(names: &[S]) -> Result<Self, MapProblem> {
+    pub(super) fn find<S: AsRef<str>>(
+        names: &[S],
+        not_finite: NotFinite,
+    ) -> Result<Self, MapProblem> {
         let found = || {
             let quoted: Vec<_> = names.iter().map(|name| format!("{:?}", name.as_ref())).collect();
             if quoted.is_empty() { "no columns".to_owned() } else { quoted.join(", ") }
@@ -34,15 +72,23 @@ impl<const D: usize> Axes<D> {
                 .ok_or_else(|| MapProblem::MissingColumn { column, found: found() })?;
         }
         let flat = if D == 2 { position("z")? } else { None };
-        Ok(Axes { columns, flat })
+        Ok(Axes { columns, flat, not_finite })
     }
 
-    /// The point of one row; `value` reads the coordinate of a column by its index and name.
+    /// The point of one row, unless it is left out; `value` reads the coordinate of a column by its index
+    /// and name.
     pub(super) fn point(
         &self,
         place: Place,
         value: impl Fn(usize, &'static str) -> Result<f64, MapProblem>,
-    ) -> Result<Point<D>, MapProblem> {
+    ) -> Result<Option<Point<D>>, MapProblem> {
+        if self.not_finite == NotFinite::LeftOut {
+            let mut point = [0.0; D];
+            for ((coordinate, &index), column) in point.iter_mut().zip(&self.columns).zip(AXES) {
+                *coordinate = value(index, column)?;
+            }
+            return Ok(point.iter().all(|coordinate| coordinate.is_finite()).then_some(point));
+        }
         let finite = |index, column| {
             let found = value(index, column)?;
             if found.is_finite() {
@@ -70,7 +116,7 @@ impl<const D: usize> Axes<D> {
                 });
             }
         }
-        Ok(point)
+        Ok(Some(point))
     }
 }
 

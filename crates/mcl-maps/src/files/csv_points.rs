@@ -5,7 +5,7 @@ use std::io;
 use csv::{ErrorKind, Position, ReaderBuilder, StringRecord, Trim, Writer};
 use mcl_core::Point;
 
-use super::columns::{AXES, Axes, parse_number};
+use super::columns::{AXES, Axes, NotFinite, Parsed, parse_number};
 use super::{MapProblem, Place};
 
 pub(super) fn encode<const D: usize>(points: &[Point<D>]) -> io::Result<Vec<u8>> {
@@ -18,11 +18,14 @@ pub(super) fn encode<const D: usize>(points: &[Point<D>]) -> io::Result<Vec<u8>>
     writer.into_inner().map_err(|error| error.into_error())
 }
 
-pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapProblem> {
+pub(super) fn parse<const D: usize>(
+    bytes: &[u8],
+    not_finite: NotFinite,
+) -> Result<Parsed<D>, MapProblem> {
     let mut reader = ReaderBuilder::new().trim(Trim::All).comment(Some(b'#')).from_reader(bytes);
     let header: Vec<String> =
         reader.headers().map_err(|error| problem(bytes, &error))?.iter().map(Into::into).collect();
-    let axes = Axes::find(&header).map_err(|missing| match missing {
+    let axes = Axes::find(&header, not_finite).map_err(|missing| match missing {
         MapProblem::MissingColumn { column, found }
             if header.iter().any(|name| is_number(name)) =>
         {
@@ -33,7 +36,7 @@ pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapPr
         }
         other => other,
     })?;
-    let mut points = Vec::new();
+    let mut points = Parsed::new();
     let mut record = StringRecord::new();
     while reader.read_record(&mut record).map_err(|error| problem(bytes, &error))? {
         let place = Place::Line(line_of(bytes, record.position()));

@@ -35,6 +35,12 @@ pub enum MapFileError {
         /// The file.
         path: PathBuf,
     },
+    /// A grid map was named where points are wanted.
+    #[error("{}: a grid map, expected a point cloud: .ply, .pcd or .csv", path.display())]
+    NoCloud {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file could not be read at all.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {
@@ -161,6 +167,15 @@ pub enum MapProblem {
     /// No points, or coordinates too large for a map.
     #[error("{0}")]
     Points(CoreError),
+    /// A cloud without a single measured point.
+    #[error(
+        "no point in it{}",
+        if *not_finite == 0 { String::new() } else { format!(": the coordinates of all {not_finite} points are not finite") }
+    )]
+    NoMeasurement {
+        /// Points left out.
+        not_finite: usize,
+    },
     /// No grid of this size and resolution.
     #[error("{0}")]
     Grid(GridError),

@@ -20,6 +20,9 @@
 //! wants another resolution, or free space, makes the grid ([`crate::occupancy`]) and calls
 //! [`write_grid`].
 //!
+//! A point cloud as a scanner wrote it is data, not a map: [`read_cloud`] takes either dimension, and leaves out
+//! the points that are no measurement.
+//!
 //! # Example
 //! ```
 //! use mcl_core::PointMap;
@@ -36,6 +39,7 @@
 //! ```
 
 mod atomic;
+mod cloud;
 mod columns;
 mod csv_points;
 mod error;
@@ -47,11 +51,13 @@ mod text_rows;
 use std::io;
 use std::path::Path;
 
-use mcl_core::{Point, PointMap};
+use mcl_core::PointMap;
 
 use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
+use columns::{NotFinite, Parsed};
 
 pub use atomic::{is_leftover, temporary_beside, write_atomically};
+pub use cloud::{PointCloud, is_point_cloud, read_cloud};
 pub use error::{MapFileError, MapProblem, Place};
 pub use map_server::{encode_grid, parse_grid, read_grid, write_grid};
 
@@ -83,12 +89,20 @@ impl PointFormat {
     /// [`MapProblem`] says what is wrong with it.
     pub fn parse<const D: usize>(self, bytes: &[u8]) -> Result<PointMap<D>, MapProblem> {
         const { planar_or_spatial(D) };
-        let points: Vec<Point<D>> = match self {
-            PointFormat::Csv => csv_points::parse(bytes),
-            PointFormat::Ply => ply_points::parse(bytes),
-            PointFormat::Pcd => pcd_points::parse(bytes),
-        }?;
-        PointMap::new(points).map_err(MapProblem::Points)
+        let parsed = self.parse_points(bytes, NotFinite::Refused)?;
+        PointMap::new(parsed.points).map_err(MapProblem::Points)
+    }
+
+    fn parse_points<const D: usize>(
+        self,
+        bytes: &[u8],
+        not_finite: NotFinite,
+    ) -> Result<Parsed<D>, MapProblem> {
+        match self {
+            PointFormat::Csv => csv_points::parse(bytes, not_finite),
+            PointFormat::Ply => ply_points::parse(bytes, not_finite),
+            PointFormat::Pcd => pcd_points::parse(bytes, not_finite),
+        }
     }
 
     /// The content of the file of a map.

@@ -5,7 +5,7 @@ use std::io::{self, Cursor};
 use mcl_core::Point;
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, Schema, ValueKind, WriterInit};
 
-use super::columns::{AXES, Axes, with_height};
+use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
 use super::{Encoding, MapProblem, Place};
 
@@ -42,7 +42,10 @@ pub(super) fn encode<const D: usize>(
     Ok(bytes)
 }
 
-pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapProblem> {
+pub(super) fn parse<const D: usize>(
+    bytes: &[u8],
+    not_finite: NotFinite,
+) -> Result<Parsed<D>, MapProblem> {
     let mut payload = bytes;
     let meta = PcdMeta::from_reader(&mut payload)
         .map_err(|error| MapProblem::syntax(format!("bad PCD header: {error}")))?;
@@ -66,7 +69,7 @@ pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapPr
         let columns: Vec<_> =
             meta.field_defs.iter().map(|field| TextColumn::Values(field.count)).collect();
         let mut rows = TextRows::after_header(bytes, start)?;
-        let points = rows.points(meta.num_points, &columns, &Axes::find(&names)?)?;
+        let points = rows.points(meta.num_points, &columns, &Axes::find(&names, not_finite)?)?;
         if rows.next_row().is_some() {
             return Err(MapProblem::count("points", meta.num_points, "more"));
         }
@@ -79,11 +82,11 @@ pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapPr
         .filter(|field| !field.is_padding())
         .map(|field| &field.name)
         .collect();
-    let axes = Axes::find(&names)?;
+    let axes = Axes::find(&names, not_finite)?;
     check_size(&meta, payload)?;
     let records = DynReader::from_reader(bytes)
         .map_err(|error| MapProblem::syntax(format!("bad PCD data: {error}")))?;
-    let mut points = Vec::new();
+    let mut points = Parsed::new();
     for (index, record) in (0..).zip(records) {
         let place = Place::Point(index);
         let record = record.map_err(|error| MapProblem::syntax(format!("{place}: {error}")))?;

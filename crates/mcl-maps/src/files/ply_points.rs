@@ -10,7 +10,7 @@ use ply_rs_bw::ply::{
 };
 use ply_rs_bw::writer::Writer;
 
-use super::columns::{AXES, Axes, with_height};
+use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
 use super::{Encoding, MapProblem, Place};
 
@@ -75,7 +75,10 @@ impl PropertyAccess for Row {
     }
 }
 
-pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapProblem> {
+pub(super) fn parse<const D: usize>(
+    bytes: &[u8],
+    not_finite: NotFinite,
+) -> Result<Parsed<D>, MapProblem> {
     let mut reader = Reader::new(bytes);
     let header = Parser::<Row>::new().read_header(&mut reader).map_err(|error| syntax(&error))?;
     let payload = reader.into_inner();
@@ -90,7 +93,7 @@ pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapPr
     let (before, vertex) = (&elements[..at], elements[at]);
     let is_last = elements[at + 1..].iter().all(|element| element.count == 0);
     let names: Vec<_> = vertex.properties.values().map(column_name).collect();
-    let axes = Axes::find(&names)?;
+    let axes = Axes::find(&names, not_finite)?;
     if header.encoding == PlyEncoding::Ascii {
         let mut rows = TextRows::after_header(bytes, start)?;
         for element in before {
@@ -111,7 +114,7 @@ pub(super) fn parse<const D: usize>(bytes: &[u8]) -> Result<Vec<Point<D>>, MapPr
     for element in before {
         read_binary(&mut rest, element, &header, |_, _| Ok(()))?;
     }
-    let mut points = Vec::new();
+    let mut points = Parsed::new();
     read_binary(&mut rest, vertex, &header, |index, row| {
         points.push(axes.point(Place::Point(index), |column, _| Ok(row.0[column]))?);
         Ok(())

@@ -3,9 +3,7 @@
 //! The libraries' own row readers are not used: `ply-rs-bw` refuses numbers such as `.5`, `5.` and
 //! `nan`, and `pcd-rs` does not say which line or column an error comes from.
 
-use mcl_core::Point;
-
-use super::columns::{Axes, parse_number};
+use super::columns::{Axes, Parsed, parse_number};
 use super::{MapProblem, Place};
 
 /// What one column takes on a row of text.
@@ -51,12 +49,12 @@ impl<'a> TextRows<'a> {
         count: u64,
         columns: &[TextColumn],
         axes: &Axes<D>,
-    ) -> Result<Vec<Point<D>>, MapProblem> {
-        let mut points = Vec::new();
+    ) -> Result<Parsed<D>, MapProblem> {
+        let mut points = Parsed::new();
         let mut firsts = Vec::new();
-        while (points.len() as u64) < count {
+        while (points.count() as u64) < count {
             let Some((place, row)) = self.next_row() else {
-                return Err(MapProblem::count("points", count, points.len().to_string()));
+                return Err(MapProblem::count("points", count, points.count().to_string()));
             };
             split_row(row, place, columns, &mut firsts)?;
             points.push(

@@ -1,0 +1,180 @@
+//! The point clouds of one topic of a bag, joined in one frame.
+
+use mcl_core::Point;
+use nalgebra::Point3;
+
+use super::error::BagError;
+use super::messages::TransformMessage;
+use super::motion::Motion;
+use super::point_cloud::CloudMessage;
+use super::recording::{Decoder, Logged, same_frame, time};
+use super::topics::{Content, Kind, cloud_topic, odometry_topic};
+use crate::log::ReadReport;
+
+/// How to read the clouds of a bag.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CloudOptions {
+    /// Topic of the clouds (`sensor_msgs/PointCloud2`), where there are several.
+    pub topic: Option<String>,
+    /// Topic of the odometry, where there are several and `/tf` does not tell the same.
+    pub odometry: Option<String>,
+    /// Only points with `0 < r ≤ max_range` (m) from the origin of their own frame are taken.
+    pub max_range: Option<f64>,
+}
+
+/// The point clouds of one topic of a bag.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BagCloud {
+    /// The topic.
+    pub topic: String,
+    /// The frame of the points.
+    pub frame: String,
+    /// Number of clouds joined.
+    pub clouds: usize,
+    /// The points in metres, cloud by cloud in the bag's order.
+    pub points: Vec<Point<3>>,
+    /// Points left out because a coordinate was NaN or infinite.
+    pub not_finite: usize,
+    /// Points left out for their range.
+    pub out_of_range: usize,
+    /// What was not used.
+    pub report: ReadReport,
+    /// How the bag was read, a line each.
+    pub notes: Vec<String>,
+    /// What the bag left open and how that was settled, a line each.
+    pub assumptions: Vec<String>,
+}
+
+pub(super) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
+    let topic = cloud_topic(content, options.topic.as_deref())?;
+    let mut decoder = Decoder::new(content);
+    let mut frame: Option<String> = None;
+    let clouds = decoder.topic(
+        |name, kind| name == topic && kind == Kind::Cloud,
+        |_, view, _| {
+            let cloud = CloudMessage::new(view, options.max_range)?;
+            same_frame("header.frame_id", &mut frame, &cloud.header.frame)?;
+            Ok(cloud)
+        },
+    )?;
+    let frame = match frame {
+        Some(frame) => frame,
+        None => {
+            let because = (!decoder.report.is_complete()).then(|| decoder.report.to_string());
+            return Err(BagError::NoCloud { topics: content.list(), because });
+        }
+    };
+    let motion = motion(&mut decoder, content, options.odometry.as_deref())?;
+    let joined = BagCloud {
+        topic: topic.to_owned(),
+        frame,
+        clouds: clouds.len(),
+        points: Vec::new(),
+        not_finite: clouds.iter().map(|cloud| cloud.value.not_finite).sum(),
+        out_of_range: clouds.iter().map(|cloud| cloud.value.out_of_range).sum(),
+        report: decoder.report,
+        notes: vec![format!("point clouds: {topic}, {} messages", clouds.len())],
+        assumptions: Vec::new(),
+    };
+    joined.with(clouds, &motion)
+}
+
+impl BagCloud {
+    /// Puts the clouds into one frame.
+    ///
+    /// Where transforms lead to a frame that the scanner moves in, each cloud is put where the scanner was
+    /// at its stamp. Clouds in a frame that stands still are there already. A single cloud needs no place.
+    fn with(
+        mut self,
+        clouds: Vec<Logged<CloudMessage>>,
+        motion: &Motion,
+    ) -> Result<Self, BagError> {
+        let chain = motion.chain(&self.frame);
+        let refused = |why: String| BagError::NoPlace {
+            topic: self.topic.clone(),
+            clouds: clouds.len(),
+            frame: self.frame.clone(),
+            why,
+        };
+        if !chain.moves() {
+            if clouds.len() > 1 && !motion.is_fixed(chain.root) {
+                return Err(refused("nothing says where the scanner was at each".to_owned()));
+            }
+            self.notes.push(format!("points in frame {:?}, as they are", self.frame));
+            self.points = clouds.into_iter().flat_map(|cloud| cloud.value.points).collect();
+            return Ok(self);
+        }
+        let placed = |cloud: &Logged<CloudMessage>| {
+            chain.root_from_frame(time(cloud.value.header.stamp, cloud.log_time))
+        };
+        let outside = clouds.iter().filter(|cloud| placed(cloud).is_none()).count();
+        if outside == clouds.len() && outside > 1 {
+            return Err(refused(format!(
+                "all lie before the first or after the last transform between {:?} and {:?}",
+                chain.root, self.frame
+            )));
+        }
+        if outside == clouds.len() {
+            self.assumptions.push(format!(
+                "no transform covers the time of the cloud, so its points are in frame {:?}",
+                self.frame
+            ));
+            self.points = clouds.into_iter().flat_map(|cloud| cloud.value.points).collect();
+            return Ok(self);
+        }
+        if outside > 0 {
+            self.assumptions.push(format!(
+                "clouds before the first or after the last transform: {outside}; nothing is extrapolated, so they are left out"
+            ));
+            self.clouds -= outside;
+        }
+        for cloud in clouds {
+            let Some(root_from_frame) = placed(&cloud) else { continue };
+            let place = |[x, y, z]: Point<3>| {
+                let placed = root_from_frame * Point3::new(x, y, z);
+                [placed.x, placed.y, placed.z]
+            };
+            self.points.extend(cloud.value.points.into_iter().map(place));
+        }
+        self.notes.push(format!("points in frame {:?}, from frame {:?}", chain.root, self.frame));
+        self.frame = chain.root.to_owned();
+        Ok(self)
+    }
+}
+
+/// The frames of a bag over time: of `/tf_static` and `/tf`, and of the odometry where `/tf` does not
+/// tell of its frame.
+fn motion(
+    decoder: &mut Decoder<'_>,
+    content: &Content,
+    odometry: Option<&str>,
+) -> Result<Motion, BagError> {
+    let mut motion = Motion::default();
+    for is_static in [true, false] {
+        let messages = decoder.topic(
+            |name, kind| kind == Kind::Transforms && name.ends_with("tf_static") == is_static,
+            |_, view, _| TransformMessage::all(view),
+        )?;
+        for Logged { value, log_time, .. } in messages {
+            for transform in value {
+                let at = time(transform.header.stamp, log_time);
+                motion.insert(transform, at, is_static);
+            }
+        }
+    }
+    let on_tf = |child: &str| motion.contains(child);
+    let mut poses = Vec::new();
+    if let Some(topic) = odometry_topic(content, odometry)? {
+        poses = decoder.topic(
+            |name, kind| name == topic && kind == Kind::Odometry,
+            |_, view, _| TransformMessage::of_odometry(view),
+        )?;
+        poses.retain(|pose| !pose.value.child.is_empty() && !on_tf(&pose.value.child));
+    }
+    for Logged { value, log_time, .. } in poses {
+        let at = time(value.header.stamp, log_time);
+        motion.insert(value, at, false);
+    }
+    motion.sort();
+    Ok(motion)
+}
