@@ -5,7 +5,7 @@ use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
-use super::SensitivityExperiment;
+use super::{Builder, MapStrategy, SensitivityExperiment};
 
 /// An experiment as its TOML file defines it. Unknown keys are errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,10 +164,14 @@ impl LocalizationExperiment {
             bail!("maps is 0, expected at least 1");
         }
         let runs = self.datasets.iter().filter_map(|dataset| dataset.runs).chain([self.runs]);
+        let sizes =
+            self.datasets.iter().map(|dataset| dataset.sizes.len()).chain([self.sizes.len()]);
+        let maps = 1 + MapStrategy::SAMPLED.len() * sizes.max().unwrap_or(0);
         for runs in runs {
             if runs < self.maps {
                 bail!("runs is {runs}, expected at least one per map ({})", self.maps);
             }
+            check_rows(&[runs as usize, self.splits.len(), maps], &format!("runs = {runs}"))?;
         }
         if self.splits.is_empty() {
             bail!("splits is empty, expected \"same\", \"held-out\" or both");
@@ -226,7 +230,10 @@ impl Experiment {
     }
 
     /// Parses and checks the text of a definition.
-    pub(super) fn parse(text: &str) -> Result<Self> {
+    ///
+    /// # Errors
+    /// As [`Experiment::read`], without the file's name.
+    pub fn parse(text: &str) -> Result<Self> {
         /// The kind decides which other keys there are, so it is read first.
         #[derive(Deserialize)]
         struct Head {
@@ -282,6 +289,10 @@ impl LikelihoodExperiment {
             .chain([(String::new(), &self.sizes)]);
         for (place, groups) in groups {
             let mut seen: Vec<f64> = Vec::new();
+            let trials =
+                |group: &SizeGroup| group.percent.len().saturating_mul(group.repeats as usize);
+            let trials = groups.iter().map(trials).fold(0, usize::saturating_add);
+            check_rows(&[trials, Builder::ALL.len()], &format!("{place}sizes"))?;
             for group in groups {
                 if group.repeats == 0 {
                     bail!("{place}sizes: repeats is 0, expected at least 1");
@@ -301,6 +312,21 @@ impl LikelihoodExperiment {
         check_percent(self.figures.overview, "figures.overview")?;
         check_percent(self.figures.comparison, "figures.comparison")
     }
+}
+
+/// Rows that an experiment may ask for on a data set; the largest study here has 1,480. A count
+/// mistyped by some digits would otherwise fill the memory with trials before the first one ran.
+const MAX_ROWS: usize = 100_000;
+
+/// Checks a number of rows, given by its factors.
+pub(super) fn check_rows(factors: &[usize], place: &str) -> Result<()> {
+    let rows = factors.iter().fold(1_usize, |rows, &factor| rows.saturating_mul(factor));
+    if rows <= MAX_ROWS {
+        return Ok(());
+    }
+    bail!(
+        "{place} asks for {rows} rows per data set, expected at most {MAX_ROWS}; ask for fewer sizes, repeats or runs"
+    )
 }
 
 pub(super) fn check_percent(percent: f64, place: &str) -> Result<()> {
@@ -347,6 +373,8 @@ mod tests {
             ("[1, 2]", "[1, 1]", "twice"),
             ("[1, 2]", "[1, 200]", "200"),
             ("repeats = 3", "repeats = 0", "repeats"),
+            // Found by fuzzing: eight billion trials were listed before the first one ran.
+            ("repeats = 3", "repeats = 4294967295", "17179869180 rows"),
             ("\"likelihood\"", "\"likelyhood\"", "likelyhood"),
             ("overview = 0.8", "overview = 0", "figures.overview"),
         ] {

@@ -220,7 +220,7 @@ pub fn localization_trials(
     let mut trials = Vec::new();
     for &split in &experiment.splits {
         for map in 0..experiment.maps {
-            let runs: Vec<u32> = (0..runs).filter(|run| run % experiment.maps == map).collect();
+            let runs: Vec<u32> = (map..runs).step_by(experiment.maps as usize).collect();
             let mut push = |builder: Option<Builder>, size_percent: f64| {
                 let map_seed = root
                     .derive(split.name())

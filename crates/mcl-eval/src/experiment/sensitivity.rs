@@ -5,7 +5,7 @@ use mcl_filter::{FilterSettings, OdometryNoise, Proposal};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
-use super::definition::check_percent;
+use super::definition::{check_percent, check_rows};
 use super::{Kind, LocalizationExperiment, MapStrategy, Split, TrajectoryFigure};
 
 /// Settings of a sensitivity study: how the localization error depends on what the paper leaves open.
@@ -186,6 +186,20 @@ impl Sweep {
         settings
     }
 
+    /// The number of [`Sweep::settings`], without listing them.
+    fn combinations(&self) -> usize {
+        [
+            self.sigma_hit.len(),
+            self.z_rand.len(),
+            self.alpha.len(),
+            self.likelihood_exponent.len(),
+            self.proposal.len(),
+            self.odometry_noise.len(),
+        ]
+        .into_iter()
+        .fold(1, |product, length| product.saturating_mul(length.max(1)))
+    }
+
     /// Whether the sweep is made on a data set.
     pub fn covers(&self, dataset: &str) -> bool {
         self.datasets.is_empty() || self.datasets.iter().any(|name| name == dataset)
@@ -267,6 +281,8 @@ impl SensitivityExperiment {
             for map in &sweep.maps {
                 check_percent(map.percent, &format!("{place}: maps.percent"))?;
             }
+            let runs = sweep.runs.unwrap_or(self.runs) as usize;
+            check_rows(&[sweep.combinations(), sweep.maps.len(), runs], &place)?;
             for setting in sweep.settings(self) {
                 let filter = self.filter_under(&setting);
                 filter.check().with_context(|| place.clone())?;
@@ -351,6 +367,8 @@ mod tests {
             ("\"tempering\"", "\"../x\"", "letters"),
             ("datasets = [\"a\"]", "datasets = [\"c\"]", "\"c\""),
             ("runs = 2", "runs = 0", "runs"),
+            // Found by fuzzing: the product was listed before it was checked.
+            ("runs = 2", "runs = 1000000", "sweep \"tempering\" asks for 2000000 rows"),
             ("percent = 1 }", "percent = 101 }", "percent"),
             ("reported_only", "report_only", "report_only"),
         ] {
