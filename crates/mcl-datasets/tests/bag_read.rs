@@ -314,7 +314,7 @@ fn a_split_bag_is_read_as_one() {
     assert_eq!(read_log(folder.path()).unwrap(), whole);
 }
 
-/// Found in review for fuzzing: each new topic was compared with a copy of every one before it, minutes
+/// Found while writing its fuzz target: each new topic was compared with a copy of every one before it, minutes
 /// for a file of two megabytes.
 #[test]
 fn a_file_of_as_many_topics_as_there_can_be() {

@@ -184,7 +184,7 @@ fn a_scan_without_odometry_at_the_time_of_one_with_it_is_refused() {
     assert!(matches!(found, WriteBagError::Gap { scan: 3, .. }), "{found}");
 }
 
-/// Found by fuzzing: the written bag held messages that its reader skips.
+/// Found while writing its fuzz target: the written bag held messages that its reader skips.
 #[test]
 fn poses_and_beams_that_readers_refuse_are_not_written() {
     let refused = |change: &dyn Fn(&mut Recording)| {

@@ -337,7 +337,7 @@ proptest! {
     }
 }
 
-/// Found by fuzzing: the sum of steps, each in range, was written and then skipped by the reader.
+/// Found while writing its fuzz target: the sum of steps, each in range, was written and then skipped by the reader.
 #[test]
 fn poses_that_add_up_beyond_what_readers_accept_are_refused() {
     let step = Some(Pose2::new(6e8, 0.0, 0.0));

@@ -375,7 +375,7 @@ mod tests {
             "B[1000000] b\n===\nMSG: p/B\nC[1000000] c\n===\nMSG: p/C\nD[1000000000] d\n===\nMSG: p/D\nuint8 x",
         );
         assert!(matches!(decode(&huge, &[0; 100]), Err(CdrError::Length { .. })));
-        // Found by fuzzing: arrays of no elements took no bytes, and doubled with each level of nesting.
+        // Found while writing its fuzz target: arrays of no elements took no bytes, and doubled with each level of nesting.
         for (language, text) in [
             ("ros2msg", "uint8[0] a"),
             ("ros2idl", "module p { struct A { octet a[0]; }; };"),

@@ -434,7 +434,7 @@ module q { module msg { struct B { uint8 structure_needs_at_least_one_member; };
             assert!(parse(text).is_err(), "{text}");
         }
         assert!(parse(&"module a { ".repeat(100_000)).is_err());
-        // Found by fuzzing: each structure repeats the names of the modules around it.
+        // Found while writing its fuzz target: each structure repeats the names of the modules around it.
         let long =
             format!("module {} {{ {} }};", "a".repeat(100_000), "struct b { };".repeat(1_000));
         assert!(parse(&long).unwrap_err().to_string().contains("at most 255 bytes"));

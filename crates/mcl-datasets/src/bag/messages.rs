@@ -209,7 +209,7 @@ mod tests {
     use crate::bag::{cdr, schema::MessageSchema};
     use mcl_core::Stamp;
 
-    /// Found by fuzzing: where a bag describes angles of 64 bits, the last beam looked to infinity.
+    /// Found while writing its fuzz target: where a bag describes angles of 64 bits, the last beam looked to infinity.
     #[test]
     fn directions_that_are_no_numbers_are_malformed() {
         let text = "std_msgs/Header header\nfloat64 angle_min\nfloat64 angle_increment\n\

@@ -373,7 +373,7 @@ mod tests {
             ("[1, 2]", "[1, 1]", "twice"),
             ("[1, 2]", "[1, 200]", "200"),
             ("repeats = 3", "repeats = 0", "repeats"),
-            // Found by fuzzing: eight billion trials were listed before the first one ran.
+            // Found while writing its fuzz target: eight billion trials were listed before the first one ran.
             ("repeats = 3", "repeats = 4294967295", "17179869180 rows"),
             ("\"likelihood\"", "\"likelyhood\"", "likelyhood"),
             ("overview = 0.8", "overview = 0", "figures.overview"),

@@ -367,7 +367,7 @@ mod tests {
             ("\"tempering\"", "\"../x\"", "letters"),
             ("datasets = [\"a\"]", "datasets = [\"c\"]", "\"c\""),
             ("runs = 2", "runs = 0", "runs"),
-            // Found by fuzzing: the product was listed before it was checked.
+            // Found while writing its fuzz target: the product was listed before it was checked.
             ("runs = 2", "runs = 1000000", "sweep \"tempering\" asks for 2000000 rows"),
             ("percent = 1 }", "percent = 101 }", "percent"),
             ("reported_only", "report_only", "report_only"),
