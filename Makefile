@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments sensitivity datasets figures test interop bench peers reproduce check deny fmt clippy doc
+.PHONY: build experiments sensitivity datasets figures test fuzz interop bench peers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -44,6 +44,21 @@ reproduce: build
 
 test:
 	$(CARGO) test --workspace --locked
+
+# libFuzzer on every reader, FUZZ_SECONDS each (crates/mcl-fuzz/README.md); `make test` runs the saved corpus
+# and mutations of it on any toolchain. TARGETS="carmen cdr" runs some.
+FUZZ_SECONDS ?= 60
+FUZZ = crates/mcl-fuzz/fuzz
+TARGETS ?= $(basename $(notdir $(wildcard $(FUZZ)/targets/*.rs)))
+fuzz:
+	@$(CARGO) +nightly --version >/dev/null 2>&1 || { echo "make fuzz needs a nightly toolchain: rustup toolchain install nightly" >&2; exit 1; }
+	@$(CARGO) +nightly fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install --locked cargo-fuzz" >&2; exit 1; }
+	for target in $(TARGETS); do \
+	  mkdir -p $(FUZZ)/corpus/$$target && \
+	  $(CARGO) +nightly fuzz run --fuzz-dir $(FUZZ) --sanitizer none $$target $(FUZZ)/corpus/$$target crates/mcl-fuzz/corpus/$$target -- \
+	    -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=5 -rss_limit_mb=3000 -malloc_limit_mb=2000 \
+	    -dict=$(FUZZ)/dictionaries/$$target.dict -print_final_stats=1 || exit 1; \
+	done
 
 # Bags of ours read by programs we did not write, theirs by ours, and evo's figures beside ours.
 # Needs Python 3.11 or later.

@@ -1,0 +1,112 @@
+//! MCAP files around the bytes of a fuzzer, so that framing and checksums do not stop it.
+
+use std::io::Write;
+
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+const HEADER: u8 = 0x01;
+const FOOTER: u8 = 0x02;
+const SCHEMA: u8 = 0x03;
+const CHANNEL: u8 = 0x04;
+const MESSAGE: u8 = 0x05;
+const CHUNK: u8 = 0x06;
+const DATA_END: u8 = 0x0f;
+
+/// How the records of a chunk are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Compression {
+    /// Not at all.
+    None,
+    /// Zstandard.
+    Zstd,
+    /// LZ4 frames.
+    Lz4,
+}
+
+fn record(file: &mut Vec<u8>, opcode: u8, body: &[u8]) {
+    file.push(opcode);
+    file.extend((body.len() as u64).to_le_bytes());
+    file.extend(body);
+}
+
+fn text(body: &mut Vec<u8>, text: &str) {
+    body.extend((text.len() as u32).to_le_bytes());
+    body.extend(text.as_bytes());
+}
+
+fn file_of(content: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+    let mut file = MAGIC.to_vec();
+    let mut header = Vec::new();
+    text(&mut header, "ros2");
+    text(&mut header, "");
+    record(&mut file, HEADER, &header);
+    content(&mut file);
+    // A checksum of 0 says that there is none.
+    record(&mut file, DATA_END, &[0; 4]);
+    record(&mut file, FOOTER, &[0; 20]);
+    file.extend(MAGIC);
+    file
+}
+
+/// A topic of a bag and its only message.
+#[derive(Debug, Clone, Copy)]
+pub struct OneMessage<'a> {
+    pub topic: &'a str,
+    pub type_name: &'a str,
+    pub encoding: &'a str,
+    pub description: &'a [u8],
+    pub data: &'a [u8],
+}
+
+/// A bag without chunks: a topic per entry with its description and a message.
+pub fn bag_of(messages: &[OneMessage<'_>]) -> Vec<u8> {
+    file_of(|file| {
+        for (id, message) in (1_u16..).zip(messages) {
+            let mut schema = id.to_le_bytes().to_vec();
+            text(&mut schema, message.type_name);
+            text(&mut schema, message.encoding);
+            schema.extend((message.description.len() as u32).to_le_bytes());
+            schema.extend(message.description);
+            record(file, SCHEMA, &schema);
+            let mut channel = [id.to_le_bytes(), id.to_le_bytes()].concat();
+            text(&mut channel, message.topic);
+            text(&mut channel, "cdr");
+            channel.extend([0; 4]);
+            record(file, CHANNEL, &channel);
+            let mut body = id.to_le_bytes().to_vec();
+            // Sequence, then the times of logging and publishing: 1 s.
+            body.extend([0; 4]);
+            body.extend(1_000_000_000_u64.to_le_bytes());
+            body.extend(1_000_000_000_u64.to_le_bytes());
+            body.extend(message.data);
+            record(file, MESSAGE, &body);
+        }
+    })
+}
+
+/// A bag of one topic with one message, as [`bag_of`] the fuzz target makes it.
+pub fn bag_of_one_message(topic: &str, type_name: &str, description: &str, data: &[u8]) -> Vec<u8> {
+    let description = description.as_bytes();
+    bag_of(&[OneMessage { topic, type_name, encoding: "ros2msg", description, data }])
+}
+
+/// A bag of one chunk with these records.
+pub fn chunked(records: &[u8], compression: Compression) -> Vec<u8> {
+    let (name, packed) = match compression {
+        Compression::None => ("", records.to_vec()),
+        Compression::Zstd => ("zstd", zstd::bulk::compress(records, 1).unwrap_or_default()),
+        Compression::Lz4 => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            let packed = encoder.write_all(records).ok().and_then(|()| encoder.finish().ok());
+            ("lz4", packed.unwrap_or_default())
+        }
+    };
+    file_of(|file| {
+        let mut chunk = vec![0; 16];
+        chunk.extend((records.len() as u64).to_le_bytes());
+        chunk.extend(crc32fast::hash(records).to_le_bytes());
+        text(&mut chunk, name);
+        chunk.extend((packed.len() as u64).to_le_bytes());
+        chunk.extend(&packed);
+        record(file, CHUNK, &chunk);
+    })
+}
