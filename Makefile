@@ -56,7 +56,7 @@ fuzz:
 	for target in $(TARGETS); do \
 	  mkdir -p $(FUZZ)/corpus/$$target && \
 	  $(CARGO) +nightly fuzz run --fuzz-dir $(FUZZ) --sanitizer none $$target $(FUZZ)/corpus/$$target crates/mcl-fuzz/corpus/$$target -- \
-	    -max_total_time=$(FUZZ_SECONDS) -max_len=4096 -timeout=5 -rss_limit_mb=3000 -malloc_limit_mb=2000 \
+	    -max_total_time=$(FUZZ_SECONDS) -max_len=16384 -timeout=5 -rss_limit_mb=3000 -malloc_limit_mb=2000 \
 	    -dict=$(FUZZ)/dictionaries/$$target.dict -print_final_stats=1 || exit 1; \
 	done
 

@@ -83,7 +83,7 @@ pub fn bag_of(messages: &[OneMessage<'_>]) -> Vec<u8> {
     })
 }
 
-/// A bag of one topic with one message, as [`bag_of`] the fuzz target makes it.
+/// A bag without chunks: one topic with one message, described in `ros2msg`.
 pub fn bag_of_one_message(topic: &str, type_name: &str, description: &str, data: &[u8]) -> Vec<u8> {
     let description = description.as_bytes();
     bag_of(&[OneMessage { topic, type_name, encoding: "ros2msg", description, data }])

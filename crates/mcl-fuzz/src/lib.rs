@@ -1,7 +1,7 @@
 //! Fuzz targets: one function per reader, which takes bytes and asserts what the reader promises.
 //!
 //! Beside "it never panics": what was read is finite where it says so, is written and read back the
-//! same, and took memory in proportion to the input ([`memory`]). The same functions run under libFuzzer
+//! same, and took memory in proportion to the input (`memory.rs`). The same functions run under libFuzzer
 //! (`fuzz/`, nightly) and on stable over the saved corpus and mutations of it (`tests/corpus.rs`).
 
 mod definitions;

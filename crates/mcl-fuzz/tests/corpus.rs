@@ -1,7 +1,7 @@
 //! Every target over its saved corpus, and over mutations of it: what libFuzzer does on nightly, without
 //! coverage, on any toolchain.
 //!
-//! `MCL_FUZZ_CASES` is the number of mutations per target (500 unless set); `MCL_FUZZ_SEED` (0 unless
+//! `MCL_FUZZ_CASES` is the number of mutations per target (2,000 unless set); `MCL_FUZZ_SEED` (0 unless
 //! set) chooses others. A failing input is saved, and the message says where; `MCL_FUZZ_INPUT=FILE` runs
 //! that file alone.
 
@@ -16,7 +16,7 @@ use proptest::sample::Index;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-const CASES: u32 = 500;
+const CASES: u32 = 2_000;
 /// Longest input, in bytes, as for libFuzzer.
 const MAX_BYTES: usize = 1 << 14;
 
