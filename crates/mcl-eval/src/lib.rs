@@ -12,6 +12,7 @@ pub mod cloud_source;
 pub mod experiment;
 pub mod figures;
 pub mod progress;
+pub mod racing;
 pub mod results;
 pub mod source;
 mod thread_time;

@@ -35,6 +35,7 @@
 //! ```
 
 mod build;
+pub mod choice;
 mod error;
 pub mod files;
 mod fkm;

@@ -181,6 +181,47 @@ pub enum Refine {
     Best,
 }
 
+/// A number that is given, or chosen by the data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Auto<T> {
+    Given(T),
+    Auto,
+}
+
+impl std::str::FromStr for Auto<MapSize> {
+    type Err = mcl_maps::ParseMapSizeError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.trim() {
+            "auto" => Ok(Auto::Auto),
+            text => text.parse().map(Auto::Given),
+        }
+    }
+}
+
+fn sigma(text: &str) -> Result<Auto<f64>, String> {
+    match text.trim() {
+        "auto" => Ok(Auto::Auto),
+        text => number(text, |value| value > 0.0, "a positive number or auto").map(Auto::Given),
+    }
+}
+
+/// What decides an automatic size or sigma (docs/refinement.md).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AutoBy {
+    /// The likelihood of blocks of scans left out in turn.
+    HeldOut,
+    /// The Bayesian information criterion (size).
+    Bic,
+    /// The description length of data and map (size).
+    Mdl,
+    /// The smallest map that localizes within 5 % of all points (size; takes minutes).
+    Localization,
+    /// The likelihood of the very data, as EM would estimate it (sigma).
+    Likelihood,
+}
+
 #[derive(Debug, Args)]
 pub struct MapArgs {
     #[command(flatten)]
@@ -188,9 +229,12 @@ pub struct MapArgs {
     /// How to choose the points.
     #[arg(long)]
     pub init: Init,
-    /// Points of the map: a number (389) or a percentage of the log's points (0.25%).
-    #[arg(long, value_name = "K|P%", conflicts_with = "cell")]
-    pub size: Option<MapSize>,
+    /// Points of the map: a number (389), a percentage of the log's points (0.25%), or auto.
+    #[arg(long, value_name = "K|P%|auto", conflicts_with = "cell")]
+    pub size: Option<Auto<MapSize>>,
+    /// What decides an automatic size or sigma.
+    #[arg(long, value_name = "CRITERION", default_value = "held-out")]
+    pub auto_by: AutoBy,
     /// Edge length of a grid cell in metres.
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,
@@ -212,9 +256,9 @@ pub struct MapArgs {
     /// A refinement stops looking further after so many seconds; the map then depends on the machine.
     #[arg(long, value_name = "S", value_parser = non_negative, allow_negative_numbers = true, requires = "refine")]
     pub refine_seconds: Option<f64>,
-    /// Standard deviation of a map point's Gaussian in metres.
-    #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
-    pub sigma: f64,
+    /// Standard deviation of a map point's Gaussian in metres, or auto.
+    #[arg(long, default_value = "0.05", value_name = "M|auto", value_parser = sigma, allow_negative_numbers = true)]
+    pub sigma: Auto<f64>,
     /// Fuzzy k-means stops when an update gains less (nats per point).
     #[arg(long, default_value_t = 1e-4, value_name = "T", value_parser = non_negative, allow_negative_numbers = true)]
     pub tolerance: f64,

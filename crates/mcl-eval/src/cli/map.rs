@@ -1,15 +1,17 @@
 use anyhow::{Result, bail};
+use clap::ValueEnum;
 use mcl_core::{Point, PointMap, Seed};
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
-    BuiltMap, FkmSettings, GridOffset, InitialMap, PointSet, RefineSettings, Refinement,
-    initial_map, mixture_log_likelihood,
+    BuiltMap, FkmSettings, GridOffset, InitialMap, MapError, MapSize, PointSet, RefineSettings,
+    Refinement, initial_map, mixture_log_likelihood,
 };
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{Global, Init, MapArgs, Offset, Refine};
+use super::args::{Auto, AutoBy, Global, Init, MapArgs, Offset, Refine};
+use super::choose::{self, Chosen};
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{print, refuse, tell_data_losses, thousands};
 use crate::cloud_source::Points;
@@ -33,6 +35,20 @@ struct Built {
     log_likelihood_per_point: Option<f64>,
     /// Of a grid map; null for a point map.
     grid: Option<GridFigures>,
+    sigma_m: f64,
+    /// How an automatic size came about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto_size: Option<Chosen>,
+    /// How an automatic σ came about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto_sigma: Option<Chosen>,
+}
+
+/// The size and σ of a map, given or chosen.
+#[derive(Clone, Copy)]
+struct Wanted {
+    size: Option<MapSize>,
+    sigma: f64,
 }
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
@@ -86,8 +102,9 @@ fn build_spatial(
     global: &Global,
 ) -> Result<Built> {
     let data = PointSet::new(points)?;
-    let fitted = fit(&data, offset, args, global)?;
-    let built = fitted.built(&data, None, args)?;
+    let (wanted, choices) = choose(&data, None, offset, args, global)?;
+    let fitted = fit(&data, offset, wanted, args, global.quiet)?;
+    let built = fitted.built(&data, None, wanted, choices, args)?;
     write_map(&args.output, &fitted.map, encoding(args))?;
     Ok(built)
 }
@@ -101,7 +118,18 @@ fn build_planar(
     global: &Global,
 ) -> Result<Built> {
     let data = PointSet::new(points)?;
-    let mut fitted = fit(&data, offset, args, global)?;
+    let (wanted, choices) = match (args.size, args.auto_by, log) {
+        (Some(Auto::Auto), AutoBy::Localization, Some(log)) => {
+            let sigma = given_sigma(args);
+            let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
+            let chosen = choose::size_by_localization(log, &data, sigma, &build, global.quiet)?;
+            let size = Some(MapSize::Points(chosen.value as usize));
+            (Wanted { size, sigma }, [Some(chosen), None])
+        }
+        (_, _, Some(log)) => choose(&data, Some(&|| choose::folds_of(log)), offset, args, global)?,
+        (_, _, None) => choose(&data, None, offset, args, global)?,
+    };
+    let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
     let grid = match is_grid(&args.output) {
         true => Some(grid_of(&fitted.map, args.resolution, log)?),
         false => None,
@@ -110,7 +138,8 @@ fn build_planar(
     if let Some(grid) = &grid {
         fitted.map = PointMap::new(grid.occupied_points())?;
     }
-    let built = fitted.built(&data, grid.as_ref().map(GridFigures::of), args)?;
+    let grid_figures = grid.as_ref().map(GridFigures::of);
+    let built = fitted.built(&data, grid_figures, wanted, choices, args)?;
     match &grid {
         Some(grid) => write_grid(&args.output, grid)?,
         None => write_map(&args.output, &fitted.map, encoding(args))?,
@@ -129,17 +158,83 @@ struct Fitted<const D: usize> {
     report: Option<RefineReport>,
 }
 
-fn fit<const D: usize>(
+/// What the data chooses where the arguments say so: for points without scans no folds are to be had.
+fn choose<const D: usize>(
     data: &PointSet<D>,
+    folds: Option<&dyn Fn() -> Result<Vec<[PointSet<D>; 2]>>>,
     offset: GridOffset<D>,
     args: &MapArgs,
     global: &Global,
+) -> Result<(Wanted, [Option<Chosen>; 2])> {
+    let build = |data: &PointSet<D>, size, sigma| build_at(data, offset, size, sigma, args);
+    let folds = || match &folds {
+        Some(folds) => folds(),
+        None => bail!(
+            "--auto-by held-out leaves out scans, and a point cloud has none; expected bic, mdl or likelihood"
+        ),
+    };
+    match (args.size, args.sigma) {
+        (Some(Auto::Auto), _) => {
+            if args.auto_by == AutoBy::Localization {
+                bail!("--auto-by localization needs a log with scans and odometry");
+            }
+            let sigma = given_sigma(args);
+            let chosen = choose::size(args.auto_by, data, folds, sigma, &build, global.quiet)?;
+            let size = Some(MapSize::Points(chosen.value as usize));
+            Ok((Wanted { size, sigma }, [Some(chosen), None]))
+        }
+        (size, Auto::Auto) => {
+            let size = given_size(size);
+            let chosen = choose::sigma(args.auto_by, data, folds, size, &build, global.quiet)?;
+            Ok((Wanted { size, sigma: chosen.value }, [None, Some(chosen)]))
+        }
+        (size, Auto::Given(sigma)) => Ok((Wanted { size: given_size(size), sigma }, [None, None])),
+    }
+}
+
+fn given_size(size: Option<Auto<MapSize>>) -> Option<MapSize> {
+    match size {
+        Some(Auto::Given(size)) => Some(size),
+        Some(Auto::Auto) | None => None,
+    }
+}
+
+/// σ, where it is not to be chosen.
+fn given_sigma(args: &MapArgs) -> f64 {
+    match args.sigma {
+        Auto::Given(sigma) => sigma,
+        Auto::Auto => refuse("--size auto and --sigma auto do not go together: give one of them"),
+    }
+}
+
+/// The map that the arguments ask for, at another size and σ.
+fn build_at<const D: usize>(
+    data: &PointSet<D>,
+    offset: GridOffset<D>,
+    size: Option<MapSize>,
+    sigma: f64,
+    args: &MapArgs,
+) -> Result<PointMap<D>, MapError> {
+    let wanted = Wanted { size, sigma };
+    let initial = initial_map(data, &initial_settings(args, offset, wanted))?;
+    match refine_settings(args, wanted) {
+        None => Ok(initial.map),
+        Some(settings) => Ok(initial.refined(data, &settings, |_| {})?.map),
+    }
+}
+
+fn fit<const D: usize>(
+    data: &PointSet<D>,
+    offset: GridOffset<D>,
+    wanted: Wanted,
+    args: &MapArgs,
+    quiet: bool,
 ) -> Result<Fitted<D>> {
-    let initial = initial_map(data, &initial_settings(args, offset))?;
-    let (map, report) = match refine_settings(args) {
+    let initial = initial_map(data, &initial_settings(args, offset, wanted))?;
+    let (map, report) = match refine_settings(args, wanted) {
         None => (initial.map.clone(), None),
         Some(settings) => {
-            let found = refined(&settings, data, &initial.map, global)?;
+            let found = refined(&settings, data, &initial.map, quiet)?;
             let kept = || found.indices.iter().map(|&index| data.points()[index]).collect();
             let points = if args.no_snap { found.means } else { kept() };
             (PointMap::new(points)?, Some(found.report))
@@ -154,14 +249,16 @@ impl<const D: usize> Fitted<D> {
         &self,
         data: &PointSet<D>,
         grid: Option<GridFigures>,
+        wanted: Wanted,
+        [auto_size, auto_sigma]: [Option<Chosen>; 2],
         args: &MapArgs,
     ) -> Result<Built> {
         let Fitted { initial, map, report } = self;
         // Likelihoods cost more than the sampling itself: only where somebody looks at them.
-        let wanted = args.json || report.is_some();
-        let likelihood = |map: &PointMap<D>| match wanted {
+        let is_looked_at = args.json || report.is_some();
+        let likelihood = |map: &PointMap<D>| match is_looked_at {
             true => {
-                mixture_log_likelihood(data, map, args.sigma).map(|found| Some(found.per_point))
+                mixture_log_likelihood(data, map, wanted.sigma).map(|found| Some(found.per_point))
             }
             false => Ok(None),
         };
@@ -183,23 +280,47 @@ impl<const D: usize> Fitted<D> {
             steps: report.as_ref().map_or(Vec::new(), |report| report.steps.clone()),
             log_likelihood_per_point,
             grid,
+            sigma_m: wanted.sigma,
+            auto_size,
+            auto_sigma,
         })
     }
 }
 
 /// Usage errors: combinations of `--init` and its companions that mean nothing.
 fn check_arguments(args: &MapArgs) {
-    refine_settings(args);
+    // Seen before the log is read.
+    let wanted = match (args.size, args.sigma) {
+        (Some(Auto::Auto), _) => {
+            if args.auto_by == AutoBy::Likelihood {
+                refuse(
+                    "--auto-by likelihood does not go with --size auto: more points are always likelier",
+                );
+            }
+            Wanted { size: Some(MapSize::Points(1)), sigma: given_sigma(args) }
+        }
+        (size, Auto::Auto) => {
+            if !matches!(args.auto_by, AutoBy::HeldOut | AutoBy::Likelihood) {
+                refuse("--sigma auto goes with --auto-by held-out or likelihood");
+            }
+            Wanted { size: given_size(size), sigma: 1.0 }
+        }
+        (size, Auto::Given(sigma)) => Wanted { size: given_size(size), sigma },
+    };
+    refine_settings(args, wanted);
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
         refuse("--cell and --offset go with --init grid");
     }
-    // Seen before the log is read.
-    initial_settings::<2>(args, GridOffset::ORIGIN);
+    initial_settings::<2>(args, GridOffset::ORIGIN, wanted);
 }
 
 /// What `--init` and its companions mean.
-fn initial_settings<const D: usize>(args: &MapArgs, offset: GridOffset<D>) -> InitialMap<D> {
-    match (args.init, args.size, args.cell) {
+fn initial_settings<const D: usize>(
+    args: &MapArgs,
+    offset: GridOffset<D>,
+    wanted: Wanted,
+) -> InitialMap<D> {
+    match (args.init, wanted.size, args.cell) {
         (Init::All, Some(_), _) => {
             refuse("--init all takes every point: --size does not go with it")
         }
@@ -213,17 +334,8 @@ fn initial_settings<const D: usize>(args: &MapArgs, offset: GridOffset<D>) -> In
 }
 
 /// What `--refine` and its companions mean; combinations that mean nothing are usage errors.
-fn refine_settings(args: &MapArgs) -> Option<RefineSettings> {
-    let mut method = match args.refine {
-        Some(Refine::Fkm) => Some(Refinement::Fkm {}),
-        Some(Refine::FkmAccelerated) => Some(Refinement::FkmAccelerated {}),
-        Some(Refine::Restarts) => Some(Refinement::RESTARTS),
-        Some(Refine::Annealed) => Some(Refinement::ANNEALED),
-        Some(Refine::SplitMerge) => Some(Refinement::SPLIT_MERGE),
-        Some(Refine::Exchange) => Some(Refinement::EXCHANGE),
-        Some(Refine::Best) => Some(Refinement::BEST),
-        None => None,
-    };
+fn refine_settings(args: &MapArgs, wanted: Wanted) -> Option<RefineSettings> {
+    let mut method = args.refine.map(refinement);
     match (&mut method, args.rounds, args.restarts) {
         (
             Some(Refinement::SplitMerge { rounds } | Refinement::Best { rounds, .. }),
@@ -241,7 +353,7 @@ fn refine_settings(args: &MapArgs) -> Option<RefineSettings> {
     Some(RefineSettings {
         method: method?,
         fkm: FkmSettings {
-            sigma: args.sigma,
+            sigma: wanted.sigma,
             tolerance: args.tolerance,
             max_iterations: args.max_iterations,
         },
@@ -250,14 +362,26 @@ fn refine_settings(args: &MapArgs) -> Option<RefineSettings> {
     })
 }
 
+fn refinement(refine: Refine) -> Refinement {
+    match refine {
+        Refine::Fkm => Refinement::Fkm {},
+        Refine::FkmAccelerated => Refinement::FkmAccelerated {},
+        Refine::Restarts => Refinement::RESTARTS,
+        Refine::Annealed => Refinement::ANNEALED,
+        Refine::SplitMerge => Refinement::SPLIT_MERGE,
+        Refine::Exchange => Refinement::EXCHANGE,
+        Refine::Best => Refinement::BEST,
+    }
+}
+
 /// A refinement with a line that tells how far it is.
 fn refined<const D: usize>(
     settings: &RefineSettings,
     data: &PointSet<D>,
     initial: &PointMap<D>,
-    global: &Global,
+    quiet: bool,
 ) -> Result<Refined<D>> {
-    let bar = progress::spinner(settings.method.name(), global.quiet);
+    let bar = progress::spinner(settings.method.name(), quiet);
     let observe = |step: &RefineStep| {
         let RefineStep { evaluations, log_likelihood, .. } = step;
         bar.set_message(format!("{evaluations} evaluations, {log_likelihood:.4} nats/point"));
@@ -279,6 +403,17 @@ fn text(built: &Built, args: &MapArgs) -> String {
         let corner: Vec<String> = offset.iter().map(|value| format!("{value:.3}")).collect();
         text += &format!("\ngrid: cells of {cell:.6} m, corner at ({}) m", corner.join(", "));
     }
+    for (what, chosen, unit) in
+        [("size", &built.auto_size, "points"), ("sigma", &built.auto_sigma, "m")]
+    {
+        if let Some(chosen) = chosen {
+            let by =
+                chosen.by.to_possible_value().map_or(String::new(), |by| by.get_name().to_owned());
+            let value = (chosen.value * 1e4).round() / 1e4;
+            text +=
+                &format!("\n{what} by {by}: {value} {unit}, best of {} tried", chosen.tried.len());
+        }
+    }
     if let Some(grid) = &built.grid {
         text += &format!("\n{}", grid.text());
     }
@@ -287,7 +422,7 @@ fn text(built: &Built, args: &MapArgs) -> String {
         let how = if converged { "converged" } else { "stopped (not converged)" };
         let method = match args.refine {
             Some(Refine::Fkm) | None => "fuzzy k-means",
-            Some(_) => refine_settings(args).map_or("", |settings| settings.method.name()),
+            Some(refine) => refinement(refine).name(),
         };
         let updates = built.iterations;
         text += &format!(

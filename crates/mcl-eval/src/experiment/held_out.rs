@@ -10,24 +10,26 @@ pub struct HeldOut {
     pub held_out: Vec<Point<2>>,
 }
 
-/// Leaves out blocks of scans that follow one another in time, not single scans: neighbours see nearly
-/// the same. The scans, by stamp (in log order where there are none), are cut into `blocks` equal blocks;
-/// of these every `folds`-th is held out, from the one numbered `fold` on.
+/// Scans of a block. In the logs used here the robot travels some metres meanwhile: far enough that the
+/// scans of other blocks are others, near enough that they see the place.
+pub const BLOCK_SCANS: usize = 10;
+/// One in so many blocks is held out.
+pub const FOLDS: usize = 5;
+
+/// Leaves out blocks of [`BLOCK_SCANS`] scans that follow one another in time, not single scans:
+/// neighbours see nearly the same. Scans are taken by stamp (in log order where there are none); of the
+/// blocks every [`FOLDS`]-th is held out, from the one numbered `fold` on.
 ///
 /// # Errors
-/// When there are fewer scans than blocks, fewer blocks than folds, or a part has no points.
-pub fn hold_out(
-    recording: &Recording,
-    max_range: f64,
-    blocks: usize,
-    folds: usize,
-    fold: usize,
-) -> Result<HeldOut> {
+/// When there are fewer blocks than folds, or a part has no points.
+pub fn hold_out(recording: &Recording, max_range: f64, fold: usize) -> Result<HeldOut> {
     let scans = &recording.scans;
-    if !(2..=blocks).contains(&folds) || blocks > scans.len() {
+    let blocks = scans.len().div_ceil(BLOCK_SCANS);
+    if blocks < FOLDS {
         bail!(
-            "{blocks} blocks in {folds} folds of {} scans: expected at least 2 folds, as many blocks, and as many scans",
-            scans.len()
+            "{} scans, expected at least {}: {FOLDS} blocks of {BLOCK_SCANS}",
+            scans.len(),
+            (FOLDS - 1) * BLOCK_SCANS + 1
         );
     }
     let mut order: Vec<usize> = (0..scans.len()).collect();
@@ -36,7 +38,7 @@ pub fn hold_out(
     }
     let part = |is_held_out: bool| -> Result<Vec<Point<2>>> {
         let is_of_part =
-            |place: &usize| (place * blocks / scans.len() % folds == fold % folds) == is_held_out;
+            |place: &usize| (place / BLOCK_SCANS % FOLDS == fold % FOLDS) == is_held_out;
         let scans: Vec<LaserScan> =
             (0..scans.len()).filter(is_of_part).map(|place| scans[order[place]].clone()).collect();
         let part = Recording { scans, robot_from_laser: recording.robot_from_laser };
@@ -77,21 +79,22 @@ mod tests {
 
     #[test]
     fn blocks_are_cut_by_time_whatever_the_order_of_scans() {
-        let shuffled = recording(&[7, 0, 3, 9, 4, 1, 8, 2, 6, 5].map(Some));
-        let found = hold_out(&shuffled, 80.0, 5, 5, 2).unwrap();
-        assert_eq!(places(&found.held_out), [4.0, 5.0]);
-        assert_eq!(places(&found.building), [0.0, 1.0, 2.0, 3.0, 6.0, 7.0, 8.0, 9.0]);
-        // Two folds of four blocks of a log without stamps.
-        let found = hold_out(&recording(&[None; 8]), 80.0, 4, 2, 1).unwrap();
-        assert_eq!(places(&found.held_out), [2.0, 3.0, 6.0, 7.0]);
+        // 60 stamps in a wild order.
+        let shuffled: Vec<Option<i64>> = (0..60).map(|index| Some(index * 37 % 60)).collect();
+        let found = hold_out(&recording(&shuffled), 80.0, 2).unwrap();
+        let expected: Vec<f64> = (20..30).map(f64::from).collect();
+        assert_eq!(places(&found.held_out), expected);
+        assert_eq!(found.building.len(), 50);
+        // The sixth block belongs to the first fold, too; a log without stamps.
+        let found = hold_out(&recording(&[None; 55]), 80.0, 0).unwrap();
+        let expected: Vec<f64> = (0..10).chain(50..55).map(f64::from).collect();
+        assert_eq!(places(&found.held_out), expected);
     }
 
     #[test]
-    fn parts_without_scans_are_refused() {
-        for (blocks, folds) in [(11, 2), (5, 6), (5, 1), (5, 0)] {
-            let error = hold_out(&recording(&[None; 10]), 80.0, blocks, folds, 0).unwrap_err();
-            assert!(error.to_string().contains("10 scans"), "{error}");
-        }
-        assert!(hold_out(&recording(&[None; 10]), 0.5, 5, 5, 0).is_err());
+    fn parts_without_scans_or_points_are_refused() {
+        let error = hold_out(&recording(&[None; 40]), 80.0, 0).unwrap_err().to_string();
+        assert!(error.starts_with("40 scans, expected at least 41"), "{error}");
+        assert!(hold_out(&recording(&[None; 50]), 0.5, 0).is_err());
     }
 }

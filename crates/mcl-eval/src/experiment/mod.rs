@@ -20,7 +20,7 @@ pub use definition::{
     Definition, Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment,
     LocalizationDataset, LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
 };
-pub use held_out::{HeldOut, hold_out};
+pub use held_out::{BLOCK_SCANS, FOLDS, HeldOut, hold_out};
 pub use likelihood::{
     Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,
     test_improvement, trials,

@@ -11,11 +11,6 @@ use super::definition::{Definition, check_name, check_percent, check_rows};
 use super::scheduler::{Stopwatch, Trial};
 use super::{Builder, Kind, Split};
 
-/// Blocks of time that a log is cut into for held-out likelihoods.
-const BLOCKS: usize = 20;
-/// One in so many of them is held out.
-const FOLDS: usize = 5;
-
 /// Settings of a comparison of refinements: how likely the data is under maps of the same size.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -145,11 +140,6 @@ impl RefinementTrial {
     /// What tells this trial from the others on its data set; floats by their bits.
     pub fn key(&self) -> (Split, u64, u32) {
         (self.split, self.size_percent.to_bits(), self.repeat)
-    }
-
-    /// The blocks of time that are held out: of how many, which of how many folds.
-    pub fn held_out(&self) -> (usize, usize, usize) {
-        (BLOCKS, FOLDS, self.repeat as usize)
     }
 }
 

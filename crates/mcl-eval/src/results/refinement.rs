@@ -43,8 +43,8 @@ pub(super) fn run(
         if trial.split == Split::Same {
             return experiment.run_trial(&source.name, &all, None, trial, watch);
         }
-        let (blocks, folds, fold) = trial.held_out();
-        let divided = hold_out(&source.recording, source.max_range, blocks, folds, fold)?;
+        let fold = trial.repeat as usize;
+        let divided = hold_out(&source.recording, source.max_range, fold)?;
         let (building, held_out) =
             (PointSet::new(divided.building)?, PointSet::new(divided.held_out)?);
         experiment.run_trial(&source.name, &building, Some(&held_out), trial, watch)

@@ -1,0 +1,110 @@
+//! Choosing a number that spans orders of magnitude by a score that is costly and not quite smooth.
+
+/// Golden ratio: 1.618…
+const GOLDEN: f64 = 1.618_033_988_749_895;
+
+/// A value that was tried.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tried {
+    /// The value.
+    pub value: f64,
+    /// Its score; smaller is better.
+    pub score: f64,
+}
+
+/// How [`minimize`] goes about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Search {
+    /// The smallest and the largest value; positive.
+    pub range: [f64; 2],
+    /// Ratio of the values that are tried first, from the smallest up.
+    pub factor: f64,
+    /// Values further up are not tried after so many in a row that are worse than the best.
+    pub patience: usize,
+    /// The search ends when the best value is known within this ratio.
+    pub precision: f64,
+}
+
+/// Looks for the value with the smallest score: at equal ratios first, then between the neighbours of
+/// the best by golden sections of the logarithm. Exact for scores with one minimum; else a good value
+/// near the best of the first ones. Returns everything tried, by value; the first with the smallest
+/// score is the choice ([`best`]).
+///
+/// # Errors
+/// The first error of a score.
+pub fn minimize<E>(
+    search: &Search,
+    mut score: impl FnMut(f64) -> Result<f64, E>,
+) -> Result<Vec<Tried>, E> {
+    let Search { range: [low, high], factor, patience, precision } = *search;
+    let mut tried: Vec<Tried> = Vec::new();
+    let mut best = f64::INFINITY;
+    let mut worse = 0;
+    let mut value = low;
+    while worse < patience && (tried.is_empty() || value < high * factor) {
+        let value_tried = value.min(high);
+        let score = score(value_tried)?;
+        tried.push(Tried { value: value_tried, score });
+        worse = if score < best { 0 } else { worse + 1 };
+        best = best.min(score);
+        value *= factor;
+    }
+    let at = (0..tried.len()).min_by(|&a, &b| tried[a].score.total_cmp(&tried[b].score));
+    let Some(at) = at else { return Ok(tried) };
+    let mut below = tried[at.saturating_sub(1)].value.ln();
+    let mut above = tried[(at + 1).min(tried.len() - 1)].value.ln();
+    let mut middle = (tried[at].value.ln(), tried[at].score);
+    // Always the larger of the two parts is cut.
+    while above - below > 2.0 * precision.ln() {
+        let larger_is_above = above - middle.0 > middle.0 - below;
+        let place = match larger_is_above {
+            true => middle.0 + (above - middle.0) * (2.0 - GOLDEN),
+            false => middle.0 - (middle.0 - below) * (2.0 - GOLDEN),
+        };
+        let value = place.exp();
+        let found = score(value)?;
+        tried.push(Tried { value, score: found });
+        match (found < middle.1, larger_is_above) {
+            (true, true) => (below, middle) = (middle.0, (place, found)),
+            (true, false) => (above, middle) = (middle.0, (place, found)),
+            (false, true) => above = place,
+            (false, false) => below = place,
+        }
+    }
+    tried.sort_by(|a, b| a.value.total_cmp(&b.value));
+    Ok(tried)
+}
+
+/// The smallest value with the smallest score.
+pub fn best(tried: &[Tried]) -> Option<Tried> {
+    tried.iter().copied().min_by(|a, b| a.score.total_cmp(&b.score))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn finds_the_only_minimum(minimum in 1.0..5000.0f64, steepness in 0.1..10.0f64) {
+            let search = Search { range: [1.0, 5000.0], factor: 2.0, patience: 2, precision: 1.02 };
+            let score = |value: f64| Ok::<_, ()>(steepness * (value / minimum).ln().powi(2));
+            let tried = minimize(&search, score).unwrap();
+            let found = best(&tried).unwrap().value;
+            prop_assert!((found / minimum).ln().abs() <= 2.0 * 1.02f64.ln(), "{found} for {minimum}");
+            prop_assert!(tried.len() < 30 && tried.windows(2).all(|pair| pair[0].value <= pair[1].value));
+            prop_assert!(tried.iter().all(|tried| (0.99..=5001.0).contains(&tried.value)));
+        }
+    }
+
+    #[test]
+    fn a_score_that_only_falls_is_followed_to_the_end() {
+        let search = Search { range: [2.0, 77.0], factor: 2.0, patience: 2, precision: 1.05 };
+        let tried = minimize(&search, |value| Ok::<_, ()>(-value)).unwrap();
+        assert_eq!(best(&tried).unwrap().value, 77.0);
+        let tried = minimize(&search, Ok::<_, ()>).unwrap();
+        assert_eq!(best(&tried).unwrap().value, 2.0);
+        assert!(minimize(&search, |_| Err("no score")).is_err());
+    }
+}
