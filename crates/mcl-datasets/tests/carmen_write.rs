@@ -380,10 +380,10 @@ fn scans_whose_line_readers_refuse_are_not_written() {
         recording.scans[1].ranges = vec![1.0 / 3.0; beams];
         recording
     };
-    // 19 bytes per reading, and a space.
+    // 18 bytes per reading, and a space.
     round_trip(&with_beams(54_000), 1e-12);
     let mut text = Vec::new();
-    let error = carmen::write(&with_beams(55_000), &[], &mut text).unwrap_err();
-    assert!(matches!(error, WriteError::TooLong { scan: 1, beams: 55_000, .. }), "{error}");
+    let error = carmen::write(&with_beams(56_000), &[], &mut text).unwrap_err();
+    assert!(matches!(error, WriteError::TooLong { scan: 1, beams: 56_000, .. }), "{error}");
     assert!(text.is_empty());
 }
