@@ -351,3 +351,39 @@ fn poses_that_add_up_beyond_what_readers_accept_are_refused() {
     let error = carmen::write(&mounted, &[], &mut text).unwrap_err();
     assert!(matches!(error, WriteError::OutOfRange { scan: 0, .. }), "{error}");
 }
+
+/// 10³⁰⁰ was written with 301 digits, and scans of such readings in lines that the reader refuses.
+#[test]
+fn readings_of_hundreds_of_digits_are_written_short() {
+    let mut recording =
+        with_poses(degrees(8000, 0.01), &references(), &steps(), pose(0.1, 0.0, 0.0));
+    let readings = [1e300, -1.234_567_890_123_456_7e-300, 5e-324, f64::MAX, 1e30, 1e-30, 0.0, -0.0];
+    for scan in &mut recording.scans {
+        scan.ranges = readings.iter().copied().cycle().take(8000).collect();
+        scan.geometry.start_angle = -1e-300;
+    }
+    let longest = written(&recording).lines().map(str::len).max().unwrap();
+    assert!(longest < carmen::MAX_LINE_BYTES / 4, "{longest}");
+    let log = round_trip(&recording, 1e-12);
+    let bits = |ranges: &[f64]| ranges.iter().map(|range| range.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&log.recording.scans[0].ranges), bits(&recording.scans[0].ranges));
+    // What is usual has no exponent.
+    recording.scans[0].ranges[..4].copy_from_slice(&[81.83, 1e-17, 0.5, 12345678.9]);
+    assert!(written(&recording).contains(" 81.83 0.00000000000000001 0.5 12345678.9 "));
+}
+
+#[test]
+fn scans_whose_line_readers_refuse_are_not_written() {
+    let with_beams = |beams| {
+        let mut recording =
+            with_poses(degrees(beams, 0.001), &references(), &steps(), Pose2::IDENTITY);
+        recording.scans[1].ranges = vec![1.0 / 3.0; beams];
+        recording
+    };
+    // 18 bytes per reading, and a space.
+    round_trip(&with_beams(54_000), 1e-12);
+    let mut text = Vec::new();
+    let error = carmen::write(&with_beams(56_000), &[], &mut text).unwrap_err();
+    assert!(matches!(error, WriteError::TooLong { scan: 1, beams: 56_000, .. }), "{error}");
+    assert!(text.is_empty());
+}

@@ -300,6 +300,9 @@ impl LogSource {
     /// When the log has no reference poses, or no usable reading.
     pub fn points(&self) -> Result<Vec<mcl_core::Point<2>>> {
         let points = self.recording.points(self.max_range).with_context(|| {
+            if self.recording.scans.iter().all(|scan| scan.map_from_laser.is_some()) {
+                return self.name.clone();
+            }
             format!(
                 "{}: if its laser poses are ground truth all the same, say --reference recorded",
                 self.name

@@ -42,6 +42,18 @@ const THREE_TRIALS: &str = r#"
     figures = { trajectory = 1 }
 "#;
 
+/// Figures of point clouds.
+#[cfg(target_os = "linux")]
+const LIKELIHOOD: &str = r#"
+    kind = "likelihood"
+    seed = 1
+    sigma = 0.05
+    tolerance = 1e-2
+    max_iterations = 3
+    sizes = [{ percent = [5, 10], repeats = 2 }]
+    figures = { overview = 10, comparison = 5 }
+"#;
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
@@ -76,6 +88,47 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
     assert!(output.status.success(), "{}", message(&output));
     assert!(message(&output).contains("2 of 3 trials are there already"), "{}", message(&output));
     assert_same(&folder, &expected);
+}
+
+/// The pictures of point clouds were asked for without a check, which ended the program.
+#[cfg(target_os = "linux")]
+#[test]
+fn figures_without_memory_are_an_error_that_says_which_and_how_much() {
+    let bench = Bench::new(&[("three", THREE_TRIALS), ("likelihood", LIKELIHOOD)]);
+    for experiment in ["three", "likelihood"] {
+        let folder = bench.experiment(experiment, experiment, &[]);
+        let expected = office::contents(&folder);
+        let figures: Vec<_> =
+            expected.keys().filter(|path| path.starts_with("figures")).cloned().collect();
+        let mut codes = Vec::new();
+        // From where the program itself has no memory to where every figure has.
+        for megabytes in (30..=390).step_by(30) {
+            for figure in &figures {
+                drop(fs::remove_file(folder.join(figure)));
+            }
+            let limits = format!("ulimit -v {}", 1024 * megabytes);
+            let output = limited(&bench, &limits, &["plot", experiment, "--threads", "1"])
+                .env("MALLOC_ARENA_MAX", "1")
+                .output()
+                .unwrap();
+            codes.push(output.status.code());
+            let message = message(&output);
+            if message.contains("cannot render") {
+                assert_eq!(output.status.code(), Some(1), "{message}");
+                let is_told = message.contains(&format!("{experiment}/office/figures/"))
+                    && message.contains("bytes for pixels of a ");
+                assert!(is_told && !message.contains("backend"), "{message}");
+            }
+            assert!(!message.contains("memory allocation of"), "{megabytes} MB: {message}");
+            // Rows and summaries are as they were, and figures are whole or not there.
+            for (path, bytes) in office::contents(&folder) {
+                assert!(expected[&path] == bytes, "{megabytes} MB: {}", path.display());
+            }
+        }
+        assert!(codes.contains(&Some(1)) && codes.contains(&Some(0)), "{codes:?}");
+        bench.mcl_eval(&["plot", experiment]);
+        assert!(office::contents(&folder) == expected);
+    }
 }
 
 #[cfg(target_os = "linux")]
@@ -159,9 +212,18 @@ fn nobody_who_listens_ends_no_run() {
     // The result is what was asked for: it cannot be told, but what was saved stays.
     let output = bench.command(&run("stdout")).stdout(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let message = message(&output);
+    let message = self::message(&output);
     assert!(message.contains("cannot write to standard output"), "{message}");
     assert_same(&bench.path("stdout/localization/office"), &expected);
+    for arguments in [&["--help"][..], &["--version"], &["map", "--help"], &["datasets", "list"]] {
+        let output = bench.command(arguments).stdout(full()).output().unwrap();
+        let message = self::message(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(message.contains("cannot write to standard output"), "{message}");
+    }
+    // What plot tells are notes.
+    let output = bench.command(&["plot", "stdout"]).stdout(full()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
 }
 
 #[cfg(unix)]
@@ -169,11 +231,12 @@ fn nobody_who_listens_ends_no_run() {
 fn readers_that_went_away_and_closed_streams_are_no_error() {
     let bench = bench();
     bench.mcl_eval(&["map", "office.log", "--init", "grid", "--size", "100", "-o", "map.csv"]);
-    let commands: [&[&str]; 4] = [
+    let commands: [&[&str]; 5] = [
         &["inspect", "office.log"],
         &["likelihood", "office.log", "--map", "map.csv"],
         &["datasets", "list"],
         &["localize", "--help"],
+        &["--version"],
     ];
     for arguments in commands {
         for streams in ["exec >&-", "exec 2>&-", "exec <&-", "exec >&- 2>&- <&-"] {

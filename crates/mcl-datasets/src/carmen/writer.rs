@@ -1,11 +1,12 @@
 //! Writing a recording as a CARMEN log.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::io::{self, Write};
 
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
 
 use super::fields::MAX_POSE_COMPONENT;
+use super::reader::MAX_LINE_BYTES;
 use super::record::{REFERENCE_PARAM, flaser_geometry};
 use crate::mount::Mount;
 
@@ -15,6 +16,13 @@ pub const NO_RETURN: f64 = 10_000.0;
 
 /// Written for a scan without stamp; no reader takes it for a time.
 const NO_STAMP: &str = "-1";
+/// Numbers larger than this, or smaller than its inverse, are written with an exponent; 10³⁰⁰ would take
+/// 301 digits.
+const LARGEST_PLAIN: f64 = 1e30;
+/// Most bytes that a number so written takes, with a space: sign, "0.", 30 zeros and 17 digits.
+const LONGEST_NUMBER: usize = 51;
+/// More than the fields of a record besides its readings.
+const OTHER_FIELDS: usize = 32;
 
 /// Why a recording cannot be written as a CARMEN log.
 #[derive(Debug, thiserror::Error)]
@@ -61,6 +69,19 @@ pub enum WriteError {
         /// Number of beams of its geometry.
         beams: usize,
     },
+    /// A scan of so many beams that readers refuse its line.
+    #[error(
+        "scan {scan} with its {beams} beams takes a line of {bytes} bytes, expected at most \
+         {MAX_LINE_BYTES}; a bag can hold it"
+    )]
+    TooLong {
+        /// Index of the scan, from 0.
+        scan: usize,
+        /// Number of its beams.
+        beams: usize,
+        /// Length of the line.
+        bytes: usize,
+    },
     /// A stamp before the epoch, which readers take for uninitialised.
     #[error("scan {scan} has the negative stamp {stamp} s, expected one from 0 on")]
     NegativeStamp {
@@ -95,6 +116,7 @@ pub fn write(
 ) -> Result<(), WriteError> {
     let has_reference = check(recording)?;
     let placed = place(recording, has_reference)?;
+    check_lengths(&recording.scans, &placed)?;
     write_lines(recording, &placed, has_reference, comments, &mut sink).map_err(WriteError::Io)
 }
 
@@ -133,6 +155,25 @@ fn place(recording: &Recording, has_reference: bool) -> Result<Vec<Placed>, Writ
     Ok(placed)
 }
 
+/// Checks that no line is longer than readers accept.
+fn check_lengths(scans: &[LaserScan], placed: &[Placed]) -> Result<(), WriteError> {
+    let is_flaser = are_flaser(scans);
+    let mut line = String::new();
+    for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
+        let beams = scan.ranges.len();
+        // Nearly always short enough without a look at the numbers.
+        if beams <= MAX_LINE_BYTES / LONGEST_NUMBER - OTHER_FIELDS {
+            continue;
+        }
+        line.clear();
+        push_scan(&mut line, scan, placed, is_flaser);
+        if line.len() > MAX_LINE_BYTES {
+            return Err(WriteError::TooLong { scan: index, beams, bytes: line.len() });
+        }
+    }
+    Ok(())
+}
+
 fn write_lines(
     recording: &Recording,
     placed: &[Placed],
@@ -147,27 +188,26 @@ fn write_lines(
         writeln!(sink, "PARAM {REFERENCE_PARAM} recorded 0 nohost 0")?;
     }
     let scans = &recording.scans;
-    let is_flaser =
-        scans.iter().all(|scan| flaser_geometry(scan.ranges.len()) == Some(scan.geometry));
+    let is_flaser = are_flaser(scans);
     let mut line = String::new();
     for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
-        let &Placed { odometry, laser, robot } = placed;
-        if let Some(odometry) = odometry {
+        if let Some(odometry) = placed.odometry {
             write_odom(&mut line, sink, odometry, scan.stamp)?;
         }
         line.clear();
-        if is_flaser {
-            push_flaser(&mut line, scan, laser, robot);
-        } else {
-            push_robot_laser(&mut line, scan, laser, robot);
-        }
+        push_scan(&mut line, scan, placed, is_flaser);
         sink.write_all(line.as_bytes())?;
         let next_has_odometry = scans.get(index + 1).is_some_and(|next| next.odometry.is_some());
         if has_reference && next_has_odometry {
-            write_odom(&mut line, sink, robot, scan.stamp)?;
+            write_odom(&mut line, sink, placed.robot, scan.stamp)?;
         }
     }
     sink.flush()
+}
+
+/// Whether `FLASER` records say the beams of all scans.
+fn are_flaser(scans: &[LaserScan]) -> bool {
+    scans.iter().all(|scan| flaser_geometry(scan.ranges.len()) == Some(scan.geometry))
 }
 
 /// Checks that every scan can be written, and says whether the log has reference poses.
@@ -214,12 +254,26 @@ fn is_readable(pose: Pose2) -> bool {
     [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_POSE_COMPONENT)
 }
 
-/// `Display` of a float is the shortest decimal that reads back as the same number.
-fn push_pose(line: &mut String, pose: Pose2) {
-    push(line, format_args!(" {} {} {}", pose.x, pose.y, pose.theta));
+/// A number as it is written: the shortest decimal that reads back as the same number, with an exponent
+/// where there would be many zeros.
+struct Number(f64);
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Number(value) = self;
+        if *value == 0.0 || (1.0 / LARGEST_PLAIN..=LARGEST_PLAIN).contains(&value.abs()) {
+            write!(f, "{value}")
+        } else {
+            write!(f, "{value:e}")
+        }
+    }
 }
 
-fn push(line: &mut String, text: std::fmt::Arguments<'_>) {
+fn push_pose(line: &mut String, pose: Pose2) {
+    push(line, format_args!(" {} {} {}", Number(pose.x), Number(pose.y), Number(pose.theta)));
+}
+
+fn push(line: &mut String, text: fmt::Arguments<'_>) {
     // Writing to a string cannot fail.
     let _ = line.write_fmt(text);
 }
@@ -227,7 +281,7 @@ fn push(line: &mut String, text: std::fmt::Arguments<'_>) {
 fn push_readings(line: &mut String, ranges: &[f64]) {
     push(line, format_args!(" {}", ranges.len()));
     for &range in ranges {
-        push(line, format_args!(" {}", if range.is_finite() { range } else { NO_RETURN }));
+        push(line, format_args!(" {}", Number(if range.is_finite() { range } else { NO_RETURN })));
     }
 }
 
@@ -253,6 +307,15 @@ fn write_odom(
     sink.write_all(line.as_bytes())
 }
 
+fn push_scan(line: &mut String, scan: &LaserScan, placed: &Placed, is_flaser: bool) {
+    let &Placed { laser, robot, .. } = placed;
+    if is_flaser {
+        push_flaser(line, scan, laser, robot);
+    } else {
+        push_robot_laser(line, scan, laser, robot);
+    }
+}
+
 fn push_flaser(line: &mut String, scan: &LaserScan, laser: Pose2, robot: Pose2) {
     line.push_str("FLASER");
     push_readings(line, &scan.ranges);
@@ -263,14 +326,10 @@ fn push_flaser(line: &mut String, scan: &LaserScan, laser: Pose2, robot: Pose2) 
 
 fn push_robot_laser(line: &mut String, scan: &LaserScan, laser: Pose2, robot: Pose2) {
     let geometry = &scan.geometry;
-    let field_of_view = (geometry.beams as f64 - 1.0) * geometry.angle_step.abs();
-    push(
-        line,
-        format_args!(
-            "ROBOTLASER1 0 {} {field_of_view} {} {NO_RETURN} 0 0",
-            geometry.start_angle, geometry.angle_step
-        ),
-    );
+    let step = geometry.angle_step;
+    let field_of_view = Number((geometry.beams as f64 - 1.0) * step.abs());
+    let (start, step) = (Number(geometry.start_angle), Number(step));
+    push(line, format_args!("ROBOTLASER1 0 {start} {field_of_view} {step} {NO_RETURN} 0 0"));
     push_readings(line, &scan.ranges);
     line.push_str(" 0");
     push_pose(line, laser);

@@ -39,12 +39,17 @@ pub enum Command {
     /// What is in a log.
     Inspect(InspectArgs),
     /// Build a sample-based map of a log.
+    // That of clap is longer than a terminal of 60 columns, and never broken.
+    #[command(override_usage = "mcl-eval map [OPTIONS] --init <INIT> -o <MAP> <LOG>")]
     Map(MapArgs),
     /// How likely the points of a log are under a map.
     Likelihood(LikelihoodArgs),
     /// Localize the robot of a log on a map with a particle filter.
     Localize(LocalizeArgs),
     /// Error of estimated trajectories (TUM files, logs, bags), one row each.
+    #[command(
+        override_usage = "mcl-eval evaluate [OPTIONS]\n                --reference <REF> <EST>..."
+    )]
     Evaluate(EvaluateArgs),
     /// Run an experiment; an interrupted run goes on where it stopped.
     Run(RunArgs),

@@ -45,21 +45,12 @@ impl Outcome {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = set_threads(cli.global.threads).and_then(|()| match cli.command {
-        Command::Inspect(args) => inspect::run(&args),
-        Command::Map(args) => map::run(&args, &cli.global),
-        Command::Likelihood(args) => likelihood::run(&args),
-        Command::Localize(args) => localize::run(&args, &cli.global),
-        Command::Evaluate(args) => evaluate::run(&args, &cli.global),
-        Command::Run(args) => run::run(&args, &cli.global),
-        Command::Plot(args) => plot::run(&args, &cli.global),
-        Command::Compare(args) => compare::run(&args),
-        Command::Claims(args) => claims::run(&args),
-        Command::Convert(args) => convert::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
-        Command::Datasets(args) => datasets::run(&args, &cli.global),
-    });
+    let result = match Cli::try_parse() {
+        Ok(cli) => run_command(cli),
+        // What is asked for with --help and --version is a result as any other.
+        Err(told) if !told.use_stderr() => output::print_styled(&told),
+        Err(error) => error.exit(),
+    };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Incomplete) => ExitCode::from(3),
@@ -72,7 +63,50 @@ pub fn main() -> ExitCode {
     }
 }
 
+fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
+    set_threads(cli.global.threads)?;
+    match cli.command {
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Map(args) => map::run(&args, &cli.global),
+        Command::Likelihood(args) => likelihood::run(&args),
+        Command::Localize(args) => localize::run(&args, &cli.global),
+        Command::Evaluate(args) => evaluate::run(&args, &cli.global),
+        Command::Run(args) => run::run(&args, &cli.global),
+        Command::Plot(args) => plot::run(&args, &cli.global),
+        Command::Compare(args) => compare::run(&args),
+        Command::Claims(args) => claims::run(&args),
+        Command::Convert(args) => convert::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Datasets(args) => datasets::run(&args, &cli.global),
+    }
+}
+
 fn set_threads(threads: usize) -> anyhow::Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// clap breaks no line of usage: those of `map` and `evaluate` were longer.
+    #[test]
+    fn help_fits_a_narrow_terminal() {
+        const WIDTH: usize = 60;
+        let mut top = Cli::command();
+        top.build();
+        let mut commands = vec![top];
+        let mut lines = 0;
+        while let Some(command) = commands.pop() {
+            commands.extend(command.get_subcommands().cloned());
+            let help = command.term_width(WIDTH).render_long_help().to_string();
+            for line in help.lines() {
+                assert!(line.chars().count() <= WIDTH, "{line}");
+                lines += 1;
+            }
+        }
+        assert!(lines > 500, "{lines}");
+    }
 }

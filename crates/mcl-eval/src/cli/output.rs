@@ -11,7 +11,7 @@ use terminal_size::terminal_size_of;
 
 use super::Outcome;
 use super::args::Cli;
-use crate::progress::tell;
+use crate::progress::{tell, wrapped};
 use crate::source::{DataSource, LogSource};
 
 /// Prints a result as one JSON object, or as lines of text.
@@ -30,36 +30,13 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
         .context("cannot write to standard output")
 }
 
-/// Text whose lines are no wider than a terminal, broken between words; what has no space in it, such as
-/// a path, stays whole. Lines go on below their value (after two spaces), or below their first word.
-fn wrapped(text: &str, width: usize) -> String {
-    let mut lines = Vec::new();
-    for line in text.lines() {
-        let indent = indent_of(line, width);
-        let mut rest = line.to_owned();
-        while rest.chars().count() > width {
-            // Where the last space is that leaves something before it.
-            let cut =
-                rest.char_indices().take(width + 1).filter(|&(at, c)| c == ' ' && at > indent);
-            let next = rest.char_indices().find(|&(at, c)| c == ' ' && at > indent);
-            let Some((at, _)) = cut.last().or(next) else { break };
-            let after = rest.split_off(at);
-            lines.push(rest);
-            rest = " ".repeat(indent) + after.trim_start();
-        }
-        lines.push(rest);
-    }
-    lines.join("\n")
-}
-
-/// How far a line's further lines are indented, in spaces.
-fn indent_of(line: &str, width: usize) -> usize {
-    let first = line.len() - line.trim_start().len();
-    let value = line[first..].find("  ").map(|gap| {
-        let gap = first + gap;
-        gap + line[gap..].len() - line[gap..].trim_start().len()
-    });
-    value.filter(|&value| line.is_char_boundary(value) && value <= width / 2).unwrap_or(first)
+/// Prints the text of `--help` or `--version`, in colours if stdout is a terminal.
+///
+/// # Errors
+/// When stdout cannot be written.
+pub fn print_styled(text: &clap::Error) -> Result<Outcome> {
+    text.print().and_then(|()| io::stdout().flush()).context("cannot write to standard output")?;
+    Ok(Outcome::Done)
 }
 
 /// Says on stderr what a log left open and what of it was lost, and whether anything was.
@@ -136,23 +113,6 @@ mod tests {
             .context("cannot read a.csv: no such file")
             .context("in the map");
         assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
-    }
-
-    #[test]
-    fn text_fits_a_narrow_terminal() {
-        let text =
-            "office\n  kind        corrected log, raw odometry\n  points      7 with 0 < r ≤ 10 m";
-        assert_eq!(wrapped(text, 80), text);
-        let narrow = "office\n  kind        corrected log,\n              raw odometry\n  \
-                      points      7 with 0 < r ≤\n              10 m";
-        assert_eq!(wrapped(text, 28), narrow);
-        // A path is not cut, and whatever the width, no word is lost.
-        let path = "  /a/very/long/path/to/a.log: no known copy";
-        assert_eq!(wrapped(path, 12), "  /a/very/long/path/to/a.log:\n  no known\n  copy");
-        for width in 0..50 {
-            let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
-            assert_eq!(words(&wrapped(text, width)), words(text));
-        }
     }
 
     #[test]

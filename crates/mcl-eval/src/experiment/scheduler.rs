@@ -82,7 +82,7 @@ pub fn run_trials<T: Trial, R: Send>(
     std::thread::scope(|scope| {
         for pool in &pools {
             let (sender, order, next, run, stop) = (sender.clone(), &order, &next, &run, &stop);
-            scope.spawn(move || {
+            let work = move || {
                 while let Some(&index) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
                     if stop.load(Ordering::Relaxed) {
                         break;
@@ -97,7 +97,12 @@ pub fn run_trials<T: Trial, R: Send>(
                         break;
                     }
                 }
-            });
+            };
+            // `scope.spawn` panics where there is no room for a thread.
+            if let Err(error) = std::thread::Builder::new().spawn_scoped(scope, work) {
+                stop.store(true, Ordering::Relaxed);
+                return Err(error).context("cannot start worker threads");
+            }
         }
         drop(sender);
         let mut outcome = TrialOutcome { done: 0, failed: 0 };

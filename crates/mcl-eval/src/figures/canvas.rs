@@ -38,7 +38,7 @@ pub(super) fn svg_units(length: impl Into<f64>) -> f64 {
 /// Why something could not be put on the page.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub(super) struct CanvasError(String);
+pub(super) struct CanvasError(pub(super) String);
 
 type Drawn = Result<(), DrawingErrorKind<CanvasError>>;
 

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use mcl_core::Point;
+use mcl_core::memory::with_room;
 use plotters::element::BitMapElement;
 
 use super::axis::{Axis, Scale};
 use super::canvas::{svg_units, units};
 use super::page::{
     Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
-    draw_lines, draw_remark, height, left_room,
+    draw_lines, draw_remark, height, left_room, refused,
 };
 use super::raster::{Position, Raster};
 use super::style::CurveStyle;
@@ -212,22 +213,24 @@ fn draw_panel(
     let area = chart.plotting_area();
     let window = area.strip_coord_spec();
     let corner = window.get_base_pixel();
-    let place = |points: &[Point<2>]| -> Vec<Position> {
-        let places = points.iter().filter(|point| drawable(point)).map(|point| {
+    let place = |points: &[Point<2>]| -> Result<Vec<Position>, DrawError> {
+        let mut places = with_room(points.len(), "points of a figure").map_err(refused)?;
+        places.extend(points.iter().filter(|point| drawable(point)).map(|point| {
             let (x, y) = area.map_coordinate(&(point[0], point[1]));
             [svg_units(x - corner.0), svg_units(y - corner.1)]
-        });
-        places.collect()
+        }));
+        Ok(places)
     };
-    let points = place(panel.points);
-    let mut raster = Raster::new(width, height).ok_or(DrawError::LayoutError)?;
+    let points = place(panel.points)?;
+    let raster = Raster::new(width, height).map_err(refused)?;
+    let mut raster = raster.ok_or(DrawError::LayoutError)?;
     // Shades and points belong together only as long as no point is left out.
     match panel.shades.len() == points.len() && !points.is_empty() {
         true => raster.draw_shaded(&points, panel.shades),
         false => raster.draw_points(&points),
     }
     for path in &panel.paths {
-        raster.draw_path(&place(path.points), path.style);
+        raster.draw_path(&place(path.points)?, path.style);
     }
     let (size, pixels) = raster.into_rgb();
     let picture = BitMapElement::with_owned_buffer((0, 0), size, pixels);

@@ -89,7 +89,7 @@ pub enum FigureError {
 
 /// What to say of a figure that plotters could not draw.
 fn render_error(stem: &Path) -> impl Fn(page::DrawError) -> FigureError {
-    |error| FigureError::Render { stem: stem.into(), reason: error.to_string() }
+    |error| FigureError::Render { stem: stem.into(), reason: page::reason(&error) }
 }
 
 /// Writes `<stem>.svg` and `<stem>.png`.

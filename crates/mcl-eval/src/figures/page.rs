@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
+use mcl_core::memory::OutOfMemory;
 use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
@@ -11,6 +12,7 @@ use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
 use plotters::element::{PathElement, Rectangle};
 use plotters::style::TextStyle;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters_backend::DrawingErrorKind;
 
 use super::axis::Axis;
 use super::canvas::{Canvas, CanvasError, svg_units, units};
@@ -29,6 +31,19 @@ const TICK: f64 = 4.0;
 
 /// Why plotters could not draw.
 pub(super) type DrawError = DrawingAreaErrorKind<CanvasError>;
+
+/// That there is no memory for a picture.
+pub(super) fn refused(error: OutOfMemory) -> DrawError {
+    DrawError::BackendError(DrawingErrorKind::DrawingError(CanvasError(error.to_string())))
+}
+
+/// The reason alone: plotters would tell that it is an error of its backend, twice.
+pub(super) fn reason(error: &DrawError) -> String {
+    match error {
+        DrawError::BackendError(DrawingErrorKind::DrawingError(error)) => error.to_string(),
+        other => other.to_string(),
+    }
+}
 /// A part of the page.
 pub(super) type Area = DrawingArea<Canvas, Shift>;
 /// Axes to draw data on.

@@ -1,5 +1,6 @@
 //! Point clouds and paths as pictures.
 
+use mcl_core::memory::{OutOfMemory, check_room};
 use resvg::tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
     StrokeDash, Transform,
@@ -13,6 +14,9 @@ pub(super) type Position = [f64; 2];
 
 /// More points than this are drawn as a density, fewer as dots.
 const MOST_DOTS: usize = 50_000;
+/// At most so much memory is taken at once for a pixel: four bytes each while it is drawn, counted and
+/// sorted; then three of a colour, and four each as it is embedded, copied and packed.
+const BYTES_PER_PIXEL: usize = 16;
 /// Darkness of a pixel that holds a single point, so that it can be seen in print.
 const FAINTEST: f32 = 0.38;
 /// Share of the pixels with points that may be fully dark.
@@ -45,10 +49,16 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// A picture of a window of this size (SVG units).
-    pub(super) fn new(width: f64, height: f64) -> Option<Self> {
+    /// A picture of a window of this size (SVG units); `None` if there can be none.
+    ///
+    /// # Errors
+    /// When there is no memory for it, or for drawing and embedding it.
+    pub(super) fn new(width: f64, height: f64) -> Result<Option<Self>, OutOfMemory> {
         let pixels = |length: f64| (length as f32 * PIXELS_PER_UNIT).round().max(1.0) as u32;
-        Pixmap::new(pixels(width), pixels(height)).map(|pixels| Raster { pixels })
+        let (width, height) = (pixels(width), pixels(height));
+        let number = (width as usize).saturating_mul(height as usize);
+        check_room(number, BYTES_PER_PIXEL, "pixels of a point cloud")?;
+        Ok(Pixmap::new(width, height).map(|pixels| Raster { pixels }))
     }
 
     /// Draws points.
@@ -158,5 +168,19 @@ impl Raster {
         };
         let size = (self.pixels.width(), self.pixels.height());
         (size, self.pixels.pixels().iter().flat_map(on_paper).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// It was asked for without a check, which ends the program where memory is short.
+    #[test]
+    fn a_picture_without_memory_is_refused() {
+        let refused = Raster::new(1e7, 1e7).err().expect("no machine has so much");
+        assert_eq!(refused.bytes, 30_000_000 * 30_000_000 * BYTES_PER_PIXEL);
+        let (size, pixels) = Raster::new(10.0, 5.0).unwrap().unwrap().into_rgb();
+        assert_eq!((size, pixels), ((30, 15), vec![u8::MAX; 30 * 15 * 3]));
     }
 }

@@ -71,6 +71,8 @@ pub(super) fn run(
     if !unchanged || !trajectory.join(ESTIMATE_FILE).exists() {
         save_trajectory(experiment, &splits[0], &settings, &trajectory)?;
     }
+    // Figures take memory, too, and are drawn from files.
+    drop(splits);
     draw_figures(folder)?;
     Ok(outcome)
 }
