@@ -102,7 +102,7 @@ fn figures_without_memory_are_an_error_that_says_which_and_how_much() {
             expected.keys().filter(|path| path.starts_with("figures")).cloned().collect();
         let mut codes = Vec::new();
         // From where the program itself has no memory to where every figure has.
-        for megabytes in (30..=390).step_by(30) {
+        for megabytes in [40, 70, 120, 170, 390] {
             for figure in &figures {
                 drop(fs::remove_file(folder.join(figure)));
             }
