@@ -16,6 +16,7 @@
 //! ```
 
 mod error;
+mod ndt_map;
 mod neighbors;
 mod point_map;
 mod pose;
@@ -26,6 +27,7 @@ mod stamp;
 mod trajectory;
 
 pub use error::CoreError;
+pub use ndt_map::{NdtCell, NdtMap};
 pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
 pub use point_map::{MAX_COORDINATE, PointMap, check_finite};
 pub use pose::{Pose2, wrap_angle};

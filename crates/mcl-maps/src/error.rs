@@ -37,4 +37,15 @@ pub enum MapError {
         /// The coordinate that overflows, in metres, relative to the grid's offset.
         coordinate: f64,
     },
+    /// No cell of an NDT map has the points that a Gaussian needs.
+    #[error(
+        "no cell of {cell} m holds {min_points} points, which a Gaussian needs; use larger cells or \
+         denser data"
+    )]
+    NoGaussian {
+        /// Edge length of a cell in metres.
+        cell: f64,
+        /// Points that a cell needs.
+        min_points: usize,
+    },
 }
