@@ -5,7 +5,7 @@ use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
-use super::SensitivityExperiment;
+use super::{RepresentationsExperiment, SensitivityExperiment};
 
 /// An experiment as its TOML file defines it. Unknown keys are errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,8 @@ pub enum Experiment {
     Localization(LocalizationExperiment),
     /// How the localization error depends on the settings that the paper leaves open.
     Sensitivity(SensitivityExperiment),
+    /// How the localization error depends on the kind of map and its bytes.
+    Representations(RepresentationsExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -28,6 +30,8 @@ pub enum Kind {
     Localization,
     /// [`SensitivityExperiment`].
     Sensitivity,
+    /// [`RepresentationsExperiment`].
+    Representations,
 }
 
 /// Settings of a likelihood experiment.
@@ -236,11 +240,13 @@ impl Experiment {
             Kind::Likelihood => Experiment::Likelihood(toml::from_str(text)?),
             Kind::Localization => Experiment::Localization(toml::from_str(text)?),
             Kind::Sensitivity => Experiment::Sensitivity(toml::from_str(text)?),
+            Kind::Representations => Experiment::Representations(toml::from_str(text)?),
         };
         match &experiment {
             Experiment::Likelihood(experiment) => experiment.check()?,
             Experiment::Localization(experiment) => experiment.check()?,
             Experiment::Sensitivity(experiment) => experiment.check()?,
+            Experiment::Representations(experiment) => experiment.check()?,
         }
         Ok(experiment)
     }
@@ -251,6 +257,7 @@ impl Experiment {
             Experiment::Likelihood(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Localization(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Sensitivity(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Representations(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
         }
     }
 }

@@ -8,6 +8,9 @@ mod likelihood;
 mod localization;
 mod localization_summary;
 mod manifest;
+mod representation_summary;
+mod representation_trials;
+mod representations;
 mod scheduler;
 mod sensitivity;
 mod sensitivity_summary;
@@ -30,6 +33,11 @@ pub use localization_summary::{
     LocalizationSummaryRow, LocalizationTestRow, summarize_localization, test_localization,
 };
 pub use manifest::{DatasetFacts, Manifest};
+pub use representation_summary::{RepresentationSummaryRow, summarize_representations};
+pub use representation_trials::RepresentationRow;
+pub use representations::{
+    PointMaps, Representation, RepresentationKey, RepresentationTrial, RepresentationsExperiment,
+};
 pub use scheduler::{Stopwatch, Trial, TrialOutcome, run_trials};
 pub use sensitivity::{
     SensitivityDataset, SensitivityExperiment, Setting, SettingKey, Sweep, SweptMap,

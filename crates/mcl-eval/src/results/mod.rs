@@ -18,6 +18,8 @@ mod likelihood;
 mod localization;
 mod localization_figures;
 mod maps;
+mod representations;
+mod representations_figure;
 mod sensitivity;
 mod sensitivity_figures;
 
@@ -86,6 +88,9 @@ pub fn run_experiment(
         Experiment::Sensitivity(definition) => {
             sensitivity::run(definition, name, source, folder, options)
         }
+        Experiment::Representations(definition) => {
+            representations::run(definition, name, source, folder, options)
+        }
     }
 }
 
@@ -106,6 +111,7 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
         Kind::Likelihood => figures::draw(folder, manifest),
         Kind::Localization => localization_figures::draw(folder, manifest),
         Kind::Sensitivity => sensitivity_figures::draw(folder, manifest),
+        Kind::Representations => representations_figure::draw(folder, manifest),
     }
 }
 
