@@ -15,14 +15,15 @@ use crate::figures::{
 pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let definition: RepresentationsExperiment = manifest.definition()?;
     let summary: Vec<RepresentationSummaryRow> = read_rows(&folder.join(SUMMARY))?;
-    let axis = |label: &str| AxisSpec { label: label.to_owned(), scale: Scale::Log, range: None };
+    let axis = |label: &str, range| AxisSpec { label: label.to_owned(), scale: Scale::Log, range };
+    let kilobytes = kilobyte_range(&summary);
     let panels = definition.splits.iter().map(|&split| CurvePanel {
         title: match split {
             Split::Same => "maps and runs of the same scans".to_owned(),
             Split::HeldOut => "held out: maps of even scans, runs on odd ones".to_owned(),
         },
-        x: axis("size of the map [kB]"),
-        y: axis("mean weighted error d [–]"),
+        x: axis("size of the map [kB]", kilobytes),
+        y: axis("mean weighted error d [–]", None),
         curves: curves(&summary, split),
     });
     let filter = &definition.filter;
@@ -44,6 +45,17 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
         )],
     };
     Ok(draw_curves(&folder.join(FIGURES).join("representations"), &figure)?.to_vec())
+}
+
+/// The sizes of all panels with room on both sides for the numbers of diverged runs.
+fn kilobyte_range(summary: &[RepresentationSummaryRow]) -> Option<[f64; 2]> {
+    let sizes = || {
+        summary
+            .iter()
+            .flat_map(|row| row.kilobytes_run_length.into_iter().chain([row.kilobytes_raw]))
+    };
+    let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
+    (low > 0.0 && low <= high).then_some([low / 1.4, high * 1.4])
 }
 
 /// A curve per kind of map; of occupancy grids, one per way to keep them.
