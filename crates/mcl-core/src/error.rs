@@ -59,4 +59,17 @@ pub enum CoreError {
     /// There was not enough memory.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
+    /// An edge of a map's cells that is no length.
+    #[error("the edge of a cell is {0} m, expected a positive number of metres")]
+    CellSize(f64),
+    /// A covariance that no distribution has.
+    #[error(
+        "cell {index}: the covariance (xx, xy, yy) is {covariance:?} m², expected it positive definite"
+    )]
+    Covariance {
+        /// Index of the cell, from 0.
+        index: usize,
+        /// The covariance found.
+        covariance: [f64; 3],
+    },
 }

@@ -17,6 +17,7 @@
 
 mod error;
 pub mod memory;
+mod ndt_map;
 mod neighbors;
 mod point_map;
 mod pose;
@@ -28,6 +29,7 @@ mod trajectory;
 
 pub use error::CoreError;
 pub use memory::OutOfMemory;
+pub use ndt_map::{NdtCell, NdtMap};
 pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
 pub use point_map::{MAX_COORDINATE, PointMap, check_finite};
 pub use pose::{Pose2, wrap_angle};

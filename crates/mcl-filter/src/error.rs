@@ -37,6 +37,35 @@ pub enum FilterError {
         /// Cut of the settings in metres.
         expected: f64,
     },
+    /// Distances of an NDT map were prepared for another σ_hit than the settings ask for.
+    #[error(
+        "the NDT map's distances are for a sigma_hit of {found} m, but setting sigma_hit is {expected} m: \
+         build the distances again with the settings' sigma_hit"
+    )]
+    SigmaHitMismatch {
+        /// σ_hit of the distances in metres.
+        found: f64,
+        /// σ_hit of the settings in metres.
+        expected: f64,
+    },
+    /// The cells of an occupancy grid are none, or no whole number of rows.
+    #[error("{cells} cells in rows of {width}, expected one or more whole rows")]
+    GridShape {
+        /// Number of cells.
+        cells: usize,
+        /// Cells in a row.
+        width: usize,
+    },
+    /// An NDT map too wide for its cells to be looked up in a table.
+    #[error("{columns} × {rows} cells of {cell} m are more than 16,777,216; use larger cells")]
+    TableSize {
+        /// Columns.
+        columns: f64,
+        /// Rows.
+        rows: f64,
+        /// Edge length of a cell in metres.
+        cell: f64,
+    },
     /// The settings know the spread of the initial pose but nobody said where it is.
     #[error(
         "no initial pose: initial_pose is \"known\", but neither the log nor the user gives one; \

@@ -53,6 +53,7 @@ pub fn experiment(bytes: &[u8]) {
             Experiment::Localization(e) => drop(localization_trials(e, &name)),
             Experiment::Sensitivity(e) => drop(sensitivity_trials(e, &name)),
             Experiment::Refinement(e) => drop(refinement_trials(e, &name)),
+            Experiment::Representations(e) => drop(e.trials(&name)),
         });
     }
     match &experiment {
@@ -60,6 +61,7 @@ pub fn experiment(bytes: &[u8]) {
         Experiment::Localization(e) => through_a_manifest(Kind::Localization, e),
         Experiment::Sensitivity(e) => through_a_manifest(Kind::Sensitivity, e),
         Experiment::Refinement(e) => through_a_manifest(Kind::Refinement, e),
+        Experiment::Representations(e) => through_a_manifest(Kind::Representations, e),
     }
 }
 

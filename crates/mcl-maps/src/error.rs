@@ -40,4 +40,15 @@ pub enum MapError {
     /// There was not enough memory.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
+    /// No cell of an NDT map has the points that a Gaussian needs.
+    #[error(
+        "no cell of {cell} m holds {min_points} points, which a Gaussian needs; use larger cells or \
+         denser data"
+    )]
+    NoGaussian {
+        /// Edge length of a cell in metres.
+        cell: f64,
+        /// Points that a cell needs.
+        min_points: usize,
+    },
 }

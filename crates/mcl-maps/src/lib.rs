@@ -9,9 +9,9 @@
 //! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
 //! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) or another [refinement](refine())
 //! makes of it. The parts stand beside it: [`sampling`], [`mixture`], [`mod@refine`], [`occupancy`] grids,
-//! and map [`files`].
+//! [`ndt`] maps, what maps take in [`bytes`], and map [`files`].
 //!
-//! Everything but grids and files is generic in the dimension.
+//! Everything but grids, NDT maps and files is generic in the dimension.
 //!
 //! # Example
 //! ```
@@ -35,12 +35,14 @@
 //! ```
 
 mod build;
+pub mod bytes;
 pub mod choice;
 mod error;
 pub mod files;
 mod fkm;
 mod fkm_accelerated;
 pub mod mixture;
+pub mod ndt;
 pub mod occupancy;
 mod point_set;
 pub mod refine;

@@ -7,7 +7,9 @@ use mcl_maps::FkmSettings;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Builder, MapStrategy, RefinementExperiment, SensitivityExperiment};
+use super::{
+    Builder, MapStrategy, RefinementExperiment, RepresentationsExperiment, SensitivityExperiment,
+};
 
 /// An experiment as its TOML file defines it. Unknown keys are errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +22,8 @@ pub enum Experiment {
     Sensitivity(SensitivityExperiment),
     /// How likely the data is under maps of the same size that were refined in different ways.
     Refinement(RefinementExperiment),
+    /// How the localization error depends on the kind of map and its bytes.
+    Representations(RepresentationsExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -34,6 +38,8 @@ pub enum Kind {
     Sensitivity,
     /// [`RefinementExperiment`].
     Refinement,
+    /// [`RepresentationsExperiment`].
+    Representations,
 }
 
 /// Settings of a likelihood experiment.
@@ -261,12 +267,14 @@ impl Experiment {
             Kind::Localization => Experiment::Localization(toml::from_str(text)?),
             Kind::Sensitivity => Experiment::Sensitivity(toml::from_str(text)?),
             Kind::Refinement => Experiment::Refinement(toml::from_str(text)?),
+            Kind::Representations => Experiment::Representations(toml::from_str(text)?),
         };
         match &experiment {
             Experiment::Likelihood(experiment) => experiment.check()?,
             Experiment::Localization(experiment) => experiment.check()?,
             Experiment::Sensitivity(experiment) => experiment.check()?,
             Experiment::Refinement(experiment) => experiment.check()?,
+            Experiment::Representations(experiment) => experiment.check()?,
         }
         Ok(experiment)
     }
@@ -278,6 +286,7 @@ impl Experiment {
             Experiment::Localization(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Sensitivity(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Refinement(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Representations(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
         }
     }
 }

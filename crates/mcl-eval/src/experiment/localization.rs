@@ -4,7 +4,9 @@ use std::sync::{Arc, OnceLock};
 use anyhow::{Context, Result, bail};
 use mcl_core::memory::with_room;
 use mcl_core::{Point, PointMap, Pose2, Recording, Seed};
-use mcl_filter::{CheckedSettings, MapDistances, Replay, Run, localize, noisy_increments};
+use mcl_filter::{
+    CheckedSettings, MapDistances, OdometryNoise, Replay, Run, localize, noisy_increments,
+};
 use mcl_maps::{MapSize, PointSet, RefineSettings, Refinement, fuzzy_k_means, initial_map};
 use mcl_metrics::{
     DivergenceSettings, LossSettings, PoseError, WeightedPoseError, diverged, lost_episodes,
@@ -119,13 +121,8 @@ impl<'a> LocalizationData<'a> {
         recording: &'a Recording,
         max_range: f64,
     ) -> Result<Self> {
-        let builds_map = |index: usize| split == Split::Same || index.is_multiple_of(2);
         let is_localized = |index: usize| split == Split::Same || !index.is_multiple_of(2);
-        let scans = recording.scans.iter().enumerate();
-        let map_scans = scans.filter(|&(index, _)| builds_map(index)).map(|(_, scan)| scan.clone());
-        let map_recording =
-            Recording { scans: map_scans.collect(), robot_from_laser: recording.robot_from_laser };
-        let points: Vec<Point<2>> = map_recording.points(max_range)?;
+        let points: Vec<Point<2>> = map_scans(recording, split).points(max_range)?;
         let scans: Vec<usize> = (0..recording.scans.len()).filter(|&i| is_localized(i)).collect();
         let reference = scans
             .iter()
@@ -141,6 +138,11 @@ impl<'a> LocalizationData<'a> {
         let points = PointSet::new(points)?;
         let all_distances = OnceLock::new();
         Ok(LocalizationData { split, dataset, recording, points, scans, reference, all_distances })
+    }
+
+    /// The scans that build the map.
+    pub fn map_recording(&self) -> Recording {
+        map_scans(self.recording, self.split)
     }
 
     /// The distances from a map. Those from all points, the slowest to index, are kept, for many
@@ -168,6 +170,13 @@ impl<'a> LocalizationData<'a> {
         }
         Ok(built)
     }
+}
+
+fn map_scans(recording: &Recording, split: Split) -> Recording {
+    let builds_map = |index: usize| split == Split::Same || index.is_multiple_of(2);
+    let scans = recording.scans.iter().enumerate();
+    let scans = scans.filter(|&(index, _)| builds_map(index)).map(|(_, scan)| scan.clone());
+    Recording { scans: scans.collect(), robot_from_laser: recording.robot_from_laser }
 }
 
 /// A trial of the localization experiment: an initial map and what fuzzy k-means makes of it (or all
@@ -231,24 +240,38 @@ impl LocalizationTrial {
     }
 }
 
+/// Seed of the initial map number `map` of a builder and size; `None` for all points.
+pub(super) fn map_seed(
+    seed: u64,
+    dataset: &str,
+    split: Split,
+    builder: Option<Builder>,
+    size_percent: f64,
+    map: u32,
+) -> u64 {
+    Seed::new(seed)
+        .derive("map")
+        .derive(dataset)
+        .derive(split.name())
+        .derive(builder.map_or("all", |builder| builder.label(false)))
+        .derive(&size_percent.to_string())
+        .derive_index(u64::from(map))
+        .number()
+}
+
 /// All trials of the experiment on a data set.
 pub fn localization_trials(
     experiment: &LocalizationExperiment,
     dataset: &str,
 ) -> Vec<LocalizationTrial> {
-    let root = Seed::new(experiment.seed).derive("map").derive(dataset);
     let runs = experiment.runs_for(dataset);
     let mut trials = Vec::new();
     for &split in &experiment.splits {
         for map in 0..experiment.maps {
             let runs: Vec<u32> = (map..runs).step_by(experiment.maps as usize).collect();
             let mut push = |builder: Option<Builder>, size_percent: f64| {
-                let map_seed = root
-                    .derive(split.name())
-                    .derive(builder.map_or("all", |builder| builder.label(false)))
-                    .derive(&size_percent.to_string())
-                    .derive_index(u64::from(map))
-                    .number();
+                let map_seed =
+                    map_seed(experiment.seed, dataset, split, builder, size_percent, map);
                 let best = experiment.best && builder == Some(Builder::Grid);
                 let maps = if builder.is_some() { 2.0 + f64::from(best) } else { 1.5 };
                 let cost = runs.len() as f64 * maps;
@@ -370,22 +393,7 @@ impl LocalizationExperiment {
         settings: &CheckedSettings,
         run: u32,
     ) -> Result<TrackedRun> {
-        let seed = |purpose: &str| {
-            Seed::new(self.seed)
-                .derive(purpose)
-                .derive(data.dataset)
-                .derive(data.split.name())
-                .derive_index(u64::from(run))
-        };
-        let odometry: Vec<Option<Pose2>> =
-            data.recording.scans.iter().map(|scan| scan.odometry).collect();
-        let increments =
-            noisy_increments(&odometry, self.odometry_noise, seed("experiment-noise"))?;
-        let replay =
-            Replay { recording: data.recording, increments: &increments, scans: &data.scans };
-        let run = localize(&replay, distances, settings, Some(data.reference[0]), seed("filter"))?;
-        let errors = pose_errors(&data.reference, &run.map_from_laser)?;
-        Ok(TrackedRun { run, errors })
+        track(self.seed, self.odometry_noise, data, distances, settings, run)
     }
 
     /// Runs one trial: a row per map and run.
@@ -415,6 +423,67 @@ impl LocalizationExperiment {
     }
 }
 
+/// Localizes the robot on a map. Noise and filter depend on the experiment's seed, the data and the run's
+/// number, never on the map.
+pub(super) fn track(
+    seed: u64,
+    odometry_noise: OdometryNoise,
+    data: &LocalizationData<'_>,
+    distances: &MapDistances,
+    settings: &CheckedSettings,
+    run: u32,
+) -> Result<TrackedRun> {
+    let seed = |purpose: &str| {
+        Seed::new(seed)
+            .derive(purpose)
+            .derive(data.dataset)
+            .derive(data.split.name())
+            .derive_index(u64::from(run))
+    };
+    let odometry: Vec<Option<Pose2>> =
+        data.recording.scans.iter().map(|scan| scan.odometry).collect();
+    let increments = noisy_increments(&odometry, odometry_noise, seed("experiment-noise"))?;
+    let replay = Replay { recording: data.recording, increments: &increments, scans: &data.scans };
+    let run = localize(&replay, distances, settings, Some(data.reference[0]), seed("filter"))?;
+    let errors = pose_errors(&data.reference, &run.map_from_laser)?;
+    Ok(TrackedRun { run, errors })
+}
+
+/// Figures of a run: means over its scans, as in [`LocalizationRow`].
+pub(super) struct RunErrors {
+    pub scans: usize,
+    pub weighted: f64,
+    pub translation: f64,
+    pub heading: f64,
+    pub translation_max: f64,
+    pub diverged: bool,
+    pub lost_episodes: usize,
+    pub recovered_episodes: usize,
+    pub mean_effective_sample_size: f64,
+}
+
+impl RunErrors {
+    pub fn of(tracked: &TrackedRun) -> Result<Self> {
+        let weighted = WeightedPoseError::default();
+        let translations: Vec<f64> = tracked.errors.iter().map(PoseError::translation).collect();
+        let episodes = lost_episodes(&translations, &LossSettings::default())?;
+        let scans = tracked.errors.len();
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / scans as f64;
+        let mut sample_sizes = tracked.run.reports.iter().map(|r| r.effective_sample_size);
+        Ok(RunErrors {
+            scans,
+            weighted: mean(&mut tracked.errors.iter().map(|error| weighted.of(error))),
+            translation: mean(&mut translations.iter().copied()),
+            heading: mean(&mut tracked.errors.iter().map(PoseError::heading)),
+            translation_max: translations.iter().copied().fold(0.0, f64::max),
+            diverged: diverged(&translations, &DivergenceSettings::default())?,
+            lost_episodes: episodes.len(),
+            recovered_episodes: episodes.iter().filter(|e| e.recovered.is_some()).count(),
+            mean_effective_sample_size: mean(&mut sample_sizes),
+        })
+    }
+}
+
 /// The row of a run.
 pub(super) fn row(
     data: &LocalizationData<'_>,
@@ -424,12 +493,8 @@ pub(super) fn row(
     run: u32,
     tracked: &TrackedRun,
 ) -> Result<LocalizationRow> {
-    let weighted = WeightedPoseError::default();
-    let translations: Vec<f64> = tracked.errors.iter().map(PoseError::translation).collect();
-    let episodes = lost_episodes(&translations, &LossSettings::default())?;
+    let errors = RunErrors::of(tracked)?;
     let reports = &tracked.run.reports;
-    let scans = tracked.errors.len();
-    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / scans as f64;
     Ok(LocalizationRow {
         dataset: data.dataset.to_owned(),
         split: data.split,
@@ -440,16 +505,16 @@ pub(super) fn row(
         run,
         data_points: data.points.len(),
         map_points,
-        scans,
+        scans: errors.scans,
         used_beams: reports.iter().map(|report| report.used_beams).sum(),
-        weighted: mean(&mut tracked.errors.iter().map(|error| weighted.of(error))),
-        translation: mean(&mut translations.iter().copied()),
-        heading: mean(&mut tracked.errors.iter().map(PoseError::heading)),
-        translation_max: translations.iter().copied().fold(0.0, f64::max),
-        diverged: diverged(&translations, &DivergenceSettings::default())?,
-        lost_episodes: episodes.len(),
-        recovered_episodes: episodes.iter().filter(|episode| episode.recovered.is_some()).count(),
-        mean_effective_sample_size: mean(&mut reports.iter().map(|r| r.effective_sample_size)),
+        weighted: errors.weighted,
+        translation: errors.translation,
+        heading: errors.heading,
+        translation_max: errors.translation_max,
+        diverged: errors.diverged,
+        lost_episodes: errors.lost_episodes,
+        recovered_episodes: errors.recovered_episodes,
+        mean_effective_sample_size: errors.mean_effective_sample_size,
         resamplings: reports.iter().filter(|report| report.resampled).count(),
     })
 }

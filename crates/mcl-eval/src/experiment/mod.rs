@@ -10,6 +10,9 @@ mod localization;
 mod localization_summary;
 mod manifest;
 mod refinement;
+mod representation_summary;
+mod representation_trials;
+mod representations;
 mod scheduler;
 mod sensitivity;
 mod sensitivity_summary;
@@ -36,6 +39,11 @@ pub use manifest::{DatasetFacts, Manifest};
 pub use refinement::{
     INITIAL, RefinementDataset, RefinementExperiment, RefinementRow, RefinementSummaryRow,
     RefinementTrial, refinement_trials, summarize_refinement,
+};
+pub use representation_summary::{RepresentationSummaryRow, summarize_representations};
+pub use representation_trials::RepresentationRow;
+pub use representations::{
+    PointMaps, Representation, RepresentationKey, RepresentationTrial, RepresentationsExperiment,
 };
 pub use scheduler::{Stopwatch, Trial, TrialOutcome, run_trials};
 pub use sensitivity::{

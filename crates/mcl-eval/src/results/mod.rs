@@ -20,6 +20,8 @@ mod localization;
 mod localization_figures;
 mod maps;
 mod refinement;
+mod representations;
+mod representations_figure;
 mod sensitivity;
 mod sensitivity_figures;
 
@@ -92,6 +94,9 @@ pub fn run_experiment(
         Experiment::Refinement(definition) => {
             refinement::run(definition, name, source.log()?, folder, options)
         }
+        Experiment::Representations(definition) => {
+            representations::run(definition, name, source.log()?, folder, options)
+        }
     }
 }
 
@@ -113,6 +118,7 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
         Kind::Localization => localization_figures::draw(folder, manifest),
         Kind::Sensitivity => sensitivity_figures::draw(folder, manifest),
         Kind::Refinement => refinement::draw(folder, manifest),
+        Kind::Representations => representations_figure::draw(folder, manifest),
     }
 }
 

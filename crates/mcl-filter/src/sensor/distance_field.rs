@@ -1,18 +1,23 @@
-use mcl_core::{Bounds, NearestNeighbors, Point, PointMap};
+use mcl_core::{Bounds, NdtMap, NearestNeighbors, Point, PointMap};
 
 use super::fetch::{Fetch, PADDING, Task, dispatch};
 use super::grid::{Candidates, Grid};
 use super::lookup::{CHUNK, Lookup, Workspace};
+use super::{CellDistances, NdtDistances, NdtReading, ObstacleGrid};
 use crate::FilterError;
 use crate::settings::check_length;
 
-/// Distances from any place to the nearest point of a map, cut at a largest distance: what every
-/// sensor model here knows of a map. Both kinds are exact; build one per map and share it.
+/// Distances from any place to a map, cut at a largest distance: what every sensor model here knows of a
+/// map. Build one per map and share it.
 pub enum MapDistances {
-    /// The fast path.
+    /// Exact distances to the nearest point of a point map: the fast path.
     Grid(DistanceField),
-    /// The reference path.
+    /// The same by the reference path.
     Reference(ExactDistances),
+    /// Of an occupancy grid: a distance per cell.
+    Cells(CellDistances),
+    /// Of an NDT map: Mahalanobis distances.
+    Ndt(NdtDistances),
 }
 
 impl MapDistances {
@@ -32,20 +37,39 @@ impl MapDistances {
         ExactDistances::build(map, max_distance).map(MapDistances::Reference)
     }
 
+    /// The likelihood field of an occupancy grid, with distances cut at `max_distance` (m).
+    ///
+    /// # Errors
+    /// Those of [`CellDistances::build`].
+    pub fn cells(grid: &ObstacleGrid<'_>, max_distance: f64) -> Result<Self, FilterError> {
+        CellDistances::build(grid, max_distance).map(MapDistances::Cells)
+    }
+
+    /// The distances of an NDT map, cut at `max_distance` (m).
+    ///
+    /// # Errors
+    /// Those of [`NdtDistances::build`].
+    pub fn ndt(map: &NdtMap, reading: NdtReading, max_distance: f64) -> Result<Self, FilterError> {
+        NdtDistances::build(map, reading, max_distance).map(MapDistances::Ndt)
+    }
+
     /// Where distances are cut (m).
     pub fn max_distance(&self) -> f64 {
-        self.exact().max_distance
-    }
-
-    /// The smallest box around the map's points.
-    pub fn bounds(&self) -> Bounds<2> {
-        self.exact().bounds
-    }
-
-    fn exact(&self) -> &ExactDistances {
         match self {
-            MapDistances::Grid(field) => &field.exact,
-            MapDistances::Reference(exact) => exact,
+            MapDistances::Grid(field) => field.exact.max_distance,
+            MapDistances::Reference(exact) => exact.max_distance,
+            MapDistances::Cells(cells) => cells.max_distance(),
+            MapDistances::Ndt(ndt) => ndt.max_distance(),
+        }
+    }
+
+    /// The smallest box around the map's points, its occupied cells' centres, or its Gaussians' means.
+    pub fn bounds(&self) -> Bounds<2> {
+        match self {
+            MapDistances::Grid(field) => field.exact.bounds,
+            MapDistances::Reference(exact) => exact.bounds,
+            MapDistances::Cells(cells) => cells.bounds(),
+            MapDistances::Ndt(ndt) => ndt.bounds(),
         }
     }
 }

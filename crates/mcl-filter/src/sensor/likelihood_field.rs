@@ -23,13 +23,13 @@ fn factors(most: f64, log: f64) -> usize {
     ((most / log.abs()) as usize).clamp(1, 1 << 20)
 }
 
-/// The likelihood field of *Probabilistic Robotics* (table 6.3) on a point map: each used beam has
+/// The likelihood field of *Probabilistic Robotics* (table 6.3) on a map: each used beam has
 /// the likelihood
 ///
 /// p(z) = z_hit·N(d; 0, σ_hit) + z_rand/z_max,  z_hit = 1 − z_rand,
 ///
 /// N the normalized one-dimensional Gaussian and d the distance from the beam's endpoint to the
-/// nearest map point, cut at `max_distance`. A scan's likelihood is the product over its beams, to
+/// nearest map point (of other maps, what [`MapDistances`] says), cut at `max_distance`. A scan's likelihood is the product over its beams, to
 /// the power of `likelihood_exponent` (1 unless set).
 pub struct LikelihoodField<'a> {
     distances: &'a MapDistances,
@@ -51,7 +51,7 @@ impl<'a> LikelihoodField<'a> {
     ///
     /// # Errors
     /// [`FilterError::MaxDistanceMismatch`] when the distances are cut elsewhere than the settings
-    /// say.
+    /// say, [`FilterError::SigmaHitMismatch`] when those of an NDT map are of another σ_hit.
     pub fn new(
         distances: &'a MapDistances,
         settings: &CheckedSettings,
@@ -64,6 +64,11 @@ impl<'a> LikelihoodField<'a> {
             });
         }
         let sigma = settings.sigma_hit;
+        if let MapDistances::Ndt(ndt) = distances
+            && ndt.sigma_hit() != sigma
+        {
+            return Err(FilterError::SigmaHitMismatch { found: ndt.sigma_hit(), expected: sigma });
+        }
         let hit = (1.0 - settings.z_rand) / (sigma * TAU.sqrt());
         let random = settings.z_rand / settings.max_range;
         // Every factor is in [random, hit + random], so the logarithm of a product of n factors is
@@ -117,6 +122,14 @@ impl<'a> LikelihoodField<'a> {
             }
             MapDistances::Reference(exact) => {
                 let distance_squared = |point| exact.distance_squared(point);
+                self.add_with(distance_squared, endpoints, poses, scratch, log_weights);
+            }
+            MapDistances::Cells(cells) => {
+                let distance_squared = |point| cells.distance_squared(point);
+                self.add_with(distance_squared, endpoints, poses, scratch, log_weights);
+            }
+            MapDistances::Ndt(ndt) => {
+                let distance_squared = |point| ndt.distance_squared(point);
                 self.add_with(distance_squared, endpoints, poses, scratch, log_weights);
             }
         }

@@ -1,6 +1,7 @@
 //! How likely a scan is from a pose (*Probabilistic Robotics*, chapter 6): distances to the nearest
-//! point of a map, and the likelihood field over them.
+//! point of a map, or to what else a map is made of, and the likelihood field over them.
 
+mod cell_distances;
 mod distance_field;
 mod exp;
 mod fetch;
@@ -8,10 +9,13 @@ mod grid;
 mod grid_builder;
 mod likelihood_field;
 mod lookup;
+mod ndt_distances;
 mod pass;
 mod scan_endpoints;
 
+pub use cell_distances::{CellDistances, ObstacleGrid};
 pub use distance_field::{DistanceField, ExactDistances, MapDistances};
 pub use likelihood_field::LikelihoodField;
 pub(crate) use likelihood_field::{Poses, Scratch};
+pub use ndt_distances::{NdtDistances, NdtReading};
 pub use scan_endpoints::ScanEndpoints;

@@ -1,0 +1,51 @@
+use std::collections::HashSet;
+use std::path::Path;
+
+use anyhow::Result;
+
+use super::{RunOptions, SUMMARY, TRIALS, Trials, draw_figures, prepare};
+use crate::experiment::{
+    DatasetFacts, Kind, LocalizationData, Manifest, RepresentationRow, RepresentationTrial,
+    RepresentationsExperiment, TrialOutcome, TrialStore, summarize_representations, write_rows,
+};
+use crate::source::LogSource;
+
+/// Runs an experiment on kinds of maps on one log; see [`super::run_experiment`].
+pub(super) fn run(
+    experiment: &RepresentationsExperiment,
+    name: &str,
+    source: &LogSource,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<TrialOutcome> {
+    let facts = DatasetFacts::of(source, source.points()?.len());
+    let manifest = Manifest::new(name, Kind::Representations, experiment, facts)?;
+    let _prepared = prepare(folder, &manifest, options.fresh)?;
+    let settings = experiment.filter_for(source.max_range)?;
+    let splits = experiment
+        .splits
+        .iter()
+        .map(|&split| {
+            LocalizationData::new(split, &source.name, &source.recording, source.max_range)
+        })
+        .collect::<Result<Vec<_>>>()?;
+
+    let mut store: TrialStore<RepresentationRow> = TrialStore::open(&folder.join(TRIALS))?;
+    let saved: HashSet<_> = store.rows().iter().map(RepresentationRow::key).collect();
+    let (done, pending): (Vec<_>, Vec<_>) = experiment
+        .trials(&source.name)
+        .into_iter()
+        .partition(|trial| trial.keys().all(|key| saved.contains(&key)));
+    // A trial that was cut off between two of its rows is run again as a whole.
+    let redone: HashSet<_> = pending.iter().flat_map(RepresentationTrial::keys).collect();
+    store.retain(|row| !redone.contains(&row.key()))?;
+    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let outcome = trials.run(&mut store, options, |trial, watch| {
+        let data = splits.iter().find(|data| data.split == trial.split);
+        experiment.run_trial(data.expect("every split has its data"), &settings, trial, watch)
+    })?;
+    let rows = store.finish(RepresentationRow::key)?;
+    write_rows(&folder.join(SUMMARY), &summarize_representations(&rows)?)?;
+    draw_figures(folder)?;
+    Ok(outcome)
+}

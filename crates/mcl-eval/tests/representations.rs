@@ -1,0 +1,107 @@
+//! The experiment on kinds of maps, as a user runs it.
+
+mod office;
+
+use std::fs;
+use std::path::Path;
+
+use mcl_eval::experiment::{
+    Representation, RepresentationRow, RepresentationSummaryRow, Split, read_rows,
+};
+use office::{Bench, assert_same};
+
+const REPRESENTATIONS: &str = r#"
+    kind = "representations"
+    seed = 3
+    runs = 2
+    maps = 2
+    splits = ["same", "held-out"]
+    odometry_noise = { xy = 0.01, theta = 0.01 }
+    sigma = 0.05
+    tolerance = 1e-3
+    max_iterations = 50
+    points = { builders = ["rnd", "gbs", "rnd+f-km", "gbs+f-km", "gbs+best"], sizes = [10] }
+    grids = [0.05, 0.2]
+    ndt = [0.5, 1]
+    filter = { particles = 200, beams = 60 }
+"#;
+
+fn bench() -> Bench {
+    Bench::new(&[("representations", REPRESENTATIONS)])
+}
+
+fn trials(folder: &Path) -> Vec<RepresentationRow> {
+    read_rows(&folder.join("trials.csv")).unwrap()
+}
+
+#[test]
+fn the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
+    let bench = bench();
+    let one = bench.experiment("representations", "one", &["--threads", "1"]);
+    let rows = trials(&one);
+    // Per split 2 runs on 5 point maps, all points, 2 grids and 2 NDT maps read in 2 ways.
+    assert_eq!(rows.len(), 2 * 2 * (5 + 1 + 2 + 4));
+    let summary: Vec<RepresentationSummaryRow> = read_rows(&one.join("summary.csv")).unwrap();
+    assert_eq!(summary.len(), rows.len() / 2);
+    for ending in ["svg", "png"] {
+        assert!(one.join(format!("figures/representations.{ending}")).is_file());
+    }
+    let two = bench.experiment("representations", "two", &["--threads", "2"]);
+    assert_same(&two, &one);
+
+    let path = two.join("trials.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, &text[..text.len() / 3]).unwrap();
+    bench.experiment("representations", "two", &["--threads", "2"]);
+    assert_same(&two, &one);
+
+    // The figure is drawn again from saved rows alone, and more maps may be added to them.
+    let figure = one.join("figures/representations.svg");
+    let before = fs::read(&figure).unwrap();
+    fs::remove_file(&figure).unwrap();
+    bench.mcl_eval(&["plot", "one"]);
+    assert_eq!(fs::read(&figure).unwrap(), before);
+    let more = REPRESENTATIONS.replace("[0.05, 0.2]", "[0.05, 0.1, 0.2]");
+    fs::write(bench.path("representations.toml"), more).unwrap();
+    bench.experiment("representations", "one", &[]);
+    let added = trials(&one);
+    assert_eq!(added.len(), rows.len() + 2 * 2);
+    assert!(rows.iter().all(|row| added.contains(row)));
+}
+
+/// The robot is tracked on each kind of map, and bytes are those of the definitions.
+#[test]
+fn every_kind_of_map_localizes() {
+    let bench = bench();
+    let rows = trials(&bench.experiment("representations", "results", &[]));
+    for row in &rows {
+        let name = format!("{:?} {} {:?}", row.representation, row.parameter, row.split);
+        // Gaussians as wide as walls are too sharp for the steps of every other scan: such runs are lost.
+        if (row.representation, row.split) != (Representation::Ndt, Split::HeldOut) {
+            assert!(!row.diverged && row.lost_episodes == 0, "{name}");
+            assert!(row.weighted < 0.1, "{name}: {}", row.weighted);
+        }
+        let per_element = match row.representation {
+            Representation::Occupancy => 1,
+            Representation::Ndt | Representation::NdtWide => 24,
+            _ => 8,
+        };
+        assert_eq!(row.bytes_raw, per_element * row.elements, "{name}");
+        let is_grid = row.representation == Representation::Occupancy;
+        assert_eq!(row.bytes_run_length.is_some_and(|bytes| bytes < row.bytes_raw), is_grid);
+    }
+    let of = |representation: Representation, parameter: f64| {
+        let mut found = rows.iter().filter(move |row| {
+            row.split == Split::Same
+                && row.representation == representation
+                && row.parameter == parameter
+        });
+        found.next().unwrap()
+    };
+    // Smaller cells are more, and both readings are of the same NDT map, but not the same.
+    let [fine, coarse] = [0.05, 0.2].map(|cell| of(Representation::Occupancy, cell).elements);
+    assert!(fine > 10 * coarse);
+    let [as_is, wide] = [Representation::Ndt, Representation::NdtWide].map(|kind| of(kind, 0.5));
+    assert_eq!(as_is.elements, wide.elements);
+    assert!(as_is.weighted != wide.weighted);
+}
