@@ -242,8 +242,13 @@ pub fn refine<const D: usize>(
         Refinement::Exchange { .. } | Refinement::Fkm {} | Refinement::FkmAccelerated {} => {}
     }
     let last = progress.evaluations + max_iterations;
+    // The model that the climb begins with has had its step.
+    let mut is_known = true;
     let mut converged = climb(data, &mut model, sigma, tolerance, |per_point| {
-        progress.evaluated(per_point);
+        if !std::mem::take(&mut is_known) {
+            progress.evaluations += 1;
+            progress.step(Stage::Em, per_point);
+        }
         progress.evaluations < last && !progress.is_over()
     });
     let indices = match settings.method {
@@ -287,15 +292,6 @@ impl<'a> Progress<'a> {
         let step = RefineStep { stage, log_likelihood, evaluations: self.evaluations, seconds };
         (self.observe)(&step);
         self.steps.push(step);
-    }
-
-    /// An evaluation of EM; the first of a climb has been counted as what led to it.
-    fn evaluated(&mut self, log_likelihood: f64) {
-        let known = self.steps.last().is_some_and(|step| step.log_likelihood == log_likelihood);
-        if !known {
-            self.evaluations += 1;
-            self.step(Stage::Em, log_likelihood);
-        }
     }
 
     fn finish<const D: usize>(

@@ -29,7 +29,6 @@ pub(super) fn search<const D: usize>(
             break;
         }
         let seed = settings.seed.derive("restart").derive(&restart.to_string());
-        // Two data points may coincide with one component's place: the size is the model's.
         let drawn = sample_random(data.len(), model.means.len().min(data.len()), seed);
         let points: Vec<Point<D>> = drawn.iter().map(|&index| data.points()[index]).collect();
         let mut other = Model::new(data, data.centred(&points), sigma);
