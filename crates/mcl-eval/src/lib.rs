@@ -6,13 +6,13 @@
 // Both end the program when nobody can be told; see `progress::tell` and `cli::output::print`.
 #![cfg_attr(not(test), warn(clippy::print_stderr, clippy::print_stdout))]
 
+pub mod auto;
 pub mod claims;
 pub mod cli;
 pub mod cloud_source;
 pub mod experiment;
 pub mod figures;
 pub mod progress;
-pub mod racing;
 pub mod results;
 pub mod source;
 mod thread_time;

@@ -54,6 +54,7 @@ pub fn experiment(bytes: &[u8]) {
             Experiment::Sensitivity(e) => drop(sensitivity_trials(e, &name)),
             Experiment::Refinement(e) => drop(refinement_trials(e, &name)),
             Experiment::Representations(e) => drop(e.trials(&name)),
+            Experiment::Choices(e) => drop(e.trials(1000)),
         });
     }
     match &experiment {
@@ -61,6 +62,7 @@ pub fn experiment(bytes: &[u8]) {
         Experiment::Localization(e) => through_a_manifest(Kind::Localization, e),
         Experiment::Sensitivity(e) => through_a_manifest(Kind::Sensitivity, e),
         Experiment::Refinement(e) => through_a_manifest(Kind::Refinement, e),
+        Experiment::Choices(e) => through_a_manifest(Kind::Choices, e),
         Experiment::Representations(e) => through_a_manifest(Kind::Representations, e),
     }
 }

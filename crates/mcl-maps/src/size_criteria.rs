@@ -4,10 +4,10 @@
 use statrs::function::factorial::ln_factorial;
 
 /// The Bayesian information criterion (Schwarz 1978), halved and per point: `−ln p(D|Θ)/N + K·D·ln N/2N`,
-/// for K means of D coordinates each. `log_likelihood` is ln p(D|Θ)/N.
-pub fn bic<const D: usize>(log_likelihood: f64, points: usize, map_points: usize) -> f64 {
+/// for K means of D coordinates (`dimensions`) each. `log_likelihood` is ln p(D|Θ)/N.
+pub fn bic(log_likelihood: f64, points: usize, map_points: usize, dimensions: usize) -> f64 {
     let points = points as f64;
-    map_points as f64 * D as f64 * points.ln() / (2.0 * points) - log_likelihood
+    map_points as f64 * dimensions as f64 * points.ln() / (2.0 * points) - log_likelihood
 }
 
 /// The description length (Rissanen 1978) of data and map, per point, up to a constant: the data by the
@@ -29,6 +29,6 @@ mod tests {
         // 2 of 5 points: 10 subsets.
         let length = description_length(-3.0, 5, 2);
         assert!((length - (3.0 + (10_f64.ln() + 5_f64.ln()) / 5.0)).abs() < 1e-12, "{length}");
-        assert!((bic::<2>(-3.0, 100, 7) - (3.0 + 7.0 * 100_f64.ln() / 100.0)).abs() < 1e-12);
+        assert!((bic(-3.0, 100, 7, 2) - (3.0 + 7.0 * 100_f64.ln() / 100.0)).abs() < 1e-12);
     }
 }

@@ -58,7 +58,7 @@ fn the_planted_size_is_found() {
             best(&minimize(&search, rate).unwrap()).unwrap().value.round()
         };
         let own = |map: &PointMap<2>| per_point(&data, map);
-        let by_bic = chosen(&|map| bic::<2>(own(map), data.len(), map.len()));
+        let by_bic = chosen(&|map| bic(own(map), data.len(), map.len(), 2));
         let by_length = chosen(&|map| description_length(own(map), data.len(), map.len()));
         assert_eq!([by_bic, by_length], [count as f64; 2]);
         // Others are explained as well by several components in place of each, so their likelihood has

@@ -7,6 +7,7 @@ use mcl_datasets::log::{ReferencePoses, TopicChoice};
 use mcl_maps::MapSize;
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
+use crate::auto::Criterion;
 use crate::source::SourceOptions;
 pub use localize::{Initial, LocalizeArgs};
 
@@ -211,22 +212,6 @@ fn sigma(text: &str) -> Result<Auto<f64>, String> {
     }
 }
 
-/// What decides an automatic size or sigma (docs/refinement.md).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum AutoBy {
-    /// The likelihood of blocks of scans left out in turn.
-    HeldOut,
-    /// The Bayesian information criterion (size).
-    Bic,
-    /// The description length of data and map (size).
-    Mdl,
-    /// The smallest map that localizes within 5 % of all points (size; takes minutes).
-    Localization,
-    /// The likelihood of the very data, as EM would estimate it (sigma).
-    Likelihood,
-}
-
 #[derive(Debug, Args)]
 pub struct MapArgs {
     #[command(flatten)]
@@ -239,7 +224,7 @@ pub struct MapArgs {
     pub size: Option<Auto<MapSize>>,
     /// What decides an automatic size or sigma.
     #[arg(long, value_name = "CRITERION", default_value = "held-out")]
-    pub auto_by: AutoBy,
+    pub auto_by: Criterion,
     /// Edge length of a grid cell in metres.
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,

@@ -1,6 +1,6 @@
 use anyhow::{Result, bail};
-use clap::ValueEnum;
 use mcl_core::{Point, PointMap, Seed};
+use mcl_filter::FilterSettings;
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
@@ -10,11 +10,12 @@ use mcl_maps::{
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{Auto, AutoBy, Global, Init, MapArgs, Offset, Refine};
-use super::choose::{self, Chosen};
+use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{print, refuse, tell_data_losses, thousands};
+use crate::auto::{Chosen, Criterion, RaceSettings, Rating, Try, folds_of, size_by_localization};
 use crate::cloud_source::Points;
+use crate::experiment::{HeldOut, LocalizationData, Split};
 use crate::progress;
 use crate::source::{DataSource, LogSource};
 
@@ -119,14 +120,13 @@ fn build_planar(
 ) -> Result<Built> {
     let data = PointSet::new(points)?;
     let (wanted, choices) = match (args.size, args.auto_by, log) {
-        (Some(Auto::Auto), AutoBy::Localization, Some(log)) => {
+        (Some(Auto::Auto), Criterion::Localization, Some(log)) => {
             let sigma = given_sigma(args);
-            let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
-            let chosen = choose::size_by_localization(log, &data, sigma, &build, global.quiet)?;
+            let chosen = raced_size(log, offset, sigma, args, global)?;
             let size = Some(MapSize::Points(chosen.value as usize));
             (Wanted { size, sigma }, [Some(chosen), None])
         }
-        (_, _, Some(log)) => choose(&data, Some(&|| choose::folds_of(log)), offset, args, global)?,
+        (_, _, Some(log)) => choose(&data, Some(&|| folds_of(log)), offset, args, global)?,
         (_, _, None) => choose(&data, None, offset, args, global)?,
     };
     let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
@@ -158,34 +158,69 @@ struct Fitted<const D: usize> {
     report: Option<RefineReport>,
 }
 
+/// The size that localization decides.
+fn raced_size(
+    log: &LogSource,
+    offset: GridOffset<2>,
+    sigma: f64,
+    args: &MapArgs,
+    global: &Global,
+) -> Result<Chosen> {
+    let data = LocalizationData::new(Split::Same, &log.name, &log.recording, log.max_range)?;
+    let filter =
+        FilterSettings { max_range: log.max_range, ..FilterSettings::default() }.check()?;
+    let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
+    let bar = progress::spinner("size", global.quiet);
+    let settings = RaceSettings::default();
+    let chosen = size_by_localization(&data, &filter, &settings, sigma, &build, |race| {
+        bar.set_message(format!("{} points: {:?}", race.map_points, race.verdict));
+    });
+    bar.finish_and_clear();
+    chosen
+}
+
 /// What the data chooses where the arguments say so: for points without scans no folds are to be had.
 fn choose<const D: usize>(
     data: &PointSet<D>,
-    folds: Option<&dyn Fn() -> Result<Vec<[PointSet<D>; 2]>>>,
+    folds: Option<&dyn Fn() -> Result<Vec<HeldOut<D>>>>,
     offset: GridOffset<D>,
     args: &MapArgs,
     global: &Global,
 ) -> Result<(Wanted, [Option<Chosen>; 2])> {
-    let build = |data: &PointSet<D>, size, sigma| build_at(data, offset, size, sigma, args);
-    let folds = || match &folds {
-        Some(folds) => folds(),
-        None => bail!(
+    let by = args.auto_by;
+    let is_auto = matches!(args.size, Some(Auto::Auto)) || matches!(args.sigma, Auto::Auto);
+    let folds = match (is_auto && by == Criterion::HeldOut, folds) {
+        (false, _) => Vec::new(),
+        (true, Some(folds)) => folds()?,
+        (true, None) => bail!(
             "--auto-by held-out leaves out scans, and a point cloud has none; expected bic, mdl or likelihood"
         ),
     };
+    let build = |data: &PointSet<D>, size, sigma| build_at(data, offset, size, sigma, args);
+    let rating = Rating { data, folds: &folds, build: &build };
     match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
-            if args.auto_by == AutoBy::Localization {
+            if by == Criterion::Localization {
                 bail!("--auto-by localization needs a log with scans and odometry");
             }
             let sigma = given_sigma(args);
-            let chosen = choose::size(args.auto_by, data, folds, sigma, &build, global.quiet)?;
+            let bar = progress::spinner("size", global.quiet);
+            let chosen = rating.choose_size(by, sigma, |Try { value, score }| {
+                bar.set_message(format!("{value} points: {score:.4}"));
+            });
+            bar.finish_and_clear();
+            let chosen = chosen?;
             let size = Some(MapSize::Points(chosen.value as usize));
             Ok((Wanted { size, sigma }, [Some(chosen), None]))
         }
         (size, Auto::Auto) => {
             let size = given_size(size);
-            let chosen = choose::sigma(args.auto_by, data, folds, size, &build, global.quiet)?;
+            let bar = progress::spinner("sigma", global.quiet);
+            let chosen = rating.choose_sigma(by, size, |Try { value, score }| {
+                bar.set_message(format!("{value:.4} m: {:.4} nats/point", -score));
+            });
+            bar.finish_and_clear();
+            let chosen = chosen?;
             Ok((Wanted { size, sigma: chosen.value }, [None, Some(chosen)]))
         }
         (size, Auto::Given(sigma)) => Ok((Wanted { size: given_size(size), sigma }, [None, None])),
@@ -292,7 +327,7 @@ fn check_arguments(args: &MapArgs) {
     // Seen before the log is read.
     let wanted = match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
-            if args.auto_by == AutoBy::Likelihood {
+            if !args.auto_by.decides_size() {
                 refuse(
                     "--auto-by likelihood does not go with --size auto: more points are always likelier",
                 );
@@ -300,7 +335,7 @@ fn check_arguments(args: &MapArgs) {
             Wanted { size: Some(MapSize::Points(1)), sigma: given_sigma(args) }
         }
         (size, Auto::Auto) => {
-            if !matches!(args.auto_by, AutoBy::HeldOut | AutoBy::Likelihood) {
+            if !args.auto_by.decides_sigma() {
                 refuse("--sigma auto goes with --auto-by held-out or likelihood");
             }
             Wanted { size: given_size(size), sigma: 1.0 }
@@ -407,8 +442,7 @@ fn text(built: &Built, args: &MapArgs) -> String {
         [("size", &built.auto_size, "points"), ("sigma", &built.auto_sigma, "m")]
     {
         if let Some(chosen) = chosen {
-            let by =
-                chosen.by.to_possible_value().map_or(String::new(), |by| by.get_name().to_owned());
+            let by = chosen.by.name();
             let value = (chosen.value * 1e4).round() / 1e4;
             text +=
                 &format!("\n{what} by {by}: {value} {unit}, best of {} tried", chosen.tried.len());

@@ -1,7 +1,6 @@
 //! The command line: what can be asked for, and the glue from there to the libraries.
 
 mod args;
-mod choose;
 mod claims;
 mod compare;
 mod convert;

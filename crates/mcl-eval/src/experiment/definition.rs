@@ -1,3 +1,4 @@
+use std::fmt;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
@@ -8,7 +9,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Builder, MapStrategy, RefinementExperiment, RepresentationsExperiment, SensitivityExperiment,
+    Builder, ChoicesExperiment, MapStrategy, RefinementExperiment, RepresentationsExperiment,
+    SensitivityExperiment,
 };
 
 /// An experiment as its TOML file defines it. Unknown keys are errors.
@@ -24,6 +26,8 @@ pub enum Experiment {
     Refinement(RefinementExperiment),
     /// How the localization error depends on the kind of map and its bytes.
     Representations(RepresentationsExperiment),
+    /// What size and σ the data chooses, by what.
+    Choices(ChoicesExperiment),
 }
 
 /// What an experiment measures: the `kind` of its TOML file.
@@ -40,6 +44,8 @@ pub enum Kind {
     Refinement,
     /// [`RepresentationsExperiment`].
     Representations,
+    /// [`ChoicesExperiment`].
+    Choices,
 }
 
 /// Settings of a likelihood experiment.
@@ -267,6 +273,7 @@ impl Experiment {
             Kind::Localization => Experiment::Localization(toml::from_str(text)?),
             Kind::Sensitivity => Experiment::Sensitivity(toml::from_str(text)?),
             Kind::Refinement => Experiment::Refinement(toml::from_str(text)?),
+            Kind::Choices => Experiment::Choices(toml::from_str(text)?),
             Kind::Representations => Experiment::Representations(toml::from_str(text)?),
         };
         match &experiment {
@@ -274,6 +281,7 @@ impl Experiment {
             Experiment::Localization(experiment) => experiment.check()?,
             Experiment::Sensitivity(experiment) => experiment.check()?,
             Experiment::Refinement(experiment) => experiment.check()?,
+            Experiment::Choices(experiment) => experiment.check()?,
             Experiment::Representations(experiment) => experiment.check()?,
         }
         Ok(experiment)
@@ -286,6 +294,7 @@ impl Experiment {
             Experiment::Localization(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Sensitivity(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Refinement(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
+            Experiment::Choices(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
             Experiment::Representations(e) => e.datasets.iter().map(|d| d.name.as_str()).collect(),
         }
     }
@@ -389,6 +398,16 @@ pub(super) fn check_percent(percent: f64, place: &str) -> Result<()> {
         return Ok(());
     }
     bail!("{place} is {percent}, expected a percentage above 0 and up to 100")
+}
+
+/// Refuses values that are listed twice.
+pub(super) fn check_distinct<T: PartialEq + fmt::Debug>(values: &[T], name: &str) -> Result<()> {
+    let repeated =
+        values.iter().enumerate().find(|(index, value)| values[..*index].contains(value));
+    match repeated {
+        Some((_, value)) => bail!("{name}: {value:?} is listed twice"),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]

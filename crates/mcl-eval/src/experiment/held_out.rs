@@ -1,13 +1,13 @@
 use anyhow::{Result, bail};
-use mcl_core::{LaserScan, Point, Recording};
+use mcl_core::{LaserScan, Recording};
+use mcl_maps::PointSet;
 
-/// Points of a recording divided by time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HeldOut {
+/// Points divided by time.
+pub struct HeldOut<const D: usize> {
     /// What maps are built from.
-    pub building: Vec<Point<2>>,
+    pub building: PointSet<D>,
     /// What they are rated by.
-    pub held_out: Vec<Point<2>>,
+    pub held_out: PointSet<D>,
 }
 
 /// Scans of a block. In the logs used here the robot travels some metres meanwhile: far enough that the
@@ -22,7 +22,7 @@ pub const FOLDS: usize = 5;
 ///
 /// # Errors
 /// When there are fewer blocks than folds, or a part has no points.
-pub fn hold_out(recording: &Recording, max_range: f64, fold: usize) -> Result<HeldOut> {
+pub fn hold_out(recording: &Recording, max_range: f64, fold: usize) -> Result<HeldOut<2>> {
     let scans = &recording.scans;
     let blocks = scans.len().div_ceil(BLOCK_SCANS);
     if blocks < FOLDS {
@@ -36,7 +36,7 @@ pub fn hold_out(recording: &Recording, max_range: f64, fold: usize) -> Result<He
     if scans.iter().all(|scan| scan.stamp.is_some()) {
         order.sort_by_key(|&index| scans[index].stamp);
     }
-    let part = |is_held_out: bool| -> Result<Vec<Point<2>>> {
+    let part = |is_held_out: bool| -> Result<PointSet<2>> {
         let is_of_part =
             |place: &usize| (place / BLOCK_SCANS % FOLDS == fold % FOLDS) == is_held_out;
         let scans: Vec<LaserScan> =
@@ -49,7 +49,7 @@ pub fn hold_out(recording: &Recording, max_range: f64, fold: usize) -> Result<He
                 if is_held_out { "held out" } else { "left" }
             );
         }
-        Ok(points)
+        Ok(PointSet::new(points)?)
     };
     Ok(HeldOut { building: part(false)?, held_out: part(true)? })
 }
@@ -73,8 +73,8 @@ mod tests {
         Recording { scans, robot_from_laser: Pose2::IDENTITY }
     }
 
-    fn places(points: &[Point<2>]) -> Vec<f64> {
-        points.iter().map(|point| point[0] - 1.0).collect()
+    fn places(points: &PointSet<2>) -> Vec<f64> {
+        points.points().iter().map(|point| point[0] - 1.0).collect()
     }
 
     #[test]

@@ -129,15 +129,15 @@ pub struct LikelihoodRow {
 
 impl LikelihoodRow {
     /// What tells the trial of this row from the others on its data set.
-    pub fn key(&self) -> (f64, Builder, u32) {
-        (self.size_percent, self.builder, self.repeat)
+    pub fn key(&self) -> (u64, Builder, u32) {
+        (self.size_percent.to_bits(), self.builder, self.repeat)
     }
 }
 
 impl LikelihoodTrial {
     /// What tells this trial from the others on its data set.
-    pub fn key(&self) -> (f64, Builder, u32) {
-        (self.size_percent, self.builder, self.repeat)
+    pub fn key(&self) -> (u64, Builder, u32) {
+        (self.size_percent.to_bits(), self.builder, self.repeat)
     }
 }
 

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::scheduler::{Stopwatch, Trial};
 use super::{Builder, LocalizationExperiment, Split};
+use crate::source::LogSource;
 
 /// Which map a robot is localized on, by the paper's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -138,6 +139,17 @@ impl<'a> LocalizationData<'a> {
         let points = PointSet::new(points)?;
         let all_distances = OnceLock::new();
         Ok(LocalizationData { split, dataset, recording, points, scans, reference, all_distances })
+    }
+
+    /// A log divided in several ways.
+    ///
+    /// # Errors
+    /// As [`LocalizationData::new`].
+    pub fn of_splits(splits: &[Split], source: &'a LogSource) -> Result<Vec<Self>> {
+        let of = |&split: &Split| {
+            LocalizationData::new(split, &source.name, &source.recording, source.max_range)
+        };
+        splits.iter().map(of).collect()
     }
 
     /// The scans that build the map.
@@ -425,7 +437,7 @@ impl LocalizationExperiment {
 
 /// Localizes the robot on a map. Noise and filter depend on the experiment's seed, the data and the run's
 /// number, never on the map.
-pub(super) fn track(
+pub(crate) fn track(
     seed: u64,
     odometry_noise: OdometryNoise,
     data: &LocalizationData<'_>,
@@ -450,7 +462,7 @@ pub(super) fn track(
 }
 
 /// Figures of a run: means over its scans, as in [`LocalizationRow`].
-pub(super) struct RunErrors {
+pub(crate) struct RunErrors {
     pub scans: usize,
     pub weighted: f64,
     pub translation: f64,

@@ -3,6 +3,9 @@
 //! A definition (TOML) names data sets and map sizes; every trial becomes a row of `trials.csv` as soon
 //! as it is done; summaries, tests and figures are made from saved rows only.
 
+mod choice_summary;
+mod choice_trials;
+mod choices;
 mod definition;
 mod held_out;
 mod likelihood;
@@ -19,6 +22,9 @@ mod sensitivity_summary;
 mod sensitivity_trials;
 mod store;
 
+pub use choice_summary::{ChoiceSummaryRow, summarize_choices};
+pub use choice_trials::{ChoiceData, ChoiceKey, ChoiceRow, Origin, Quantity};
+pub use choices::{ChoiceTask, ChoiceTrial, ChoicesExperiment, Steps};
 pub use definition::{
     Definition, Experiment, ExperimentDataset, FigureSizes, Kind, LikelihoodExperiment,
     LocalizationDataset, LocalizationExperiment, SizeGroup, Split, TrajectoryFigure,
@@ -28,6 +34,7 @@ pub use likelihood::{
     Builder, LikelihoodRow, LikelihoodTrial, SummaryRow, TestRow, run_likelihood_trial, summarize,
     test_improvement, trials,
 };
+pub(crate) use localization::track;
 pub use localization::{
     LocalizationData, LocalizationRow, LocalizationTrial, MapStrategy, TrackedRun,
     localization_trials,
@@ -37,8 +44,8 @@ pub use localization_summary::{
 };
 pub use manifest::{DatasetFacts, Manifest};
 pub use refinement::{
-    INITIAL, RefinementDataset, RefinementExperiment, RefinementRow, RefinementSummaryRow,
-    RefinementTrial, refinement_trials, summarize_refinement,
+    INITIAL, RefinementDataset, RefinementExperiment, RefinementKey, RefinementRow,
+    RefinementSummaryRow, RefinementTrial, refinement_trials, summarize_refinement,
 };
 pub use representation_summary::{RepresentationSummaryRow, summarize_representations};
 pub use representation_trials::RepresentationRow;

@@ -3,6 +3,7 @@ use std::fmt;
 use anyhow::{Result, bail};
 use mcl_core::Seed;
 use mcl_maps::refine::RefineSettings;
+use mcl_maps::size_criteria::{bic, description_length};
 use mcl_maps::{FkmSettings, MapSize, PointSet, Refinement, initial_map, mixture_log_likelihood};
 use mcl_metrics::mean_interval;
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,9 @@ pub struct RefinementDataset {
     /// Initial maps for this data set instead of the experiment's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeats: Option<u32>,
+    /// Names of those of the experiment's methods that are run on this data set; none: all of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub methods: Vec<String>,
 }
 
 impl RefinementExperiment {
@@ -71,6 +75,15 @@ impl RefinementExperiment {
             .map(|dataset| &dataset.sizes)
             .filter(|sizes| !sizes.is_empty())
             .unwrap_or(&self.sizes)
+    }
+
+    /// Methods for a data set: those that it names, or all of the experiment's.
+    pub fn methods_for(&self, name: &str) -> Vec<Refinement> {
+        let named = self.of_dataset(name).map_or(&[][..], |dataset| &dataset.methods);
+        let is_run = |method: &&Refinement| {
+            named.is_empty() || named.iter().any(|named| named == method.name())
+        };
+        self.methods.iter().filter(is_run).copied().collect()
     }
 
     fn repeats_for(&self, name: &str) -> u32 {
@@ -106,6 +119,16 @@ impl Definition for RefinementExperiment {
         if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
             bail!("methods lists {} twice", pair[0]);
         }
+        for dataset in &self.datasets {
+            if let Some(other) = dataset.methods.iter().find(|name| !names.contains(&name.as_str()))
+            {
+                bail!(
+                    "data set {}: methods names {other}, expected one of the experiment's: {}",
+                    dataset.name,
+                    names.join(", ")
+                );
+            }
+        }
         Ok(())
     }
 }
@@ -119,8 +142,13 @@ pub struct RefinementTrial {
     pub size_percent: f64,
     /// Number of the repeat, from 0.
     pub repeat: u32,
+    /// What is made of the initial map.
+    pub methods: Vec<Refinement>,
     seed: u64,
 }
+
+/// What tells a row from the others on its data set: split, size by its bits, repeat, method.
+pub type RefinementKey = (Split, u64, u32, String);
 
 impl Trial for RefinementTrial {
     fn cost(&self) -> f64 {
@@ -137,15 +165,18 @@ impl fmt::Display for RefinementTrial {
 }
 
 impl RefinementTrial {
-    /// What tells this trial from the others on its data set; floats by their bits.
-    pub fn key(&self) -> (Split, u64, u32) {
-        (self.split, self.size_percent.to_bits(), self.repeat)
+    /// Keys of the rows of this trial.
+    pub fn keys(&self) -> Vec<RefinementKey> {
+        let names = [INITIAL].into_iter().chain(self.methods.iter().map(Refinement::name));
+        let size = self.size_percent.to_bits();
+        names.map(|name| (self.split, size, self.repeat, name.to_owned())).collect()
     }
 }
 
 /// All trials of the experiment on a data set.
 pub fn refinement_trials(experiment: &RefinementExperiment, dataset: &str) -> Vec<RefinementTrial> {
     let root = Seed::new(experiment.seed).derive("map").derive(dataset);
+    let methods = experiment.methods_for(dataset);
     let mut trials = Vec::new();
     for &split in &experiment.splits {
         for &size_percent in experiment.sizes_for(dataset) {
@@ -155,7 +186,8 @@ pub fn refinement_trials(experiment: &RefinementExperiment, dataset: &str) -> Ve
                     .derive(&size_percent.to_string())
                     .derive_index(u64::from(repeat))
                     .number();
-                trials.push(RefinementTrial { split, size_percent, repeat, seed });
+                let methods = methods.clone();
+                trials.push(RefinementTrial { split, size_percent, repeat, methods, seed });
             }
         }
     }
@@ -182,14 +214,9 @@ pub struct RefinementRow {
 }
 
 impl RefinementRow {
-    /// The trial that this row belongs to.
-    pub fn trial(&self) -> (Split, u64, u32) {
-        (self.split, self.size_percent.to_bits(), self.repeat)
-    }
-
     /// What tells this row from the others on its data set.
-    pub fn key(&self) -> (Split, f64, u32, String) {
-        (self.split, self.size_percent, self.repeat, self.method.clone())
+    pub fn key(&self) -> RefinementKey {
+        (self.split, self.size_percent.to_bits(), self.repeat, self.method.clone())
     }
 }
 
@@ -199,11 +226,11 @@ impl RefinementExperiment {
     ///
     /// # Errors
     /// When a map cannot be built.
-    pub fn run_trial(
+    pub fn run_trial<const D: usize>(
         &self,
         dataset: &str,
-        building: &PointSet<2>,
-        held_out: Option<&PointSet<2>>,
+        building: &PointSet<D>,
+        held_out: Option<&PointSet<D>>,
         trial: &RefinementTrial,
         watch: &mut Stopwatch,
     ) -> Result<Vec<RefinementRow>> {
@@ -211,7 +238,7 @@ impl RefinementExperiment {
         let initial = initial_map(building, &Builder::Grid.initial(size, trial.seed))?;
         watch.lap(INITIAL);
         let mut maps = vec![(INITIAL, initial.clone())];
-        for &method in &self.methods {
+        for &method in &trial.methods {
             let seed = Seed::new(trial.seed);
             let settings = RefineSettings { method, seed, ..RefineSettings::fkm(self.fkm()) };
             maps.push((method.name(), initial.refined(building, &settings, |_| {})?));
@@ -219,7 +246,7 @@ impl RefinementExperiment {
         }
         let mut rows = Vec::new();
         for (method, built) in maps {
-            let per_point = |data: &PointSet<2>| {
+            let per_point = |data: &PointSet<D>| {
                 mixture_log_likelihood(data, &built.map, self.sigma).map(|found| found.per_point)
             };
             rows.push(RefinementRow {
@@ -273,11 +300,14 @@ pub struct RefinementSummaryRow {
     pub description_length: f64,
 }
 
-/// Summaries per split, method and size, in that order.
+/// Summaries per split, method and size, in that order, of maps in so many dimensions.
 ///
 /// # Errors
 /// When a row holds a number that is none.
-pub fn summarize_refinement(rows: &[RefinementRow]) -> Result<Vec<RefinementSummaryRow>> {
+pub fn summarize_refinement(
+    rows: &[RefinementRow],
+    dimensions: usize,
+) -> Result<Vec<RefinementSummaryRow>> {
     let mut sorted: Vec<&RefinementRow> = rows.iter().collect();
     sorted.sort_by(|a, b| {
         (a.split, &a.method)
@@ -287,7 +317,9 @@ pub fn summarize_refinement(rows: &[RefinementRow]) -> Result<Vec<RefinementSumm
     let same = |a: &&RefinementRow, b: &&RefinementRow| {
         (a.split, &a.method, a.size_percent) == (b.split, &b.method, b.size_percent)
     };
-    let mut summary = sorted.chunk_by(same).map(summarize_cell).collect::<Result<Vec<_>>>()?;
+    let cells = sorted.chunk_by(same);
+    let mut summary =
+        cells.map(|cell| summarize_cell(cell, dimensions)).collect::<Result<Vec<_>>>()?;
     let factors: Vec<_> = summary.iter().map(|row| plain_size_factor(row, &summary)).collect();
     for (row, factor) in summary.iter_mut().zip(factors) {
         row.plain_size_factor = factor;
@@ -295,7 +327,7 @@ pub fn summarize_refinement(rows: &[RefinementRow]) -> Result<Vec<RefinementSumm
     Ok(summary)
 }
 
-fn summarize_cell(cell: &[&RefinementRow]) -> Result<RefinementSummaryRow> {
+fn summarize_cell(cell: &[&RefinementRow], dimensions: usize) -> Result<RefinementSummaryRow> {
     let first = cell[0];
     let mean = |value: &dyn Fn(&RefinementRow) -> f64| {
         cell.iter().map(|row| value(row)).sum::<f64>() / cell.len() as f64
@@ -307,9 +339,6 @@ fn summarize_cell(cell: &[&RefinementRow]) -> Result<RefinementSummaryRow> {
     };
     let held_out: Option<Vec<f64>> = cell.iter().map(|row| row.held_out_log_likelihood).collect();
     let mean_map_points = mean(&|row| row.map_points as f64);
-    let criterion = |of: fn(f64, usize, usize) -> f64| {
-        mean(&|row| of(row.log_likelihood, row.data_points, row.map_points))
-    };
     Ok(RefinementSummaryRow {
         dataset: first.dataset.clone(),
         split: first.split,
@@ -323,8 +352,10 @@ fn summarize_cell(cell: &[&RefinementRow]) -> Result<RefinementSummaryRow> {
         ci95_high: interval.map(|interval| interval.high),
         held_out_log_likelihood: held_out.map(|all| all.iter().sum::<f64>() / all.len() as f64),
         plain_size_factor: None,
-        bic: criterion(mcl_maps::size_criteria::bic::<2>),
-        description_length: criterion(mcl_maps::size_criteria::description_length),
+        bic: mean(&|row| bic(row.log_likelihood, row.data_points, row.map_points, dimensions)),
+        description_length: mean(&|row| {
+            description_length(row.log_likelihood, row.data_points, row.map_points)
+        }),
     })
 }
 

@@ -5,7 +5,7 @@ use mcl_filter::{CheckedSettings, FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
-use super::definition::{Definition, check_name, check_percent, check_rows};
+use super::definition::{Definition, check_distinct, check_name, check_percent, check_rows};
 use super::localization::map_seed;
 use super::scheduler::Trial;
 use super::{Builder, Kind, LocalizationDataset, Split};
@@ -161,9 +161,10 @@ pub type RepresentationKey = (Split, Representation, u64, u32);
 
 impl RepresentationTrial {
     /// Keys of the rows of this trial.
-    pub fn keys(&self) -> impl Iterator<Item = RepresentationKey> {
+    pub fn keys(&self) -> Vec<RepresentationKey> {
         let parameter = self.parameter.to_bits();
-        self.runs.iter().map(move |&run| (self.split, self.representation, parameter, run))
+        let key = |&run: &u32| (self.split, self.representation, parameter, run);
+        self.runs.iter().map(key).collect()
     }
 }
 
@@ -311,15 +312,6 @@ impl Definition for RepresentationsExperiment {
             check_distinct(edges, name)?;
         }
         Ok(())
-    }
-}
-
-fn check_distinct<T: PartialEq + fmt::Debug>(values: &[T], name: &str) -> Result<()> {
-    let repeated =
-        values.iter().enumerate().find(|(index, value)| values[..*index].contains(value));
-    match repeated {
-        Some((_, value)) => bail!("{name}: {value:?} is listed twice"),
-        None => Ok(()),
     }
 }
 

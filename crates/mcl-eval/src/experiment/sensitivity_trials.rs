@@ -33,9 +33,11 @@ impl fmt::Display for SensitivityTrial {
 
 impl SensitivityTrial {
     /// Keys of the rows of this trial.
-    pub fn keys(&self) -> impl Iterator<Item = SensitivityKey> {
+    pub fn keys(&self) -> Vec<SensitivityKey> {
         let (percent, run) = (self.map.size_percent, self.map.map);
-        self.cells.iter().map(move |(setting, strategy)| key(setting, *strategy, percent, run))
+        let of =
+            |(setting, strategy): &(Setting, MapStrategy)| key(setting, *strategy, percent, run);
+        self.cells.iter().map(of).collect()
     }
 }
 

@@ -14,7 +14,7 @@ use super::page::{
     Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
     draw_lines, draw_remark, height, left_room,
 };
-use super::style::{CurveStyle, Dash, LINE, stroke};
+use super::style::{CurveStyle, Dash, LINE, Marker, stroke};
 use super::text::{self, TEXT, wrap};
 use super::{FigureError, render_error, save_file};
 
@@ -88,7 +88,8 @@ pub struct CurvePoint {
     pub low: f64,
     /// Upper end of the interval; NaN for none.
     pub high: f64,
-    /// Draws the point as an open symbol with this text beside it ("3/20").
+    /// Draws the point as an open symbol (a circle on curves without symbols) with this text beside it
+    /// ("3/20").
     pub mark: Option<String>,
 }
 
@@ -255,9 +256,11 @@ fn draw_panel(
     draw_frame(&chart)?;
     // Symbols last, and not clipped: one on the frame stays whole.
     for curve in &panel.curves {
-        let symbols = panel
-            .seen(curve, &chart)
-            .filter_map(|point| symbol((point.x, point.mean), curve.style, point.mark.is_some()));
+        let symbols = panel.seen(curve, &chart).filter_map(|point| {
+            let marker = curve.style.marker.or(point.mark.as_ref().map(|_| Marker::Circle));
+            let style = CurveStyle { marker, ..curve.style };
+            symbol((point.x, point.mean), style, point.mark.is_some())
+        });
         chart.draw_series(symbols)?;
     }
     draw_marks(&chart, panel, interval)

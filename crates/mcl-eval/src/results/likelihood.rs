@@ -1,4 +1,3 @@
-use std::collections::HashSet;
 use std::path::Path;
 
 use anyhow::Result;
@@ -41,13 +40,14 @@ fn run_on<const D: usize>(
     let data = PointSet::new(points)?;
 
     let mut store = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> =
-        store.rows().iter().map(|row: &LikelihoodRow| identity(row.key())).collect();
-    let (done, pending): (Vec<_>, Vec<_>) =
-        trials(experiment, dataset, experiment.sizes_for(dataset), data.len())
-            .into_iter()
-            .partition(|trial| saved.contains(&identity(trial.key())));
-    let trials = Trials { dataset, folder, done, pending };
+    let trials = Trials::divide(
+        dataset,
+        folder,
+        trials(experiment, dataset, experiment.sizes_for(dataset), data.len()),
+        &mut store,
+        LikelihoodRow::key,
+        |trial| vec![trial.key()],
+    )?;
     let outcome = trials.run(&mut store, options, |trial, watch| {
         Ok(vec![run_likelihood_trial(experiment, dataset, &data, trial, watch)?])
     })?;
@@ -67,9 +67,4 @@ fn run_on<const D: usize>(
     }
     draw_figures(folder)?;
     Ok(outcome)
-}
-
-/// A trial's key in a form that can be hashed.
-fn identity<B>((size, builder, repeat): (f64, B, u32)) -> (u64, B, u32) {
-    (size.to_bits(), builder, repeat)
 }

@@ -1,4 +1,3 @@
-use std::collections::HashSet;
 use std::fs;
 use std::path::Path;
 
@@ -34,26 +33,20 @@ pub(super) fn run(
     let manifest = Manifest::new(name, Kind::Localization, experiment, facts)?;
     let prepared = prepare(folder, &manifest, options.fresh)?;
     let settings = experiment.filter_for(source.max_range)?;
-    let splits = experiment
-        .splits
-        .iter()
-        .map(|&split| {
-            LocalizationData::new(split, &source.name, &source.recording, source.max_range)
-        })
-        .collect::<Result<Vec<_>>>()?;
+    let splits = LocalizationData::of_splits(&experiment.splits, source)?;
 
     let mut store: TrialStore<LocalizationRow> = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> = store.rows().iter().map(LocalizationRow::key).collect();
-    let (done, pending): (Vec<_>, Vec<_>) = localization_trials(experiment, &source.name)
-        .into_iter()
-        .partition(|trial| trial.keys().iter().all(|key| saved.contains(key)));
-    // A trial that was cut off between two of its rows is run again as a whole.
-    let redone: HashSet<_> = pending.iter().flat_map(LocalizationTrial::keys).collect();
-    store.retain(|row| !redone.contains(&row.key()))?;
     let data_of = |trial: &LocalizationTrial| {
         splits.iter().find(|data| data.split == trial.split).expect("every split has its data")
     };
-    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let trials = Trials::divide(
+        &source.name,
+        folder,
+        localization_trials(experiment, &source.name),
+        &mut store,
+        LocalizationRow::key,
+        LocalizationTrial::keys,
+    )?;
     let outcome = trials.run(&mut store, options, |trial, watch| {
         experiment.run_trial(data_of(trial), &settings, trial, watch)
     })?;

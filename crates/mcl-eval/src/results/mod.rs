@@ -6,12 +6,14 @@
 //! timings.csv    processor time of the parts of each trial, the only file that differs between runs
 //! failures.csv   trials that failed, and why; only if there are any
 //! summary.csv    mean, spread and interval per strategy and size
+//! sweeps.csv     choices: what the exhaustive sweep found
 //! tests.csv      strategies against each other, with p values
 //! maps/          likelihood: the maps that figures show, and maps.csv about them
 //! trajectory/    localization: map and trajectories of the run that figures show
 //! figures/       SVG and PNG, drawn from the files above only
 //! ```
 
+mod choices;
 mod compare;
 mod figures;
 mod figures_in_space;
@@ -28,6 +30,7 @@ mod sensitivity_figures;
 use std::collections::HashSet;
 use std::fmt::Display;
 use std::fs::{self, File, TryLockError};
+use std::hash::Hash;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -56,6 +59,8 @@ const FAILURES: &str = "failures.csv";
 const LOCK: &str = ".lock";
 pub(crate) const SUMMARY: &str = "summary.csv";
 pub(crate) const TESTS: &str = "tests.csv";
+/// What an exhaustive sweep found.
+const SWEEPS: &str = "sweeps.csv";
 const MAPS: &str = "maps";
 const FIGURES: &str = "figures";
 
@@ -92,7 +97,10 @@ pub fn run_experiment(
             sensitivity::run(definition, name, source.log()?, folder, options)
         }
         Experiment::Refinement(definition) => {
-            refinement::run(definition, name, source.log()?, folder, options)
+            refinement::run(definition, name, source, folder, options)
+        }
+        Experiment::Choices(definition) => {
+            choices::run(definition, name, source.log()?, folder, options)
         }
         Experiment::Representations(definition) => {
             representations::run(definition, name, source.log()?, folder, options)
@@ -118,6 +126,7 @@ pub fn draw_figures(folder: &Path) -> Result<Vec<PathBuf>> {
         Kind::Localization => localization_figures::draw(folder, manifest),
         Kind::Sensitivity => sensitivity_figures::draw(folder, manifest),
         Kind::Refinement => refinement::draw(folder, manifest),
+        Kind::Choices => choices::draw(folder, manifest),
         Kind::Representations => representations_figure::draw(folder, manifest),
     }
 }
@@ -131,7 +140,30 @@ struct Trials<'a, T> {
     pending: Vec<T>,
 }
 
-impl<T: Trial + Display> Trials<'_, T> {
+impl<'a, T: Trial + Display> Trials<'a, T> {
+    /// Divides trials into those that have all their rows and those to be run. The rows of a trial that was
+    /// cut off between two of them are dropped: it is run again as a whole. `key` tells rows apart, and `keys`
+    /// are those of a trial's rows.
+    fn divide<R, K>(
+        dataset: &'a str,
+        folder: &'a Path,
+        trials: Vec<T>,
+        store: &mut TrialStore<R>,
+        key: impl Fn(&R) -> K,
+        keys: impl Fn(&T) -> Vec<K>,
+    ) -> Result<Self>
+    where
+        R: Serialize + DeserializeOwned,
+        K: Eq + Hash,
+    {
+        let saved: HashSet<K> = store.rows().iter().map(&key).collect();
+        let is_done = |trial: &T| keys(trial).iter().all(|key| saved.contains(key));
+        let (done, pending): (Vec<T>, Vec<T>) = trials.into_iter().partition(is_done);
+        let redone: HashSet<K> = pending.iter().flat_map(keys).collect();
+        store.retain(|row| !redone.contains(&key(row)))?;
+        Ok(Trials { dataset, folder, done, pending })
+    }
+
     /// Runs the pending trials with a progress bar, saving the rows of each as it ends, then the list
     /// of those that failed. The times of a trial are saved before its rows.
     fn run<R: Serialize + DeserializeOwned + Send>(
@@ -268,7 +300,7 @@ fn remove_leftovers(folder: &Path) -> Result<()> {
 
 /// Removes what an earlier run left, and nothing else.
 fn forget(folder: &Path) -> Result<()> {
-    for file in [TRIALS, TIMINGS, FAILURES, SUMMARY, TESTS, MANIFEST] {
+    for file in [TRIALS, TIMINGS, FAILURES, SUMMARY, SWEEPS, TESTS, MANIFEST] {
         remove(&folder.join(file), |path| fs::remove_file(path))?;
     }
     for subfolder in [MAPS, FIGURES, localization::TRAJECTORY] {

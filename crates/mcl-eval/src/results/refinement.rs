@@ -1,56 +1,78 @@
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use mcl_maps::PointSet;
+use anyhow::{Context, Result};
+use mcl_core::Point;
+use mcl_maps::{PointSet, Refinement};
 
 use super::{FIGURES, RunOptions, SUMMARY, TRIALS, Trials, draw_figures, prepare};
+use crate::cloud_source::{Points, refuse_cloud};
 use crate::experiment::{
-    DatasetFacts, INITIAL, Kind, Manifest, RefinementExperiment, RefinementRow,
+    DatasetFacts, HeldOut, INITIAL, Kind, Manifest, RefinementExperiment, RefinementRow,
     RefinementSummaryRow, RefinementTrial, Split, TrialOutcome, TrialStore, hold_out, read_rows,
     refinement_trials, summarize_refinement, write_rows,
 };
 use crate::figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
-use crate::source::LogSource;
+use crate::source::DataSource;
 
-/// Runs a comparison of refinements on one log; see [`super::run_experiment`].
+/// Runs a comparison of refinements on one log or point cloud; see [`super::run_experiment`].
 pub(super) fn run(
     experiment: &RefinementExperiment,
     name: &str,
-    source: &LogSource,
+    source: &DataSource,
     folder: &Path,
     options: &RunOptions,
 ) -> Result<TrialOutcome> {
-    let points = source.points()?;
-    let facts = DatasetFacts::of(source, points.len());
-    let manifest = Manifest::new(name, Kind::Refinement, experiment, facts)?;
-    let _prepared = prepare(folder, &manifest, options.fresh)?;
-    let all = PointSet::new(points)?;
+    if experiment.splits.contains(&Split::HeldOut) {
+        source.log().context("splits = [\"same\"] needs no scans to hold out")?;
+    }
+    let manifest =
+        Manifest::new(name, Kind::Refinement, experiment, DatasetFacts::of_data(source)?)?;
+    match source.points()? {
+        Points::Planar(points) => {
+            let divide = |fold| {
+                let log = source.log()?;
+                hold_out(&log.recording, log.max_range, fold)
+            };
+            run_on(points, divide, experiment, &manifest, folder, options)
+        }
+        Points::Spatial(points) => {
+            let divide = |_| refuse_cloud(source.name());
+            run_on(points, divide, experiment, &manifest, folder, options)
+        }
+    }
+}
 
+fn run_on<const D: usize>(
+    points: Vec<Point<D>>,
+    divide: impl Fn(usize) -> Result<HeldOut<D>> + Sync,
+    experiment: &RefinementExperiment,
+    manifest: &Manifest,
+    folder: &Path,
+    options: &RunOptions,
+) -> Result<TrialOutcome> {
+    let dataset = manifest.dataset.name.as_str();
+    let _prepared = prepare(folder, manifest, options.fresh)?;
+    let all = PointSet::new(points)?;
     let mut store: TrialStore<RefinementRow> = TrialStore::open(&folder.join(TRIALS))?;
-    let (done, pending): (Vec<_>, Vec<_>) =
-        refinement_trials(experiment, &source.name).into_iter().partition(|trial| {
-            let rows = store.rows().iter().filter(|row| row.trial() == trial.key());
-            rows.count() == 1 + experiment.methods.len()
-        });
-    // A trial that was cut off between two of its rows is run again as a whole.
-    let redone: HashSet<_> = pending.iter().map(RefinementTrial::key).collect();
-    store.retain(|row| !redone.contains(&row.trial()))?;
-    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let trials = Trials::divide(
+        dataset,
+        folder,
+        refinement_trials(experiment, dataset),
+        &mut store,
+        RefinementRow::key,
+        RefinementTrial::keys,
+    )?;
     let outcome = trials.run(&mut store, options, |trial, watch| {
         if trial.split == Split::Same {
-            return experiment.run_trial(&source.name, &all, None, trial, watch);
+            return experiment.run_trial(dataset, &all, None, trial, watch);
         }
-        let fold = trial.repeat as usize;
-        let divided = hold_out(&source.recording, source.max_range, fold)?;
-        let (building, held_out) =
-            (PointSet::new(divided.building)?, PointSet::new(divided.held_out)?);
-        experiment.run_trial(&source.name, &building, Some(&held_out), trial, watch)
+        let HeldOut { building, held_out } = divide(trial.repeat as usize)?;
+        experiment.run_trial(dataset, &building, Some(&held_out), trial, watch)
     })?;
     let rows = store.finish(RefinementRow::key)?;
-    write_rows(&folder.join(SUMMARY), &summarize_refinement(&rows)?)?;
+    write_rows(&folder.join(SUMMARY), &summarize_refinement(&rows, D)?)?;
     draw_figures(folder)?;
     Ok(outcome)
 }
@@ -62,7 +84,7 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
     let summary: Vec<RefinementSummaryRow> = read_rows(&folder.join(SUMMARY))?;
     let methods: Vec<&str> = [INITIAL]
         .into_iter()
-        .chain(definition.methods.iter().map(|method| method.name()))
+        .chain(definition.methods_for(&manifest.dataset.name).iter().map(Refinement::name))
         .collect();
     let curves =
         |split: Split, value: &dyn Fn(&RefinementSummaryRow) -> Option<f64>, bars: bool| {

@@ -1,4 +1,3 @@
-use std::collections::HashSet;
 use std::path::Path;
 
 use anyhow::Result;
@@ -22,24 +21,17 @@ pub(super) fn run(
     let manifest = Manifest::new(name, Kind::Representations, experiment, facts)?;
     let _prepared = prepare(folder, &manifest, options.fresh)?;
     let settings = experiment.filter_for(source.max_range)?;
-    let splits = experiment
-        .splits
-        .iter()
-        .map(|&split| {
-            LocalizationData::new(split, &source.name, &source.recording, source.max_range)
-        })
-        .collect::<Result<Vec<_>>>()?;
+    let splits = LocalizationData::of_splits(&experiment.splits, source)?;
 
     let mut store: TrialStore<RepresentationRow> = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> = store.rows().iter().map(RepresentationRow::key).collect();
-    let (done, pending): (Vec<_>, Vec<_>) = experiment
-        .trials(&source.name)
-        .into_iter()
-        .partition(|trial| trial.keys().all(|key| saved.contains(&key)));
-    // A trial that was cut off between two of its rows is run again as a whole.
-    let redone: HashSet<_> = pending.iter().flat_map(RepresentationTrial::keys).collect();
-    store.retain(|row| !redone.contains(&row.key()))?;
-    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let trials = Trials::divide(
+        &source.name,
+        folder,
+        experiment.trials(&source.name),
+        &mut store,
+        RepresentationRow::key,
+        RepresentationTrial::keys,
+    )?;
     let outcome = trials.run(&mut store, options, |trial, watch| {
         let data = splits.iter().find(|data| data.split == trial.split);
         experiment.run_trial(data.expect("every split has its data"), &settings, trial, watch)

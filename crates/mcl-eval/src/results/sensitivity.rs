@@ -1,4 +1,3 @@
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -34,14 +33,14 @@ pub(super) fn run(
         LocalizationData::new(Split::Same, &source.name, &source.recording, source.max_range)?;
 
     let mut store: TrialStore<SensitivityRow> = TrialStore::open(&folder.join(TRIALS))?;
-    let saved: HashSet<_> = store.rows().iter().map(SensitivityRow::key).collect();
-    let (done, pending): (Vec<_>, Vec<_>) = sensitivity_trials(experiment, &source.name)
-        .into_iter()
-        .partition(|trial| trial.keys().all(|key| saved.contains(&key)));
-    // A trial that was cut off between two of its rows is run again as a whole.
-    let redone: HashSet<_> = pending.iter().flat_map(SensitivityTrial::keys).collect();
-    store.retain(|row| !redone.contains(&row.key()))?;
-    let trials = Trials { dataset: &source.name, folder, done, pending };
+    let trials = Trials::divide(
+        &source.name,
+        folder,
+        sensitivity_trials(experiment, &source.name),
+        &mut store,
+        SensitivityRow::key,
+        SensitivityTrial::keys,
+    )?;
     let outcome = trials.run(&mut store, options, |trial, watch| {
         experiment.run_trial(&data, source.max_range, trial, watch)
     })?;

@@ -30,13 +30,18 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// Of 40 scans.
     pub fn new(experiments: &[(&str, &str)]) -> Self {
+        Self::with_scans(40, experiments)
+    }
+
+    pub fn with_scans(scans: usize, experiments: &[(&str, &str)]) -> Self {
         let bench = Bench { folder: tempfile::tempdir().unwrap() };
         bench.mcl_eval(&["simulate", "-o", "whole.log"]);
         let whole = fs::read_to_string(bench.path("whole.log")).unwrap();
         // Comment and parameter lines, then each scan with its two odometry lines.
         let head = whole.lines().position(|line| line.starts_with("FLASER")).unwrap();
-        let lines: Vec<&str> = whole.lines().take(head + 3 * 40).collect();
+        let lines: Vec<&str> = whole.lines().take(head + 3 * scans).collect();
         fs::write(bench.path("office.log"), lines.join("\n") + "\n").unwrap();
         for (name, definition) in experiments {
             fs::write(bench.path(&format!("{name}.toml")), definition).unwrap();
