@@ -22,7 +22,7 @@ use crate::source::LogSource;
 /// Sizes are tried from this many points up.
 const SMALLEST_SIZE: f64 = 2.0;
 /// σ is looked for between these (m).
-const SIGMA_RANGE: [f64; 2] = [0.005, 0.5];
+pub const SIGMA_RANGE: [f64; 2] = [0.005, 5.0];
 
 /// What decides an automatic size or sigma (docs/refinement.md).
 #[derive(

@@ -13,10 +13,12 @@ use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{print, refuse, tell_data_losses, thousands};
-use crate::auto::{Chosen, Criterion, RaceSettings, Rating, Try, folds_of, size_by_localization};
+use crate::auto::{
+    Chosen, Criterion, RaceSettings, Rating, SIGMA_RANGE, Try, folds_of, size_by_localization,
+};
 use crate::cloud_source::Points;
 use crate::experiment::{HeldOut, LocalizationData, Split};
-use crate::progress;
+use crate::progress::{self, tell};
 use crate::source::{DataSource, LogSource};
 
 #[derive(Serialize)]
@@ -221,6 +223,13 @@ fn choose<const D: usize>(
             });
             bar.finish_and_clear();
             let chosen = chosen?;
+            if SIGMA_RANGE.contains(&chosen.value) {
+                tell!(
+                    "warning: sigma is at the end of what was tried, {} to {} m",
+                    SIGMA_RANGE[0],
+                    SIGMA_RANGE[1]
+                );
+            }
             Ok((Wanted { size, sigma: chosen.value }, [None, Some(chosen)]))
         }
         (size, Auto::Given(sigma)) => Ok((Wanted { size: given_size(size), sigma }, [None, None])),
