@@ -51,10 +51,10 @@ pub struct SegmentSettings {
 }
 
 impl SegmentSettings {
-    /// Walls of this tolerance (m), with gaps of up to half a metre, which is less than a door, of at least
-    /// 0.3 m and 10 points.
+    /// Walls of this tolerance (m), of at least 0.3 m and 10 points, with gaps of up to 0.3 m: on the logs at
+    /// hand, 0.5 m brings several times as much line where no points are, for 1 % more of the points.
     pub fn of_tolerance(tolerance: f64) -> Self {
-        SegmentSettings { tolerance, max_gap: 0.5, min_length: 0.3, min_points: 10 }
+        SegmentSettings { tolerance, max_gap: 0.3, min_length: 0.3, min_points: 10 }
     }
 
     fn check(&self) -> Result<(), MapError> {
