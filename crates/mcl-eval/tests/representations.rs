@@ -62,7 +62,7 @@ fn the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
     fs::remove_file(&figure).unwrap();
     bench.mcl_eval(&["plot", "one"]);
     assert_eq!(fs::read(&figure).unwrap(), before);
-    let more = REPRESENTATIONS.replace("[0.05, 0.2]", "[0.05, 0.1, 0.2]");
+    let more = REPRESENTATIONS.replace("grids = [0.05, 0.2]", "grids = [0.05, 0.1, 0.2]");
     fs::write(bench.path("representations.toml"), more).unwrap();
     bench.experiment("representations", "one", &[]);
     let added = trials(&one);

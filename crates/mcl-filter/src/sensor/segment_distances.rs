@@ -38,8 +38,8 @@ impl SegmentDistances {
         check_length("max_distance", max_distance)?;
         let mut segments = map.segments().to_vec();
         // Equal segments would be listed as often as they occur.
-        let key = |segment: &LineSegment| [segment.start, segment.end].as_flattened().to_vec();
-        segments.sort_by(|a, b| key(a).partial_cmp(&key(b)).expect("ends are finite"));
+        let ends = |segment: &LineSegment| [segment.start, segment.end];
+        segments.sort_by(|a, b| ends(a).partial_cmp(&ends(b)).expect("ends are finite"));
         segments.dedup();
         let bounds = Bounds::around(segments.iter().flat_map(|s| [s.start, s.end]))
             .expect("a map has at least one segment");
@@ -62,7 +62,9 @@ impl SegmentDistances {
             max_distance,
             segments,
         };
-        let mut work = WORK * (distances.segments.len() + distances.cells.len());
+        // No more is listed than looked at, and lists are counted in `u32`.
+        let work = WORK * (distances.segments.len() + distances.cells.len());
+        let mut work = work.min(1 << 31);
         let whole = Block { column: 0, row: 0, columns, rows };
         distances.fill(whole, &all, rounding, &mut work);
         Ok(distances)

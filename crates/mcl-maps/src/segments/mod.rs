@@ -2,8 +2,8 @@
 //!
 //! Split and merge (the iterative end point fit), the first of those that V. Nguyen, A. Martinelli, N. Tomatis
 //! and R. Siegwart compare in *A Comparison of Line Extraction Algorithms using 2D Laser Rangefinder for Indoor
-//! Mobile Robotics*, IROS 2005: each scan is [split](split) into pieces, and pieces on one line become one. Here
-//! those of all scans are [merged](merge) at once, so that a wall that many scans saw is one segment.
+//! Mobile Robotics*, IROS 2005: each scan is split into pieces, and pieces on one line become one. Here
+//! those of all scans are merged at once, so that a wall that many scans saw is one segment.
 //! Lines are those of total least squares through every point of their pieces.
 //!
 //! # Example
