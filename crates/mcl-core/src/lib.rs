@@ -24,6 +24,7 @@ mod pose;
 mod recording;
 mod scan;
 mod seed;
+mod segment_map;
 mod stamp;
 mod trajectory;
 
@@ -36,6 +37,7 @@ pub use pose::{Pose2, wrap_angle};
 pub use recording::{Bounds, Recording};
 pub use scan::{LaserScan, ScanGeometry, is_usable_range};
 pub use seed::{Rng, Seed};
+pub use segment_map::{LineSegment, SegmentMap};
 pub use stamp::{ParseStampError, Stamp};
 pub use trajectory::Trajectory;
 

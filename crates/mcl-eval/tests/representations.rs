@@ -23,6 +23,7 @@ const REPRESENTATIONS: &str = r#"
     points = { builders = ["rnd", "gbs", "rnd+f-km", "gbs+f-km", "gbs+best"], sizes = [10] }
     grids = [0.05, 0.2]
     ndt = [0.5, 1]
+    segments = [0.05, 0.2]
     filter = { particles = 200, beams = 60 }
 "#;
 
@@ -39,8 +40,8 @@ fn the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
     let bench = bench();
     let one = bench.experiment("representations", "one", &["--threads", "1"]);
     let rows = trials(&one);
-    // Per split 2 runs on 5 point maps, all points, 2 grids and 2 NDT maps read in 2 ways.
-    assert_eq!(rows.len(), 2 * 2 * (5 + 1 + 2 + 4));
+    // Per split 2 runs on 5 point maps, all points, 2 grids, 2 NDT maps read in 2 ways, and 2 of segments.
+    assert_eq!(rows.len(), 2 * 2 * (5 + 1 + 2 + 4 + 2));
     let summary: Vec<RepresentationSummaryRow> = read_rows(&one.join("summary.csv")).unwrap();
     assert_eq!(summary.len(), rows.len() / 2);
     for ending in ["svg", "png"] {
@@ -61,7 +62,7 @@ fn the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
     fs::remove_file(&figure).unwrap();
     bench.mcl_eval(&["plot", "one"]);
     assert_eq!(fs::read(&figure).unwrap(), before);
-    let more = REPRESENTATIONS.replace("[0.05, 0.2]", "[0.05, 0.1, 0.2]");
+    let more = REPRESENTATIONS.replace("grids = [0.05, 0.2]", "grids = [0.05, 0.1, 0.2]");
     fs::write(bench.path("representations.toml"), more).unwrap();
     bench.experiment("representations", "one", &[]);
     let added = trials(&one);
@@ -84,6 +85,7 @@ fn every_kind_of_map_localizes() {
         let per_element = match row.representation {
             Representation::Occupancy => 1,
             Representation::Ndt | Representation::NdtWide => 24,
+            Representation::Segments => 16,
             _ => 8,
         };
         assert_eq!(row.bytes_raw, per_element * row.elements, "{name}");
@@ -104,4 +106,27 @@ fn every_kind_of_map_localizes() {
     let [as_is, wide] = [Representation::Ndt, Representation::NdtWide].map(|kind| of(kind, 0.5));
     assert_eq!(as_is.elements, wide.elements);
     assert!(as_is.weighted != wide.weighted);
+    // The walls of a few rooms take fewer segments than a tenth of the points, and fewer with more tolerance.
+    let [fine, coarse] = [0.05, 0.2].map(|m| of(Representation::Segments, m).elements);
+    assert!(coarse <= fine && fine < of(Representation::Grid, 10.0).elements / 10);
+}
+
+/// Definitions without line segments still run, and going on with them later changes no row.
+#[test]
+fn segments_may_be_added_later() {
+    let bench = bench();
+    let few = REPRESENTATIONS
+        .replace("[\"rnd\", \"gbs\", \"rnd+f-km\", \"gbs+f-km\", \"gbs+best\"]", "[\"gbs\"]")
+        .replace("[0.05, 0.2]\n    ndt = [0.5, 1]", "[0.2]\n    ndt = [1]");
+    let path = bench.path("representations.toml");
+    fs::write(&path, few.replace("    segments = [0.05, 0.2]\n", "")).unwrap();
+    let folder = bench.experiment("representations", "results", &[]);
+    let before = fs::read_to_string(folder.join("trials.csv")).unwrap();
+    assert!(!fs::read_to_string(folder.join("manifest.json")).unwrap().contains("segments"));
+    fs::write(&path, few).unwrap();
+    bench.experiment("representations", "results", &[]);
+    let after = fs::read_to_string(folder.join("trials.csv")).unwrap();
+    let others: Vec<&str> = after.lines().filter(|line| !line.contains(",segments,")).collect();
+    assert_eq!(others, before.lines().collect::<Vec<_>>());
+    assert_eq!(after.lines().count() - others.len(), 2 * 2 * 2);
 }

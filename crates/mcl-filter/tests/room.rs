@@ -23,7 +23,9 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-use mcl_core::{LaserScan, NdtCell, NdtMap, PointMap, Pose2, ScanGeometry, Seed};
+use mcl_core::{
+    LaserScan, LineSegment, NdtCell, NdtMap, PointMap, Pose2, ScanGeometry, Seed, SegmentMap,
+};
 use mcl_filter::sensor::{LikelihoodField, NdtReading, ObstacleGrid, ScanEndpoints};
 use mcl_filter::{Beams, FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter};
 
@@ -89,6 +91,22 @@ fn likelihoods_are_those_worked_out_by_hand() {
             let found = log_likelihood(distances, settings(), [2.0; 4], pose);
             assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
         }
+    }
+}
+
+/// The walls without gaps. Half a metre to the right of the middle, two beams still end on them, where
+/// points are half a metre away: 2·ln 0.678308 + 2·ln 0.427154. Turned by 45°, they end 2 − √2 from a wall:
+/// 4·ln(0.638308·exp(−0.686292) + 0.04).
+#[test]
+fn walls_are_near_between_their_ends() {
+    let wall = |start, end| LineSegment { start, end };
+    let (a, b, c, d) = ([0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]);
+    let map = SegmentMap::new(vec![wall(a, b), wall(b, c), wall(d, c), wall(a, d)]).unwrap();
+    let distances = MapDistances::segments(&map, 1.0).unwrap();
+    for ((pose, _), expected) in POSES.iter().zip([-1.552_617, -2.477_534, -4.071_640, -8.273_673])
+    {
+        let found = log_likelihood(&distances, settings(), [2.0; 4], *pose);
+        assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Bytes of a map: what its content takes, packed as its kind of map commonly is. Headers (resolution,
 //! origin, counts: some tens of bytes) are left out of all of them.
 
-use mcl_core::{NdtMap, PointMap};
+use mcl_core::{NdtMap, PointMap, SegmentMap};
 
 use crate::occupancy::{Cell, OccupancyGrid};
 
@@ -44,10 +44,15 @@ pub fn ndt_bytes(map: &NdtMap) -> usize {
     map.cells().len() * (size_of::<u32>() + 5 * size_of::<f32>())
 }
 
+/// A map of line segments: an `f32` per coordinate of both ends, 16 bytes a segment.
+pub fn segment_bytes(map: &SegmentMap) -> usize {
+    map.segments().len() * 4 * size_of::<f32>()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcl_core::{NdtCell, Pose2};
+    use mcl_core::{LineSegment, NdtCell, Pose2};
     use proptest::prelude::*;
 
     fn grid(width: usize, cells: Vec<Cell>) -> OccupancyGrid {
@@ -61,6 +66,8 @@ mod tests {
         let covariance = [1.0, 0.0, 1.0];
         let cell = NdtCell { column: 0, row: 0, mean: [0.5, 0.5], covariance };
         assert_eq!(ndt_bytes(&NdtMap::new(1.0, vec![cell; 3]).unwrap()), 72);
+        let wall = LineSegment { start: [0.0, 0.0], end: [1.0, 0.0] };
+        assert_eq!(segment_bytes(&SegmentMap::new(vec![wall; 3]).unwrap()), 48);
         let (o, f, u) = (Cell::Occupied, Cell::Free, Cell::Unknown);
         let small = grid(4, vec![u, f, f, f, f, f, o, o]);
         assert_eq!(grid_bytes(&small), 8);

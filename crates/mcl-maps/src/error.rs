@@ -51,4 +51,15 @@ pub enum MapError {
         /// Points that a cell needs.
         min_points: usize,
     },
+    /// Nothing in the scans is a line segment.
+    #[error(
+        "no line of at least {min_length} m and {min_points} points in the scans; allow shorter ones or a \
+         larger tolerance"
+    )]
+    NoSegment {
+        /// Smallest length of a segment in metres.
+        min_length: f64,
+        /// Points that a segment needs.
+        min_points: usize,
+    },
 }

@@ -9,9 +9,9 @@
 //! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
 //! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) or another [refinement](refine())
 //! makes of it. The parts stand beside it: [`sampling`], [`mixture`], [`mod@refine`], [`occupancy`] grids,
-//! [`ndt`] maps, what maps take in [`bytes`], and map [`files`].
+//! [`ndt`] maps, line [`segments`], what maps take in [`bytes`], and map [`files`].
 //!
-//! Everything but grids, NDT maps and files is generic in the dimension.
+//! Everything but grids, NDT maps, segments and files is generic in the dimension.
 //!
 //! # Example
 //! ```
@@ -47,6 +47,7 @@ pub mod occupancy;
 mod point_set;
 pub mod refine;
 pub mod sampling;
+pub mod segments;
 mod size;
 pub mod size_criteria;
 

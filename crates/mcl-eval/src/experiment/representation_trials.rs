@@ -2,9 +2,10 @@ use anyhow::Result;
 use mcl_core::{PointMap, Seed};
 use mcl_filter::sensor::{NdtReading, ObstacleGrid};
 use mcl_filter::{CheckedSettings, MapDistances};
-use mcl_maps::bytes::{grid_bytes, grid_run_lengths, ndt_bytes, point_bytes};
+use mcl_maps::bytes::{grid_bytes, grid_run_lengths, ndt_bytes, point_bytes, segment_bytes};
 use mcl_maps::ndt::{NdtSettings, normal_distributions};
 use mcl_maps::occupancy::{Cell, FreeSpace, rasterize};
+use mcl_maps::segments::{SegmentSettings, line_segments};
 use mcl_maps::{MapSettings, MapSize, RefineSettings, Refinement, build_map};
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +17,8 @@ use super::{
 };
 
 /// A run of the filter on a map. Errors are means over the run's scans: `weighted` by equation 7,
-/// translation in metres, heading in radians. `elements` are points, cells of a grid, or Gaussians.
+/// translation in metres, heading in radians. `elements` are points, cells of a grid,
+/// Gaussians, or segments.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // The names are the columns of trials.csv, described in docs/representations.md.
 pub struct RepresentationRow {
@@ -108,6 +110,22 @@ impl BuiltRepresentation {
             bytes_run_length: None,
         })
     }
+
+    fn of_segments(
+        data: &LocalizationData<'_>,
+        tolerance: f64,
+        settings: &CheckedSettings,
+    ) -> Result<Self> {
+        let (recording, settings) = (data.map_recording(), settings.values());
+        let of_tolerance = SegmentSettings::of_tolerance(tolerance);
+        let map = line_segments(&recording, settings.max_range, &of_tolerance)?;
+        Ok(BuiltRepresentation {
+            distances: MapDistances::segments(&map, settings.max_distance)?,
+            elements: map.segments().len(),
+            bytes_raw: segment_bytes(&map),
+            bytes_run_length: None,
+        })
+    }
 }
 
 impl RepresentationsExperiment {
@@ -192,6 +210,9 @@ impl RepresentationsExperiment {
             }
             Representation::NdtWide => {
                 BuiltRepresentation::of_ndt(data, trial.parameter, true, settings)
+            }
+            Representation::Segments => {
+                BuiltRepresentation::of_segments(data, trial.parameter, settings)
             }
         }
     }

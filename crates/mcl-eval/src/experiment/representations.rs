@@ -39,6 +39,9 @@ pub struct RepresentationsExperiment {
     pub grids: Vec<f64>,
     /// Edges of the cells of NDT maps (m).
     pub ndt: Vec<f64>,
+    /// Tolerances of maps of line segments (m): how far points may be from their line.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub segments: Vec<f64>,
     /// The particle filter; what is not given is the default of `mcl-eval localize`. Its `max_range` is
     /// the data set's.
     #[serde(default)]
@@ -88,11 +91,14 @@ pub enum Representation {
     /// NDT map, σ_hit² added to each variance.
     #[serde(rename = "ndt+sigma")]
     NdtWide,
+    /// Line segments.
+    #[serde(rename = "segments")]
+    Segments,
 }
 
 impl Representation {
     /// All kinds, in the order of figures and tables.
-    pub const ALL: [Representation; 9] = [
+    pub const ALL: [Representation; 10] = [
         Representation::Random,
         Representation::RandomImproved,
         Representation::Grid,
@@ -102,6 +108,7 @@ impl Representation {
         Representation::Occupancy,
         Representation::Ndt,
         Representation::NdtWide,
+        Representation::Segments,
     ];
 
     /// The name in files and figures.
@@ -116,6 +123,7 @@ impl Representation {
             Representation::Occupancy => "occupancy",
             Representation::Ndt => "ndt",
             Representation::NdtWide => "ndt+sigma",
+            Representation::Segments => "segments",
         }
     }
 
@@ -130,10 +138,13 @@ impl Representation {
         }
     }
 
-    /// Unit of the parameter: of a point map its size, of others the edge of a cell.
+    /// Unit of the parameter: of a point map its size, of others the edge of a cell or the tolerance.
     pub fn unit(self) -> &'static str {
         match self {
-            Representation::Occupancy | Representation::Ndt | Representation::NdtWide => "m",
+            Representation::Occupancy
+            | Representation::Ndt
+            | Representation::NdtWide
+            | Representation::Segments => "m",
             _ => "%",
         }
     }
@@ -146,7 +157,7 @@ pub struct RepresentationTrial {
     pub split: Split,
     /// The kind of map.
     pub representation: Representation,
-    /// Size in percent, or edge of a cell in metres.
+    /// Size in percent, or edge of a cell or tolerance in metres.
     pub parameter: f64,
     /// Number of the map, from 0.
     pub map: u32,
@@ -176,6 +187,7 @@ impl Trial for RepresentationTrial {
             Representation::RandomImproved | Representation::GridImproved => (1.0, 1.0),
             Representation::Occupancy => (1.0, 6.0),
             Representation::Ndt | Representation::NdtWide => (0.0, 12.0),
+            Representation::Segments => (0.5, 12.0),
             _ => (0.0, 1.0),
         };
         map + run * self.runs.len() as f64
@@ -238,6 +250,7 @@ impl RepresentationsExperiment {
         all.extend(with(Representation::Occupancy, &self.grids));
         all.extend(with(Representation::Ndt, &self.ndt));
         all.extend(with(Representation::NdtWide, &self.ndt));
+        all.extend(with(Representation::Segments, &self.segments));
         all
     }
 
@@ -281,8 +294,9 @@ impl Definition for RepresentationsExperiment {
             if runs < self.maps {
                 bail!("runs is {runs}, expected at least one per map ({})", self.maps);
             }
-            let kinds = self.points.builders.len() + 3;
-            let parameters = most.max(self.grids.len()).max(self.ndt.len()).max(1);
+            let kinds = self.points.builders.len() + 4;
+            let others = [&self.grids, &self.ndt, &self.segments].map(Vec::len);
+            let parameters = others.into_iter().fold(most, usize::max).max(1);
             let rows = [runs as usize, self.splits.len(), kinds, parameters];
             check_rows(&rows, &format!("runs = {runs}"))?;
         }
@@ -305,11 +319,15 @@ impl Definition for RepresentationsExperiment {
         }
         check_distinct(&self.points.builders, "points.builders")?;
         check_distinct(&self.splits, "splits")?;
-        for (name, edges) in [("grids", &self.grids), ("ndt", &self.ndt)] {
-            if let Some(edge) = edges.iter().find(|edge| !(edge.is_finite() && **edge > 0.0)) {
-                bail!("{name}: the edge of a cell is {edge} m, expected a positive number");
+        for (name, what, lengths) in [
+            ("grids", "edge of a cell", &self.grids),
+            ("ndt", "edge of a cell", &self.ndt),
+            ("segments", "tolerance", &self.segments),
+        ] {
+            if let Some(length) = lengths.iter().find(|m| !(m.is_finite() && **m > 0.0)) {
+                bail!("{name}: the {what} is {length} m, expected a positive number");
             }
-            check_distinct(edges, name)?;
+            check_distinct(lengths, name)?;
         }
         Ok(())
     }
@@ -334,6 +352,7 @@ mod tests {
         points = { builders = ["rnd", "gbs+best"], sizes = [1, 2] }
         grids = [0.05, 0.1]
         ndt = [0.5]
+        segments = [0.1, 0.2]
         [[dataset]]
         name = "a"
         sizes = [5]
@@ -350,7 +369,7 @@ mod tests {
     #[test]
     fn every_map_has_all_runs_once() {
         let experiment = parse(SMALL).unwrap();
-        for (dataset, maps, runs) in [("b", 4 + 1 + 2 + 2, 4), ("a", 2 + 1 + 2 + 2, 2)] {
+        for (dataset, maps, runs) in [("b", 4 + 1 + 2 + 2 + 2, 4), ("a", 2 + 1 + 2 + 2 + 2, 2)] {
             let trials = experiment.trials(dataset);
             assert_eq!(trials.len(), 2 * maps * 2);
             let keys: Vec<_> = trials.iter().flat_map(RepresentationTrial::keys).collect();
@@ -362,6 +381,20 @@ mod tests {
         assert_eq!(experiment.trials("b")[0].to_string(), "same rnd 1 % #0");
     }
 
+    /// Definitions without line segments are older than those.
+    #[test]
+    fn segments_need_not_be_given() {
+        let [with, without] = ["segments = [0.1, 0.2]", ""]
+            .map(|key| parse(&SMALL.replace("segments = [0.1, 0.2]", key)));
+        let (with, without) = (with.unwrap(), without.unwrap());
+        assert_eq!(without, RepresentationsExperiment { segments: Vec::new(), ..with.clone() });
+        // Nothing is added to what they are kept as, and their trials are the same, in the same order.
+        assert!(serde_json::to_value(&without).unwrap().get("segments").is_none());
+        let mut others = with.trials("b");
+        others.retain(|trial| trial.representation != Representation::Segments);
+        assert_eq!(without.trials("b"), others);
+    }
+
     #[test]
     fn mistakes_are_named() {
         for (right, wrong, named) in [
@@ -370,6 +403,8 @@ mod tests {
             ("\"gbs+best\"", "\"best\"", "best"),
             ("[0.05, 0.1]", "[0.1, 0.1]", "grids"),
             ("[0.5]", "[-1]", "ndt: the edge"),
+            ("[0.1, 0.2]", "[0.1, 0]", "segments: the tolerance is 0 m"),
+            ("[0.1, 0.2]", "[0.2, 0.2]", "segments: 0.2 is listed twice"),
             ("[1, 2]", "[1, 200]", "200"),
             ("runs = 2", "runs = 1", "at least one per map"),
             ("seed = 1", "seed = 1\nsede = 2", "sede"),

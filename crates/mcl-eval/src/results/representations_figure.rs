@@ -33,11 +33,12 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
         caption: vec![format!(
             "{}. Error of equation 7 with ξ = 0.8, mean over {} runs with {} particles and 95 % \
              bootstrap intervals over runs; open symbols: diverged runs of all. Bytes: 8 a point, 1 a \
-             cell of an occupancy grid or its run lengths, 24 a Gaussian. σ_hit = {} m, z_rand = {}, \
+             cell of an occupancy grid or its run lengths, 24 a Gaussian{}. σ_hit = {} m, z_rand = {}, \
              noise added to the odometry {} m and {} rad.",
             manifest.dataset.describe(),
             definition.runs_for(&manifest.dataset.name),
             filter.particles,
+            if definition.segments.is_empty() { "" } else { ", 16 a line segment" },
             filter.sigma_hit,
             filter.z_rand,
             definition.odometry_noise.xy,
@@ -107,6 +108,7 @@ fn style(representation: Representation) -> CurveStyle {
         Representation::Occupancy => (2, Dash::Solid, Marker::Pentagon),
         Representation::Ndt => (3, Dash::Dashed, Marker::TriangleUp),
         Representation::NdtWide => (3, Dash::Solid, Marker::TriangleUp),
+        Representation::Segments => (6, Dash::Solid, Marker::Diamond),
     };
     CurveStyle { color, dash, marker: Some(marker) }
 }

@@ -1,9 +1,9 @@
-use mcl_core::{Bounds, NdtMap, NearestNeighbors, Point, PointMap};
+use mcl_core::{Bounds, NdtMap, NearestNeighbors, Point, PointMap, SegmentMap};
 
 use super::fetch::{Fetch, PADDING, Task, dispatch};
 use super::grid::{Candidates, Grid};
 use super::lookup::{CHUNK, Lookup, Workspace};
-use super::{CellDistances, NdtDistances, NdtReading, ObstacleGrid};
+use super::{CellDistances, NdtDistances, NdtReading, ObstacleGrid, SegmentDistances};
 use crate::FilterError;
 use crate::settings::check_length;
 
@@ -18,6 +18,8 @@ pub enum MapDistances {
     Cells(CellDistances),
     /// Of an NDT map: Mahalanobis distances.
     Ndt(NdtDistances),
+    /// Exact distances to the nearest segment of a map of line segments.
+    Segments(SegmentDistances),
 }
 
 impl MapDistances {
@@ -53,6 +55,14 @@ impl MapDistances {
         NdtDistances::build(map, reading, max_distance).map(MapDistances::Ndt)
     }
 
+    /// Indexes a map of line segments, with distances cut at `max_distance` (m).
+    ///
+    /// # Errors
+    /// Those of [`SegmentDistances::build`].
+    pub fn segments(map: &SegmentMap, max_distance: f64) -> Result<Self, FilterError> {
+        SegmentDistances::build(map, max_distance).map(MapDistances::Segments)
+    }
+
     /// Where distances are cut (m).
     pub fn max_distance(&self) -> f64 {
         match self {
@@ -60,16 +70,19 @@ impl MapDistances {
             MapDistances::Reference(exact) => exact.max_distance,
             MapDistances::Cells(cells) => cells.max_distance(),
             MapDistances::Ndt(ndt) => ndt.max_distance(),
+            MapDistances::Segments(segments) => segments.max_distance(),
         }
     }
 
-    /// The smallest box around the map's points, its occupied cells' centres, or its Gaussians' means.
+    /// The smallest box around the map's points or segments, its occupied cells' centres, or its Gaussians'
+    /// means.
     pub fn bounds(&self) -> Bounds<2> {
         match self {
             MapDistances::Grid(field) => field.exact.bounds,
             MapDistances::Reference(exact) => exact.bounds,
             MapDistances::Cells(cells) => cells.bounds(),
             MapDistances::Ndt(ndt) => ndt.bounds(),
+            MapDistances::Segments(segments) => segments.bounds(),
         }
     }
 }

@@ -91,16 +91,16 @@ fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
 
 /// A rectangle of cells.
 #[derive(Clone, Copy)]
-struct Block {
-    column: usize,
-    row: usize,
-    columns: usize,
-    rows: usize,
+pub(super) struct Block {
+    pub column: usize,
+    pub row: usize,
+    pub columns: usize,
+    pub rows: usize,
 }
 
 impl Block {
     /// The two halves across the longer side; `None` for a single cell.
-    fn halves(self) -> Option<[Block; 2]> {
+    pub fn halves(self) -> Option<[Block; 2]> {
         if self.columns >= self.rows && self.columns > 1 {
             let left = self.columns / 2;
             let right = self.columns - left;

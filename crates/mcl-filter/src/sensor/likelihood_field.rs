@@ -132,6 +132,10 @@ impl<'a> LikelihoodField<'a> {
                 let distance_squared = |point| ndt.distance_squared(point);
                 self.add_with(distance_squared, endpoints, poses, scratch, log_weights);
             }
+            MapDistances::Segments(segments) => {
+                let distance_squared = |point| segments.distance_squared(point);
+                self.add_with(distance_squared, endpoints, poses, scratch, log_weights);
+            }
         }
     }
 

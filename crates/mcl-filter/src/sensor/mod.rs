@@ -12,6 +12,7 @@ mod lookup;
 mod ndt_distances;
 mod pass;
 mod scan_endpoints;
+mod segment_distances;
 
 pub use cell_distances::{CellDistances, ObstacleGrid};
 pub use distance_field::{DistanceField, ExactDistances, MapDistances};
@@ -19,3 +20,4 @@ pub use likelihood_field::LikelihoodField;
 pub(crate) use likelihood_field::{Poses, Scratch};
 pub use ndt_distances::{NdtDistances, NdtReading};
 pub use scan_endpoints::ScanEndpoints;
+pub use segment_distances::SegmentDistances;
