@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn parts_without_scans_or_points_are_refused() {
-        let error = hold_out(&recording(&[None; 40]), 80.0, 0).unwrap_err().to_string();
+        let error = hold_out(&recording(&[None; 40]), 80.0, 0).err().unwrap().to_string();
         assert!(error.starts_with("40 scans, expected at least 41"), "{error}");
         assert!(hold_out(&recording(&[None; 50]), 0.5, 0).is_err());
     }

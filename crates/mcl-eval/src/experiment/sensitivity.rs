@@ -355,7 +355,7 @@ mod tests {
         assert_eq!(tempering.len(), 2);
         assert!(tempering.iter().all(|s| (s.sigma_hit, s.z_rand) == (0.3, 0.25)));
         let rows = |dataset| -> usize {
-            sensitivity_trials(&study, dataset).iter().map(|trial| trial.keys().count()).sum()
+            sensitivity_trials(&study, dataset).iter().map(|trial| trial.keys().len()).sum()
         };
         assert_eq!(rows("a"), 4 * 3 + 2 * 2);
         assert_eq!(rows("b"), 4 * 3);
