@@ -1,5 +1,4 @@
 use anyhow::{Result, bail};
-use mcl_core::PointMap;
 use mcl_filter::CheckedSettings;
 use mcl_maps::MapSize;
 
@@ -35,8 +34,7 @@ pub fn size_by_localization(
     build: Build<2>,
     observe: impl Fn(&Race),
 ) -> Result<Chosen> {
-    let all = PointMap::new(data.points.points().to_vec())?;
-    let mut reference = Lane::new(data, &all, filter)?;
+    let mut reference = Lane::new(data, &data.all_points()?, filter)?;
     let sizes = race_sizes(data.points.len());
     // Each size that is decided has its share of the risk.
     let decisions = (sizes.len() as f64).log2().ceil().max(1.0);

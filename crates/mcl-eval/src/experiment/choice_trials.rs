@@ -293,8 +293,7 @@ impl ChoicesExperiment {
         let on_all = match data.on_all.get() {
             Some(known) => known,
             None => {
-                let all = PointMap::new(data.points().points().to_vec())?;
-                let found = weighted(&errors(&all)?);
+                let found = weighted(&errors(&data.localization.all_points()?)?);
                 // Another thread may have been faster; its errors are the same.
                 data.on_all.get_or_init(|| found)
             }

@@ -152,6 +152,16 @@ impl<'a> LocalizationData<'a> {
         splits.iter().map(of).collect()
     }
 
+    /// The map of all points.
+    ///
+    /// # Errors
+    /// When there is no memory for it.
+    pub fn all_points(&self) -> Result<PointMap<2>> {
+        let mut points = with_room(self.points.len(), "points of a map")?;
+        points.extend_from_slice(self.points.points());
+        Ok(PointMap::new(points)?)
+    }
+
     /// The scans that build the map.
     pub fn map_recording(&self) -> Recording {
         map_scans(self.recording, self.split)
@@ -373,9 +383,7 @@ impl LocalizationExperiment {
         trial: &LocalizationTrial,
     ) -> Result<Vec<(MapStrategy, PointMap<2>)>> {
         let Some(builder) = trial.builder else {
-            let mut points = with_room(data.points.len(), "points of a map")?;
-            points.extend_from_slice(data.points.points());
-            return Ok(vec![(MapStrategy::All, PointMap::new(points)?)]);
+            return Ok(vec![(MapStrategy::All, data.all_points()?)]);
         };
         let size = MapSize::Percent(trial.size_percent);
         let initial = initial_map(&data.points, &builder.initial(size, trial.map_seed))?;

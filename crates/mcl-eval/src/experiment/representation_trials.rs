@@ -76,7 +76,7 @@ impl BuiltRepresentation {
     ) -> Result<Self> {
         let recording = data.map_recording();
         let max_range = settings.values().max_range;
-        let points = PointMap::new(data.points.points().to_vec())?;
+        let points = data.all_points()?;
         let free_space = FreeSpace { recording: &recording, max_range };
         let grid = rasterize(&points, resolution, Some(free_space))?;
         let occupied: Vec<bool> = grid.cells().iter().map(|&cell| cell == Cell::Occupied).collect();
@@ -199,8 +199,7 @@ impl RepresentationsExperiment {
             Representation::GridImproved => sampled(Builder::Grid, fkm),
             Representation::GridBest => sampled(Builder::Grid, Some(Refinement::BEST)),
             Representation::All => {
-                let all = PointMap::new(data.points.points().to_vec())?;
-                BuiltRepresentation::of_points(&all, max_distance)
+                BuiltRepresentation::of_points(&data.all_points()?, max_distance)
             }
             Representation::Occupancy => {
                 BuiltRepresentation::of_grid(data, trial.parameter, settings)
