@@ -12,8 +12,18 @@ use crate::source::{DataSource, LogSource, digest};
 
 /// Keys of a definition that may differ between a run and the one it goes on from: they add trials or
 /// concern figures, but change no row.
-const GROWING: [&str; 10] = [
-    "sizes", "points", "grids", "ndt", "segments", "runs", "splits", "sweep", "figures", "dataset",
+const GROWING: [&str; 11] = [
+    "sizes",
+    "plain_sizes",
+    "points",
+    "grids",
+    "ndt",
+    "segments",
+    "runs",
+    "splits",
+    "sweep",
+    "figures",
+    "dataset",
 ];
 
 /// What a result directory was computed from and by: kept as `manifest.json` beside the rows.

@@ -26,6 +26,9 @@ pub struct RefinementExperiment {
     pub splits: Vec<Split>,
     /// Map sizes in percent of the points that build the map.
     pub sizes: Vec<f64>,
+    /// Further sizes, of plain fuzzy k-means only: those that others are measured by.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plain_sizes: Vec<f64>,
     /// What is made of each initial map.
     pub methods: Vec<Refinement>,
     /// σ of the mixture in metres.
@@ -51,6 +54,9 @@ pub struct RefinementDataset {
     /// Initial maps for this data set instead of the experiment's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeats: Option<u32>,
+    /// Further sizes of plain fuzzy k-means for this data set instead of the experiment's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plain_sizes: Option<Vec<f64>>,
     /// Names of those of the experiment's methods that are run on this data set; none: all of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub methods: Vec<String>,
@@ -86,6 +92,11 @@ impl RefinementExperiment {
         self.methods.iter().filter(is_run).copied().collect()
     }
 
+    fn plain_sizes_for(&self, name: &str) -> &[f64] {
+        let own = self.of_dataset(name).and_then(|dataset| dataset.plain_sizes.as_ref());
+        own.unwrap_or(&self.plain_sizes)
+    }
+
     fn repeats_for(&self, name: &str) -> u32 {
         self.of_dataset(name).and_then(|dataset| dataset.repeats).unwrap_or(self.repeats)
     }
@@ -105,7 +116,15 @@ impl Definition for RefinementExperiment {
         for &size in own.clone().flat_map(|dataset| &dataset.sizes).chain(&self.sizes) {
             check_percent(size, "sizes")?;
         }
-        let most = own.clone().map(|dataset| dataset.sizes.len()).chain([self.sizes.len()]).max();
+        let plain = own.clone().filter_map(|dataset| dataset.plain_sizes.as_ref());
+        for &size in plain.flatten().chain(&self.plain_sizes) {
+            check_percent(size, "plain_sizes")?;
+        }
+        let most = own
+            .clone()
+            .map(|d| d.sizes.len() + d.plain_sizes.as_ref().map_or(0, Vec::len))
+            .chain([self.sizes.len() + self.plain_sizes.len()])
+            .max();
         for repeats in own.filter_map(|dataset| dataset.repeats).chain([self.repeats]) {
             if repeats == 0 {
                 bail!("repeats is 0, expected at least 1");
@@ -177,9 +196,16 @@ impl RefinementTrial {
 pub fn refinement_trials(experiment: &RefinementExperiment, dataset: &str) -> Vec<RefinementTrial> {
     let root = Seed::new(experiment.seed).derive("map").derive(dataset);
     let methods = experiment.methods_for(dataset);
+    let is_plain = |method: &&Refinement| method.name() == PLAIN;
+    let plain: Vec<Refinement> = methods.iter().filter(is_plain).copied().collect();
     let mut trials = Vec::new();
     for &split in &experiment.splits {
-        for &size_percent in experiment.sizes_for(dataset) {
+        let sizes = experiment.sizes_for(dataset);
+        let plain_sizes = experiment.plain_sizes_for(dataset);
+        let further = plain_sizes.iter().filter(|size| !sizes.contains(size));
+        for (&size_percent, methods) in
+            sizes.iter().map(|size| (size, &methods)).chain(further.map(|size| (size, &plain)))
+        {
             for repeat in 0..experiment.repeats_for(dataset) {
                 let seed = root
                     .derive(split.name())
