@@ -230,21 +230,23 @@ impl ChoicesExperiment {
         Ok(rows)
     }
 
-    /// A grid-based map, as `mcl-eval map --init grid` builds it.
+    /// A grid-based map, as `mcl-eval map --init grid` builds it; without a size all points.
     fn build(
         &self,
         data: &PointSet<2>,
         size: Option<MapSize>,
         sigma: f64,
     ) -> Result<PointMap<2>, MapError> {
-        let size = size.unwrap_or(MapSize::Percent(100.0));
         let fkm = FkmSettings { sigma, ..self.fkm() };
         let refinement = self.refine.map(|method| RefineSettings {
             method,
             seed: Seed::new(self.seed),
             ..RefineSettings::fkm(fkm)
         });
-        let initial = InitialMap::GridSize { size, offset: GridOffset::ORIGIN };
+        let initial = match size {
+            Some(size) => InitialMap::GridSize { size, offset: GridOffset::ORIGIN },
+            None => InitialMap::All,
+        };
         Ok(build_map(data, &MapSettings { initial, refinement })?.map)
     }
 

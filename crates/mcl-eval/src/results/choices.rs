@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::{FIGURES, RunOptions, SUMMARY, SWEEPS, TRIALS, Trials, draw_figures, prepare};
 use crate::auto::Criterion;
@@ -107,9 +107,8 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
             });
         }
     }
-    let first = choices.first().context("no choices were saved")?;
     let maps = match &definition.refine {
-        Some(method) => format!("grid-based maps and {}", method.name()),
+        Some(method) => format!("grid-based maps improved by {}", method.name()),
         None => "grid-based maps".to_owned(),
     };
     let figure = CurveFigure {
@@ -119,7 +118,7 @@ pub(super) fn draw(folder: &Path, manifest: Manifest) -> Result<Vec<PathBuf>> {
             "{}. Lines: exhaustive sweep over {maps}; open symbols: what the search chose. Smaller is better. \
              Errors of localization are means over {} runs.",
             manifest.dataset.describe(),
-            first.runs.unwrap_or(definition.runs as usize),
+            definition.runs,
         )],
     };
     Ok(draw_curves(&folder.join(FIGURES).join("choices"), &figure)?.to_vec())
