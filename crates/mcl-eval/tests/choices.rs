@@ -7,7 +7,7 @@ use std::path::Path;
 
 use mcl_eval::auto::{Criterion, Verdict};
 use mcl_eval::experiment::{ChoiceRow, ChoiceSummaryRow, Origin, Quantity, read_rows};
-use office::{Bench, assert_same};
+use office::Bench;
 
 const CHOICES: &str = r#"
     kind = "choices"
@@ -37,14 +37,7 @@ fn summary(folder: &Path) -> Vec<ChoiceSummaryRow> {
 #[test]
 fn the_same_bytes_for_any_number_of_threads_and_after_an_interruption() {
     let bench = bench();
-    let one = bench.experiment("choices", "one", &["--threads", "1"]);
-    let two = bench.experiment("choices", "two", &["--threads", "2"]);
-    assert_same(&two, &one);
-    let path = two.join("trials.csv");
-    let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, &text[..text.len() / 3]).unwrap();
-    bench.experiment("choices", "two", &["--threads", "2"]);
-    assert_same(&two, &one);
+    let one = bench.reproduced("choices");
     // The figure is drawn again from saved rows.
     let figure = one.join("figures/choices.svg");
     let before = fs::read(&figure).unwrap();

@@ -84,6 +84,21 @@ impl Bench {
         self.mcl_eval(&arguments);
         self.path(root).join(name).join("office")
     }
+
+    /// Runs an experiment on one thread, on two, and again after its rows were cut off in the middle, which has
+    /// to give the same bytes, and returns its result folder.
+    #[track_caller]
+    pub fn reproduced(&self, name: &str) -> PathBuf {
+        let one = self.experiment(name, "one", &["--threads", "1"]);
+        let two = self.experiment(name, "two", &["--threads", "2"]);
+        assert_same(&two, &one);
+        let path = two.join("trials.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, &text[..text.len() / 3]).unwrap();
+        self.experiment(name, "two", &["--threads", "2"]);
+        assert_same(&two, &one);
+        one
+    }
 }
 
 /// What is in the files of a result folder that are the same bytes for every run, by path.
