@@ -269,6 +269,14 @@ impl CheckedSettings {
 }
 
 impl FilterSettings {
+    /// These settings, checked, for a data set with this limit of readings (m).
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn with_max_range(&self, max_range: f64) -> Result<CheckedSettings, FilterError> {
+        FilterSettings { max_range, ..self.clone() }.check()
+    }
+
     /// Checks every value.
     ///
     /// # Errors

@@ -159,7 +159,7 @@ impl<const D: usize> Rating<'_, D> {
     ///
     /// # Errors
     /// When the map cannot be built.
-    pub fn own(&self, size: Option<MapSize>, sigma: f64) -> Result<(usize, f64)> {
+    fn own(&self, size: Option<MapSize>, sigma: f64) -> Result<(usize, f64)> {
         let map = (self.build)(self.data, size, sigma)?;
         Ok((map.len(), mixture_log_likelihood(self.data, &map, sigma)?.per_point))
     }

@@ -4,8 +4,8 @@ use mcl_filter::FilterSettings;
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
-    BuiltMap, FkmSettings, GridOffset, InitialMap, MapError, MapSize, PointSet, RefineSettings,
-    Refinement, initial_map, mixture_log_likelihood,
+    BuiltMap, FkmSettings, GridOffset, InitialMap, MapError, MapSettings, MapSize, PointSet,
+    RefineSettings, Refinement, build_map, initial_map, mixture_log_likelihood,
 };
 use serde::Serialize;
 
@@ -169,8 +169,7 @@ fn raced_size(
     global: &Global,
 ) -> Result<Chosen> {
     let data = LocalizationData::new(Split::Same, &log.name, &log.recording, log.max_range)?;
-    let filter =
-        FilterSettings { max_range: log.max_range, ..FilterSettings::default() }.check()?;
+    let filter = FilterSettings::default().with_max_range(log.max_range)?;
     let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
     let bar = progress::spinner("size", global.quiet);
     let settings = RaceSettings::default();
@@ -260,11 +259,9 @@ fn build_at<const D: usize>(
     args: &MapArgs,
 ) -> Result<PointMap<D>, MapError> {
     let wanted = Wanted { size, sigma };
-    let initial = initial_map(data, &initial_settings(args, offset, wanted))?;
-    match refine_settings(args, wanted) {
-        None => Ok(initial.map),
-        Some(settings) => Ok(initial.refined(data, &settings, |_| {})?.map),
-    }
+    let initial = initial_settings(args, offset, wanted);
+    let refinement = refine_settings(args, wanted);
+    Ok(build_map(data, &MapSettings { initial, refinement })?.map)
 }
 
 fn fit<const D: usize>(

@@ -148,7 +148,7 @@ impl<'a> ChoiceData<'a> {
         Ok(ChoiceData {
             localization: LocalizationData::new(Split::Same, name, recording, *max_range)?,
             folds: folds_of(source)?,
-            filter: experiment.filter_for(*max_range)?,
+            filter: experiment.filter.with_max_range(*max_range)?,
             on_all: OnceLock::new(),
         })
     }
@@ -270,7 +270,10 @@ impl ChoicesExperiment {
         let map = (rating.build)(data.points(), size, sigma)?;
         row.map_points = Some(map.len());
         row.log_likelihood = Some(mixture_log_likelihood(data.points(), &map, sigma)?.per_point);
-        row.held_out_log_likelihood = Some(rating.held_out(size, sigma)?);
+        row.held_out_log_likelihood = Some(match (row.by, row.score) {
+            (Criterion::HeldOut, Some(score)) => -score,
+            _ => rating.held_out(size, sigma)?,
+        });
         self.localize(data, &map, row)
     }
 

@@ -363,16 +363,6 @@ pub struct TrackedRun {
 }
 
 impl LocalizationExperiment {
-    /// Settings of the filter for a data set with this limit of readings (m).
-    ///
-    /// # Errors
-    /// When a setting is out of range.
-    pub fn filter_for(&self, max_range: f64) -> Result<CheckedSettings> {
-        let mut filter = self.filter.clone();
-        filter.max_range = max_range;
-        Ok(filter.check()?)
-    }
-
     /// The maps of a trial, by strategy.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 use std::fmt;
 
 use anyhow::{Context, Result, bail};
-use mcl_filter::{CheckedSettings, FilterSettings, OdometryNoise};
+use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::FkmSettings;
 use serde::{Deserialize, Serialize};
 
@@ -211,14 +211,6 @@ impl RepresentationsExperiment {
             tolerance: self.tolerance,
             max_iterations: self.max_iterations,
         }
-    }
-
-    /// Settings of the filter for a data set with this limit of readings (m).
-    ///
-    /// # Errors
-    /// When a setting is out of range.
-    pub fn filter_for(&self, max_range: f64) -> Result<CheckedSettings> {
-        Ok(FilterSettings { max_range, ..self.filter.clone() }.check()?)
     }
 
     fn of_dataset(&self, name: &str) -> Option<&LocalizationDataset> {

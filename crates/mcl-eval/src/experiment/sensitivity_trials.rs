@@ -178,7 +178,7 @@ impl SensitivityExperiment {
             watch.lap("distance fields");
             for (setting, _) in trial.cells.iter().filter(|(_, wanted)| *wanted == strategy) {
                 let experiment = under(setting);
-                let settings = experiment.filter_for(max_range)?;
+                let settings = experiment.filter.with_max_range(max_range)?;
                 let tracked = experiment.track(data, &distances, &settings, map_trial.map)?;
                 let row = localization_row(
                     data,

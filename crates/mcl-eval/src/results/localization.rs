@@ -32,7 +32,7 @@ pub(super) fn run(
     let facts = DatasetFacts::of(source, source.points()?.len());
     let manifest = Manifest::new(name, Kind::Localization, experiment, facts)?;
     let prepared = prepare(folder, &manifest, options.fresh)?;
-    let settings = experiment.filter_for(source.max_range)?;
+    let settings = experiment.filter.with_max_range(source.max_range)?;
     let splits = LocalizationData::of_splits(&experiment.splits, source)?;
 
     let mut store: TrialStore<LocalizationRow> = TrialStore::open(&folder.join(TRIALS))?;
