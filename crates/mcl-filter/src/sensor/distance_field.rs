@@ -131,9 +131,10 @@ impl ExactDistances {
 /// Nothing is rounded to cells: [`distance_squared`](Self::distance_squared) is the minimum of the
 /// same squared differences, in `f64`, that a search through all points would take, and
 /// [`distances_squared`](Self::distances_squared), which the filter uses, stays within 10⁻⁵ m of it.
-/// Memory is bounded for any map: there are at most about eight million cells, and the few that would
-/// list too many points (an outlier far away makes cells huge; at the centre of a circle all its
-/// points are equally near) are answered by the tree of [`ExactDistances`].
+/// Memory is bounded for any map: there are at most about eight million parts of cells, spread over the
+/// whole map, so that those of millions of points list a few more points each. The few that would list
+/// too many (an outlier far away makes cells huge; at the centre of a circle all its points are equally
+/// near) are answered by the tree of [`ExactDistances`].
 pub struct DistanceField {
     /// Boxed, for it is much larger than the other kind of distances.
     pub(super) grid: Box<Grid>,

@@ -107,6 +107,11 @@ impl Grid {
         (coordinate - self.origin[axis]) / self.cell
     }
 
+    /// The lower left corner (m) of the cell about a place in cells.
+    pub fn corner(&self, centre: Point<2>) -> Point<2> {
+        std::array::from_fn(|axis| self.origin[axis] + (centre[axis] - 0.5) * self.cell)
+    }
+
     /// Where a point lies from the centre of a cell, given in cells. Not by way of metres, which are
     /// coarse far from the origin.
     pub fn place(&self, number: u32, centre: Point<2>) -> Place {

@@ -14,8 +14,9 @@ const MIN_CELLS: usize = 1 << 12;
 const MAX_CELLS: usize = 1 << 17;
 /// A cell is cut into smaller parts while more than one part in this many is overfull ...
 const OVERFULL_SHARE: usize = 8;
-/// ... it has no more than this many parts per candidate ...
-const PARTS_PER_CANDIDATE: usize = 8;
+/// ... it has no more than this many parts per candidate, fewer where a map has so many points that
+/// records would run out before all cells are cut ...
+const PARTS_PER_CANDIDATE: f64 = 8.0;
 /// ... and four parts together have less than this times the candidates of the part they were cut
 /// from: four times as many mean that cutting does not help, as at the centre of a circle.
 const MAX_GROWTH: usize = 3;
@@ -25,8 +26,10 @@ const MAX_DEPTH: u32 = 8;
 const MAX_RECORDS: usize = 1 << 23;
 /// A part with more points than this is left to the tree, so that no query takes long.
 const MAX_LIST: usize = 64;
-/// Lists stop growing at this many entries in all; further parts are left to the tree.
+/// Lists stop growing at this many entries in all, or at so many per point if that is more; further
+/// parts are left to the tree.
 const MAX_LISTED: usize = 1 << 24;
+const LISTED_PER_POINT: usize = 4;
 /// Looking at a candidate once for a block or part is a unit of work. When more than this per point
 /// and per cell is done (thousands of nearly equal points are candidates all over the map), blocks of
 /// more than [`MAX_LIST`] candidates are left to the tree.
@@ -40,6 +43,14 @@ const MARGIN: f64 = 1e-5;
 const DISTANCES: &str = "a map's distances";
 
 pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfMemory> {
+    build_within(map, max_distance, MAX_RECORDS)
+}
+
+fn build_within(
+    map: &PointMap<2>,
+    max_distance: f64,
+    max_records: usize,
+) -> Result<Grid, OutOfMemory> {
     let mut points = with_room(map.len(), DISTANCES)?;
     points.extend_from_slice(map.points());
     // Equal points would be listed as often as they occur.
@@ -57,9 +68,18 @@ pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfM
     let whole = Block { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
     let max_distance_squared = max_distance * max_distance;
     let work = WORK_PER_POINT * grid.points.len() + WORK_PER_CELL * grid.cells.len();
-    let buffers = Default::default();
-    let mut builder = Builder { grid, max_distance_squared, margin, work, buffers };
+    let max_listed = MAX_LISTED.max(LISTED_PER_POINT * grid.points.len());
+    let mut builder = Builder {
+        grid,
+        max_distance_squared,
+        margin,
+        work,
+        max_listed,
+        cells: CellCandidates::default(),
+    };
     builder.fill(whole, &mut stack, 0)?;
+    drop(stack);
+    builder.write_records(max_records)?;
     Ok(builder.grid)
 }
 
@@ -142,8 +162,17 @@ impl Parts {
     }
 }
 
-/// Fills a grid from coarse to fine: a point that is never nearest within a block of cells need not
-/// be looked at again within it.
+/// Candidates of all cells, cell by cell.
+#[derive(Default)]
+struct CellCandidates {
+    /// Column and row of a cell, and where its candidates end.
+    cells: Vec<([u32; 2], usize)>,
+    candidates: Vec<u32>,
+}
+
+/// Finds the candidates of all cells from coarse to fine, for a point that is never nearest within a
+/// block of cells need not be looked at again within it; then cuts the cells into parts and writes the
+/// grid's records. How finely they can be cut is known once all candidates are.
 struct Builder {
     grid: Grid,
     max_distance_squared: f64,
@@ -152,18 +181,15 @@ struct Builder {
     margin: f64,
     /// What may still be done.
     work: usize,
-    /// Reused from cell to cell.
-    buffers: [Parts; 2],
+    max_listed: usize,
+    cells: CellCandidates,
 }
 
 impl Builder {
-    /// Records the candidates of each cell of the block, all of which are in `stack[from..]`.
+    /// Notes the candidates of each cell of the block, all of which are in `stack[from..]`.
     fn fill(&mut self, block: Block, stack: &mut Vec<u32>, from: usize) -> Result<(), OutOfMemory> {
         let kept_from = stack.len();
-        let cell = self.grid.cell;
-        let corner = |first: [usize; 2]| -> Point<2> {
-            std::array::from_fn(|axis| self.grid.origin[axis] + (first[axis] as f64 - 0.5) * cell)
-        };
+        let corner = |first: [usize; 2]| self.grid.corner(first.map(|number| number as f64));
         let min = corner([block.column, block.row]);
         let max = corner([block.column + block.columns, block.row + block.rows]);
         reserve(stack, kept_from - from, DISTANCES)?;
@@ -180,7 +206,7 @@ impl Builder {
                         self.fill(half, stack, kept_from)?;
                     }
                 }
-                None => self.record(block, min, &stack[kept_from..])?,
+                None => self.note(block, &stack[kept_from..])?,
             }
         }
         stack.truncate(kept_from);
@@ -254,42 +280,65 @@ impl Builder {
         stack.truncate(kept);
     }
 
-    /// Cuts a cell with these candidates into parts and writes their records.
+    fn note(&mut self, cell: Block, candidates: &[u32]) -> Result<(), OutOfMemory> {
+        let noted = &mut self.cells;
+        reserve(&mut noted.candidates, candidates.len(), DISTANCES)?;
+        noted.candidates.extend(candidates);
+        reserve(&mut noted.cells, 1, DISTANCES)?;
+        noted.cells.push(([cell.column as u32, cell.row as u32], noted.candidates.len()));
+        Ok(())
+    }
+
+    /// Cuts all noted cells into parts and writes their records, about `max_records` at most.
+    fn write_records(&mut self, max_records: usize) -> Result<(), OutOfMemory> {
+        let CellCandidates { cells, candidates } = std::mem::take(&mut self.cells);
+        let parts = max_records.saturating_sub(cells.len()) as f64;
+        let parts_per_candidate = (parts / candidates.len() as f64).min(PARTS_PER_CANDIDATE);
+        let mut buffers = Default::default();
+        let mut start = 0;
+        for (place, end) in cells {
+            let candidates = &candidates[start..end];
+            let most = (parts_per_candidate * candidates.len() as f64) as usize;
+            self.record(place, candidates, most, &mut buffers)?;
+            start = end;
+        }
+        Ok(())
+    }
+
+    /// Cuts a cell with these candidates into at most `most` parts and writes their records.
     fn record(
         &mut self,
-        cell: Block,
-        min: Point<2>,
+        [column, row]: [u32; 2],
         candidates: &[u32],
+        most: usize,
+        [parts, finer]: &mut [Parts; 2],
     ) -> Result<(), OutOfMemory> {
-        let [mut parts, mut finer] = std::mem::take(&mut self.buffers);
         parts.depth = 0;
         parts.candidates.clear();
         reserve(&mut parts.candidates, candidates.len(), DISTANCES)?;
         parts.candidates.extend(candidates);
         parts.ends.clear();
         parts.ends.push(candidates.len());
-        let most = (PARTS_PER_CANDIDATE * candidates.len())
-            .min(MAX_RECORDS.saturating_sub(self.grid.records.len()));
+        let centre = [column, row].map(f64::from);
+        let min = self.grid.corner(centre);
         while self.work > 0
             && parts.depth < MAX_DEPTH
             && 4 * parts.ends.len() <= most
             && OVERFULL_SHARE * parts.overfull() > parts.ends.len()
         {
             self.work = self.work.saturating_sub(4 * parts.candidates.len());
-            self.cut(&parts, min, &mut finer)?;
+            self.cut(parts, min, finer)?;
             if finer.candidates.len() > MAX_GROWTH * parts.candidates.len() {
                 break;
             }
-            std::mem::swap(&mut parts, &mut finer);
+            std::mem::swap(parts, finer);
         }
         let first = self.grid.records.len();
-        let number = cell.row * self.grid.columns + cell.column;
+        let number = row as usize * self.grid.columns + column as usize;
         self.grid.cells[number] = first as u32 | parts.depth << RECORD_BITS;
-        let centre = [cell.column as f64, cell.row as f64];
         for part in 0..parts.ends.len() {
             self.push(centre, &parts.candidates[parts.of(part)])?;
         }
-        self.buffers = [parts, finer];
         Ok(())
     }
 
@@ -326,7 +375,8 @@ impl Builder {
             [one, other] => ([grid.place(one, centre), grid.place(other, centre)], [one, other]),
             _ => {
                 let start = grid.listed.len();
-                let fits = candidates.len() <= MAX_LIST && start + candidates.len() <= MAX_LISTED;
+                let fits =
+                    candidates.len() <= MAX_LIST && start + candidates.len() <= self.max_listed;
                 let length = if fits { candidates.len() as u32 } else { CROWDED };
                 let first_block = grid.blocks.len() as u32;
                 let blocks = if fits { length.div_ceil(BLOCK as u32) } else { CROWDED };
@@ -367,4 +417,27 @@ fn box_distance(p: Point<2>, min: Point<2>, max: Point<2>) -> f64 {
     let outside = |axis: usize| (min[axis] - p[axis]).max(p[axis] - max[axis]).max(0.0);
     let (dx, dy) = (outside(0), outside(1));
     dx * dx + dy * dy
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::Seed;
+    use rand::RngExt;
+
+    /// However few records there may be, they are spread over the whole map: no part of a dense one is
+    /// left to the tree.
+    #[test]
+    fn records_suffice_for_all_of_a_dense_map() {
+        let mut rng = Seed::new(1).rng();
+        // Walls 3 cm thick: hundreds of points in each cell that has any.
+        let wall = |along: f64, across: f64| [20.0 * along, 10.0 + 0.03 * across];
+        let points = (0..200_000).map(|_| wall(rng.random(), rng.random())).collect();
+        let map = PointMap::new(points).unwrap();
+        for max_records in [1 << 18, 1 << 20] {
+            let grid = build_within(&map, 1.0, max_records).unwrap();
+            assert!(grid.records.len() <= max_records + 1);
+            assert!(grid.lists.iter().all(|list| list.length != CROWDED));
+        }
+    }
 }
