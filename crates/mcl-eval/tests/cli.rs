@@ -52,8 +52,10 @@ fn inspect_tells_what_is_in_a_log() {
     assert_keys(
         &found,
         "scans readings points bounds duration_s path_length_m beams_used_per_scan ignored_records \
-         skipped_records backward_stamps has_reference has_odometry",
+         skipped_records backward_stamps has_reference has_odometry odometry_rmse_m odometry_rmse_rad \
+         odometry_opposed_steps odometry_opposed_m",
     );
+    assert!(found["odometry_rmse_m"].as_f64().unwrap() > 0.0);
     assert_eq!((&found["scans"], &found["readings"]), (&Value::from(40), &Value::from(40 * 180)));
     assert_eq!(found["has_reference"], true);
     assert_eq!(found["has_odometry"], true);

@@ -2,6 +2,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use mcl_core::{Bounds, Point};
+use mcl_metrics::OdometryError;
 use serde::Serialize;
 
 use super::Outcome;
@@ -25,6 +26,12 @@ struct Inspection {
     backward_stamps: usize,
     has_reference: bool,
     has_odometry: bool,
+    /// Of an odometry increment against the reference; null without either.
+    odometry_rmse_m: Option<f64>,
+    odometry_rmse_rad: Option<f64>,
+    /// Steps on which the odometry goes the opposite way, and the reference's path on these.
+    odometry_opposed_steps: Option<usize>,
+    odometry_opposed_m: Option<f64>,
     /// 2: scans lie in the plane.
     dimensions: usize,
     /// How a bag was read, a line each.
@@ -128,6 +135,7 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
         true => Bounds::of(&covered.points(source.max_range)?),
         false => None,
     };
+    let odometry = OdometryError::of(&covered);
     let inspection = Inspection {
         scans: recording.scans.len(),
         readings: recording.readings(),
@@ -141,6 +149,10 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
         backward_stamps: recording.backward_stamps(),
         has_reference: covered.has_reference(),
         has_odometry: covered.has_odometry(),
+        odometry_rmse_m: odometry.map(|error| error.translation_rmse),
+        odometry_rmse_rad: odometry.map(|error| error.rotation_rmse),
+        odometry_opposed_steps: odometry.map(|error| error.opposed_steps),
+        odometry_opposed_m: odometry.map(|error| error.opposed_m),
         dimensions: 2,
         bag: source.notes.clone(),
         notes: Notes {
@@ -152,6 +164,26 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
     };
     print(args.json, &inspection, text)?;
     Ok(tell_losses(&args.data.log.log, source))
+}
+
+/// Whether there is odometry, and how far it is to be trusted.
+fn odometry(found: &Inspection) -> String {
+    let mut text = if found.has_odometry { "yes" } else { "no" }.to_owned();
+    if let (true, Some(metres), Some(radians)) =
+        (found.has_odometry, found.odometry_rmse_m, found.odometry_rmse_rad)
+    {
+        let (centimetres, degrees) = (100.0 * metres, radians.to_degrees());
+        write!(text, ", errs {centimetres:.1} cm and {degrees:.1}° per step (RMS)")
+            .expect("writing to a string does not fail");
+    }
+    if let (Some(steps @ 1..), Some(metres)) =
+        (found.odometry_opposed_steps, found.odometry_opposed_m)
+    {
+        let noun = if steps == 1 { "step" } else { "steps" };
+        write!(text, ", goes the opposite way on {} {noun} ({metres:.2} m)", thousands(steps))
+            .expect("writing to a string does not fail");
+    }
+    text
 }
 
 fn text(found: &Inspection) -> String {
@@ -179,7 +211,7 @@ fn text(found: &Inspection) -> String {
         line("bag", note.clone());
     }
     line("reference", if found.has_reference { "yes" } else { "no" }.to_owned());
-    line("odometry", if found.has_odometry { "yes" } else { "no" }.to_owned());
+    line("odometry", odometry(found));
     line(
         "stamps",
         format!(

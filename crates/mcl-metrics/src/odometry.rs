@@ -1,0 +1,102 @@
+use mcl_core::{Pose2, Recording};
+
+/// Shorter steps (m) have no direction: standing still, both odometry and reference err by centimetres.
+const SHORTEST_STEP: f64 = 0.03;
+
+/// How well the odometry of a log agrees with its reference poses from scan to scan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OdometryError {
+    /// Steps with both.
+    pub steps: usize,
+    /// Root mean square of the relative pose error of a step: its translation (m).
+    pub translation_rmse: f64,
+    /// Its rotation (rad).
+    pub rotation_rmse: f64,
+    /// Steps on which the two go opposite ways: both by at least 3 cm, more than 120° apart. Odometry
+    /// that does not know backward motion has them.
+    pub opposed_steps: usize,
+    /// The reference's path on these steps (m).
+    pub opposed_m: f64,
+}
+
+impl OdometryError {
+    /// Compares the odometry increment of each scan with the one between the reference poses; `None`
+    /// where no step has both.
+    pub fn of(recording: &Recording) -> Option<Self> {
+        let steps = recording.scans.windows(2).filter_map(|pair| {
+            let reference = pair[0].map_from_laser?.between(&pair[1].map_from_laser?);
+            Some((reference, pair[1].odometry?))
+        });
+        let mut error = OdometryError {
+            steps: 0,
+            translation_rmse: 0.0,
+            rotation_rmse: 0.0,
+            opposed_steps: 0,
+            opposed_m: 0.0,
+        };
+        for (reference, odometry) in steps {
+            let difference = reference.between(&odometry);
+            error.steps += 1;
+            error.translation_rmse += difference.x.powi(2) + difference.y.powi(2);
+            error.rotation_rmse += difference.theta.powi(2);
+            if are_opposed(&reference, &odometry) {
+                error.opposed_steps += 1;
+                error.opposed_m += reference.x.hypot(reference.y);
+            }
+        }
+        if error.steps == 0 {
+            return None;
+        }
+        let rms = |sum: f64| (sum / error.steps as f64).sqrt();
+        error.translation_rmse = rms(error.translation_rmse);
+        error.rotation_rmse = rms(error.rotation_rmse);
+        Some(error)
+    }
+}
+
+fn are_opposed(a: &Pose2, b: &Pose2) -> bool {
+    let (a_length, b_length) = (a.x.hypot(a.y), b.x.hypot(b.y));
+    let is_directed = a_length.min(b_length) >= SHORTEST_STEP;
+    is_directed && a.x * b.x + a.y * b.y < -0.5 * a_length * b_length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcl_core::{LaserScan, ScanGeometry};
+
+    fn recording(steps: &[(Pose2, Option<Pose2>)]) -> Recording {
+        let scan = |pose, odometry| LaserScan {
+            stamp: None,
+            geometry: ScanGeometry { start_angle: 0.0, angle_step: 0.1, beams: 1 },
+            ranges: vec![1.0],
+            map_from_laser: Some(pose),
+            odometry,
+        };
+        let mut pose = Pose2::new(3.0, -2.0, 2.5);
+        let mut scans = vec![scan(pose, None)];
+        for (reference, odometry) in steps {
+            pose = pose.compose(reference);
+            scans.push(scan(pose, *odometry));
+        }
+        Recording { scans, robot_from_laser: Pose2::IDENTITY }
+    }
+
+    #[test]
+    fn steps_are_compared_where_both_are_known() {
+        let error = OdometryError::of(&recording(&[
+            (Pose2::new(0.1, 0.0, 0.2), Some(Pose2::new(0.1, 0.06, 0.1))),
+            (Pose2::new(0.1, 0.0, 0.0), None),
+            (Pose2::new(-0.2, 0.01, 0.0), Some(Pose2::new(0.1, 0.0, 0.0))),
+            // Too short to have a direction.
+            (Pose2::new(-0.02, 0.0, 0.0), Some(Pose2::new(0.02, 0.0, 0.0))),
+        ]))
+        .unwrap();
+        assert_eq!((error.steps, error.opposed_steps), (3, 1));
+        let squares: f64 = 0.06f64.powi(2) + 0.3f64.powi(2) + 0.01f64.powi(2) + 0.04f64.powi(2);
+        assert!((error.translation_rmse - (squares / 3.0).sqrt()).abs() < 1e-12);
+        assert!((error.rotation_rmse - (0.01f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((error.opposed_m - 0.2f64.hypot(0.01)).abs() < 1e-12);
+        assert_eq!(OdometryError::of(&recording(&[])), None);
+    }
+}
