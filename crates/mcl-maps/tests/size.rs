@@ -59,7 +59,10 @@ fn the_planted_size_is_found() {
         };
         let own = |map: &PointMap<2>| per_point(&data, map);
         let by_bic = chosen(&|map| bic(own(map), data.len(), map.len(), 2));
-        let by_length = chosen(&|map| description_length(own(map), data.len(), map.len()));
+        let by_length = chosen(&|map| {
+            let log_likelihood = mixture_log_likelihood(&data, map, SIGMA).unwrap();
+            description_length(&data, map, SIGMA, log_likelihood).unwrap()
+        });
         assert_eq!([by_bic, by_length], [count as f64; 2]);
         // Others are explained as well by several components in place of each, so their likelihood has
         // more than one maximum; this is one.

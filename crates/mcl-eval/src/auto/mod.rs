@@ -10,7 +10,7 @@ use clap::ValueEnum;
 use mcl_core::PointMap;
 use mcl_maps::choice::{Search, Tried, best, minimize};
 use mcl_maps::size_criteria::{bic, description_length};
-use mcl_maps::{MapError, MapSize, PointSet, mixture_log_likelihood};
+use mcl_maps::{LogLikelihood, MapError, MapSize, PointSet, mixture_log_likelihood};
 use serde::{Deserialize, Serialize};
 
 pub use by_localization::{race_sizes, size_by_localization};
@@ -137,15 +137,14 @@ impl<const D: usize> Rating<'_, D> {
                 scores.push(-self.held_out(size, sigma)?);
                 continue;
             }
-            let (map_points, per_point) = match own {
+            let (map, found) = match &mut own {
                 Some(known) => known,
-                None => *own.insert(self.own(size, sigma)?),
+                None => own.insert(self.own(size, sigma)?),
             };
-            let points = self.data.len();
             scores.push(match by {
-                Criterion::Bic => bic(per_point, points, map_points, D),
-                Criterion::Mdl => description_length(per_point, points, map_points),
-                Criterion::Likelihood => -per_point,
+                Criterion::Bic => bic(found.per_point, self.data.len(), map.len(), D),
+                Criterion::Mdl => description_length(self.data, map, sigma, *found)?,
+                Criterion::Likelihood => -found.per_point,
                 Criterion::Localization | Criterion::HeldOut => {
                     bail!("{} is no likelihood", by.name())
                 }
@@ -154,14 +153,14 @@ impl<const D: usize> Rating<'_, D> {
         Ok(scores)
     }
 
-    /// Points of the map of a size and σ, and the log-likelihood of the points it is built of (nats per
-    /// point).
+    /// The map of a size and σ, and how likely the points are that it is built of.
     ///
     /// # Errors
     /// When the map cannot be built.
-    fn own(&self, size: Option<MapSize>, sigma: f64) -> Result<(usize, f64)> {
+    fn own(&self, size: Option<MapSize>, sigma: f64) -> Result<(PointMap<D>, LogLikelihood)> {
         let map = (self.build)(self.data, size, sigma)?;
-        Ok((map.len(), mixture_log_likelihood(self.data, &map, sigma)?.per_point))
+        let log_likelihood = mixture_log_likelihood(self.data, &map, sigma)?;
+        Ok((map, log_likelihood))
     }
 
     /// Mean log-likelihood per held-out point (nats).

@@ -3,7 +3,7 @@ use std::fmt;
 use anyhow::{Result, bail};
 use mcl_core::Seed;
 use mcl_maps::refine::RefineSettings;
-use mcl_maps::size_criteria::{bic, description_length};
+use mcl_maps::size_criteria::bic;
 use mcl_maps::{FkmSettings, MapSize, PointSet, Refinement, initial_map, mixture_log_likelihood};
 use mcl_metrics::mean_interval;
 use serde::{Deserialize, Serialize};
@@ -320,10 +320,8 @@ pub struct RefinementSummaryRow {
     /// How many times as many points a map of plain fuzzy k-means needs for the same likelihood (of held-out
     /// points where there are some): between its measured sizes, interpolated in the logarithm.
     pub plain_size_factor: Option<f64>,
-    /// The Bayesian information criterion and the description length of data and map, in nats per
-    /// point; smaller is better (docs/refinement.md).
+    /// The Bayesian information criterion in nats per point; smaller is better (docs/refinement.md).
     pub bic: f64,
-    pub description_length: f64,
 }
 
 /// Summaries per split, method and size, in that order, of maps in so many dimensions.
@@ -379,9 +377,6 @@ fn summarize_cell(cell: &[&RefinementRow], dimensions: usize) -> Result<Refineme
         held_out_log_likelihood: held_out.map(|all| all.iter().sum::<f64>() / all.len() as f64),
         plain_size_factor: None,
         bic: mean(&|row| bic(row.log_likelihood, row.data_points, row.map_points, dimensions)),
-        description_length: mean(&|row| {
-            description_length(row.log_likelihood, row.data_points, row.map_points)
-        }),
     })
 }
 
