@@ -35,6 +35,10 @@ const LISTED_PER_POINT: usize = 4;
 /// more than [`MAX_LIST`] candidates are left to the tree.
 const WORK_PER_POINT: usize = 4096;
 const WORK_PER_CELL: usize = 128;
+/// Candidates of cells are noted up to this many in all, or so many per point if that is more, before
+/// records are written of them. Few maps have more.
+const MAX_NOTED: usize = 1 << 24;
+const NOTED_PER_POINT: usize = 16;
 /// By how much of its side a cell is taken larger than it is: places are rounded to `f32` and scaled
 /// by [`SHRINK`](super::grid::SHRINK), which together moves them by less than a quarter of this.
 const MARGIN: f64 = 1e-5;
@@ -43,13 +47,14 @@ const MARGIN: f64 = 1e-5;
 const DISTANCES: &str = "a map's distances";
 
 pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfMemory> {
-    build_within(map, max_distance, MAX_RECORDS)
+    build_within(map, max_distance, MAX_RECORDS, MAX_NOTED.max(NOTED_PER_POINT * map.len()))
 }
 
 fn build_within(
     map: &PointMap<2>,
     max_distance: f64,
     max_records: usize,
+    max_noted: usize,
 ) -> Result<Grid, OutOfMemory> {
     let mut points = with_room(map.len(), DISTANCES)?;
     points.extend_from_slice(map.points());
@@ -75,11 +80,13 @@ fn build_within(
         margin,
         work,
         max_listed,
+        max_noted,
+        max_records,
         cells: CellCandidates::default(),
     };
     builder.fill(whole, &mut stack, 0)?;
     drop(stack);
-    builder.write_records(max_records)?;
+    builder.write_records(1)?;
     Ok(builder.grid)
 }
 
@@ -182,6 +189,8 @@ struct Builder {
     /// What may still be done.
     work: usize,
     max_listed: usize,
+    max_noted: usize,
+    max_records: usize,
     cells: CellCandidates,
 }
 
@@ -286,13 +295,18 @@ impl Builder {
         noted.candidates.extend(candidates);
         reserve(&mut noted.cells, 1, DISTANCES)?;
         noted.cells.push(([cell.column as u32, cell.row as u32], noted.candidates.len()));
+        if noted.candidates.len() > self.max_noted {
+            self.write_records(2)?;
+        }
         Ok(())
     }
 
-    /// Cuts all noted cells into parts and writes their records, about `max_records` at most.
-    fn write_records(&mut self, max_records: usize) -> Result<(), OutOfMemory> {
+    /// Cuts all noted cells into parts and writes their records; all together may be one `share`-th of
+    /// those that are left.
+    fn write_records(&mut self, share: usize) -> Result<(), OutOfMemory> {
         let CellCandidates { cells, candidates } = std::mem::take(&mut self.cells);
-        let parts = max_records.saturating_sub(cells.len()) as f64;
+        let left = self.max_records.saturating_sub(self.grid.records.len());
+        let parts = (left / share).saturating_sub(cells.len()) as f64;
         let parts_per_candidate = (parts / candidates.len() as f64).min(PARTS_PER_CANDIDATE);
         let mut buffers = Default::default();
         let mut start = 0;
@@ -421,23 +435,53 @@ fn box_distance(p: Point<2>, min: Point<2>, max: Point<2>) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::grid::Candidates;
     use super::*;
     use mcl_core::Seed;
     use rand::RngExt;
 
-    /// However few records there may be, they are spread over the whole map: no part of a dense one is
-    /// left to the tree.
-    #[test]
-    fn records_suffice_for_all_of_a_dense_map() {
+    /// A wall of 20 m, 3 cm thick: a hundred points in each cell that has any.
+    fn dense_map() -> PointMap<2> {
         let mut rng = Seed::new(1).rng();
-        // Walls 3 cm thick: hundreds of points in each cell that has any.
         let wall = |along: f64, across: f64| [20.0 * along, 10.0 + 0.03 * across];
         let points = (0..200_000).map(|_| wall(rng.random(), rng.random())).collect();
-        let map = PointMap::new(points).unwrap();
+        PointMap::new(points).unwrap()
+    }
+
+    /// Records are spread over the whole map: no part of it is left to the tree.
+    #[test]
+    fn records_suffice_for_all_of_a_dense_map() {
         for max_records in [1 << 18, 1 << 20] {
-            let grid = build_within(&map, 1.0, max_records).unwrap();
+            let grid = build_within(&dense_map(), 1.0, max_records, usize::MAX).unwrap();
             assert!(grid.records.len() <= max_records + 1);
             assert!(grid.lists.iter().all(|list| list.length != CROWDED));
         }
+    }
+
+    #[test]
+    fn records_written_in_several_turns_find_the_same_points() {
+        let map = dense_map();
+        let [once, often] = [usize::MAX, 50_000]
+            .map(|max_noted| build_within(&map, 1.0, 1 << 20, max_noted).unwrap());
+        let nearest = |grid: &Grid, place: Point<2>| match grid.candidates_at(place) {
+            Candidates::Few(numbers) => Some(
+                numbers
+                    .iter()
+                    .map(|&number| grid.points[number as usize])
+                    .map(|point| (point[0] - place[0]).powi(2) + (point[1] - place[1]).powi(2))
+                    .fold(1.0, f64::min),
+            ),
+            Candidates::Crowded => None,
+        };
+        let mut rng = Seed::new(2).rng();
+        let (mut found, number) = (0, 20_000);
+        for _ in 0..number {
+            let place = [22.0 * rng.random::<f64>() - 1.0, 9.0 + 2.0 * rng.random::<f64>()];
+            if let (Some(once), Some(often)) = (nearest(&once, place), nearest(&often, place)) {
+                assert_eq!(once, often, "{place:?}");
+                found += 1;
+            }
+        }
+        assert!(10 * found > 9 * number, "{found}");
     }
 }
