@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{print, tell_data_losses, tell_losses, thousands};
+use super::output::{counted, print, tell_data_losses, tell_losses, thousands};
 use crate::cloud_source::{CloudSource, Points};
 use crate::source::{DataSource, LogSource};
 
@@ -46,6 +46,7 @@ struct Notes {
     max_range: f64,
     kind: String,
     unusable_stamps: usize,
+    odometry: Option<OdometryError>,
 }
 
 pub fn run(args: &InspectArgs) -> Result<Outcome> {
@@ -160,6 +161,7 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
             max_range: source.max_range,
             kind: source.kind.map_or("simulation, exact poses".to_owned(), |kind| kind.to_string()),
             unusable_stamps: source.report.unusable_stamps,
+            odometry,
         },
     };
     print(args.json, &inspection, text)?;
@@ -168,22 +170,19 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
 
 /// Whether there is odometry, and how far it is to be trusted.
 fn odometry(found: &Inspection) -> String {
-    let mut text = if found.has_odometry { "yes" } else { "no" }.to_owned();
-    if let (true, Some(metres), Some(radians)) =
-        (found.has_odometry, found.odometry_rmse_m, found.odometry_rmse_rad)
-    {
-        let (centimetres, degrees) = (100.0 * metres, radians.to_degrees());
-        write!(text, ", errs {centimetres:.1} cm and {degrees:.1}° per step (RMS)")
-            .expect("writing to a string does not fail");
-    }
-    if let (Some(steps @ 1..), Some(metres)) =
-        (found.odometry_opposed_steps, found.odometry_opposed_m)
-    {
-        let noun = if steps == 1 { "step" } else { "steps" };
-        write!(text, ", goes the opposite way on {} {noun} ({metres:.2} m)", thousands(steps))
-            .expect("writing to a string does not fail");
-    }
-    text
+    let Some(error) = found.notes.odometry.filter(|_| found.has_odometry) else {
+        return if found.has_odometry { "yes" } else { "no" }.to_owned();
+    };
+    let (centimetres, degrees) = (100.0 * error.translation_rmse, error.rotation_rmse.to_degrees());
+    let opposed = match error.opposed_steps {
+        0 => String::new(),
+        steps => format!(
+            ", goes the opposite way on {} ({:.2} m)",
+            counted(steps, "step"),
+            error.opposed_m
+        ),
+    };
+    format!("yes, errs {centimetres:.1} cm and {degrees:.1}° per step (RMS){opposed}")
 }
 
 fn text(found: &Inspection) -> String {

@@ -91,6 +91,11 @@ pub fn told_once(error: &anyhow::Error) -> String {
     text
 }
 
+/// "1 run", "1,234 runs".
+pub fn counted(number: usize, what: &str) -> String {
+    format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
+}
+
 /// 1234567 as `1,234,567`.
 pub fn thousands(number: usize) -> String {
     let digits = number.to_string();

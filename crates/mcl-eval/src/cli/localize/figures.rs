@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::FinishedRun;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
-use crate::cli::output::thousands;
+use crate::cli::output::{counted, thousands};
 use crate::source::LogSource;
 
 /// Resamples of the bootstrap over runs.
@@ -155,10 +155,6 @@ impl Localization {
         }
         text
     }
-}
-
-fn counted(number: usize, what: &str) -> String {
-    format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
 }
 
 impl RunFigures {
