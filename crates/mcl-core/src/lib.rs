@@ -16,6 +16,7 @@
 //! ```
 
 mod error;
+pub mod files;
 pub mod memory;
 mod ndt_map;
 mod neighbors;
@@ -26,6 +27,7 @@ mod scan;
 mod seed;
 mod segment_map;
 mod stamp;
+pub mod text;
 mod trajectory;
 
 pub use error::CoreError;

@@ -10,10 +10,10 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{NearestNeighbors, Point, PointMap, Pose2, Seed};
-use mcl_eval::source::{LogSource, SourceOptions};
 use mcl_filter::sensor::DistanceField;
 use mcl_maps::sampling::{GridOffset, sample_grid};
 use mcl_maps::{FkmSettings, PointSet, fuzzy_k_means};
+use mcl_study::data::source::{LogSource, SourceOptions};
 use rand::RngExt;
 use rand_distr::{Distribution, Normal};
 use serde_json::{Value, json};

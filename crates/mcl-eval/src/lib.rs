@@ -1,5 +1,5 @@
 //! The library behind the `mcl-eval` program: glue from log to figure. It opens logs and data sets
-//! ([`source`]), runs experiments ([`experiment`]), draws what came out ([`figures`]) and holds it
+//! (`mcl-study`), runs experiments ([`experiment`]), draws what came out (`mcl-figures`) and holds it
 //! against the paper ([`claims`]), and offers all of it on the command line ([`cli`]). The work itself
 //! is done by the crates below it: `mcl-datasets`, `mcl-maps`, `mcl-filter` and `mcl-metrics`.
 
@@ -9,10 +9,6 @@
 pub mod auto;
 pub mod claims;
 pub mod cli;
-pub mod cloud_source;
 pub mod experiment;
-pub mod figures;
 pub mod progress;
 pub mod results;
-pub mod source;
-mod thread_time;

@@ -2,9 +2,9 @@
 //! localized shows in how near its scans end to the map, seen from the estimated poses.
 
 use mcl_core::{NearestNeighbors, Pose2, Seed};
-use mcl_eval::source::{LogSource, SourceOptions};
 use mcl_filter::{FilterSettings, MapDistances, Replay, localize};
 use mcl_maps::files::read_map;
+use mcl_study::data::source::{LogSource, SourceOptions};
 
 /// The laser's pose at the first scan: where the scans, put together by odometry, fit the map best of
 /// all places and directions.

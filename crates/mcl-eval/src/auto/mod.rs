@@ -17,7 +17,7 @@ pub use by_localization::{race_sizes, size_by_localization};
 pub use racing::{Lane, Race, RaceSettings, Verdict, judge, race};
 
 use crate::experiment::{FOLDS, HeldOut, hold_out};
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// Sizes are tried from this many points up.
 const SMALLEST_SIZE: f64 = 2.0;

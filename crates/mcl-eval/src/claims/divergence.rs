@@ -6,7 +6,7 @@ use super::ALPHA;
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
 use super::paired::{Cell, Sizes};
 use super::saved::LocalizationResults;
-use super::text::list;
+use mcl_core::text::list;
 
 pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 2] = [recovers, diverges_below];
 

@@ -3,8 +3,8 @@
 use mcl_maps::MapSize;
 
 use super::claim::{Claim, Finding, Place, Section, Statement, Untestable};
-use crate::cli::thousands;
 use crate::experiment::DatasetFacts;
+use mcl_core::text::thousands;
 
 pub(super) const CLAIMS: [fn(&DatasetFacts) -> Claim; 3] = [figure_1_size, figure_2_size, points];
 

@@ -4,9 +4,9 @@ use mcl_metrics::{spearman, welch_equivalence_p, welch_t_test};
 
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
 use super::saved::LikelihoodResults;
-use super::text::{list, number};
 use super::{ALPHA, mean};
 use crate::experiment::{Builder, LikelihoodRow};
+use mcl_core::text::{list, number};
 
 pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 4] =
     [improvement, improvement_shrinks, strategy_above_10, rnd_fkm_below_gbs];

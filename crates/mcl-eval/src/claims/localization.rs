@@ -6,9 +6,9 @@ use mcl_metrics::{TTest, paired_t_test};
 use super::claim::{Claim, Finding, Section, Statement, Untestable};
 use super::paired::{Cell, Sampled, Sizes, compare, log_errors};
 use super::saved::LocalizationResults;
-use super::text::{number, p_value};
 use super::{ALPHA, mean};
 use crate::experiment::{Builder, MapStrategy};
+use mcl_core::text::{number, p_value};
 
 pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 5] =
     [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse];

@@ -17,7 +17,6 @@ mod paired;
 mod planted;
 pub mod render;
 mod saved;
-mod text;
 
 use std::path::PathBuf;
 

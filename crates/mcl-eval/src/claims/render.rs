@@ -3,9 +3,9 @@
 use comfy_table::presets::{NOTHING, UTF8_HORIZONTAL_ONLY};
 use comfy_table::{ColumnConstraint, ContentArrangement, Table, Width};
 
-use super::text::p_value;
 use super::{ALPHA, Claim, DatasetClaims, Verdict};
 use crate::experiment::Split;
+use mcl_core::text::p_value;
 
 /// Four columns of sentences need this much; below, there are two.
 const WIDE: u16 = 80;

@@ -7,9 +7,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use mcl_datasets::log::{ReferencePoses, TopicChoice};
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
-use crate::source::SourceOptions;
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
+use mcl_study::data::source::SourceOptions;
 
 /// Monte Carlo localization evaluation on sample-based maps.
 ///

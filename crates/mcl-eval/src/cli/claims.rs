@@ -23,7 +23,7 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
         );
     }
     if let Some(path) = &args.output {
-        mcl_maps::files::write_atomically(path, render::markdown(&datasets).as_bytes())
+        mcl_core::files::write_atomically(path, render::markdown(&datasets).as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let claims = datasets.iter().flat_map(|dataset: &DatasetClaims| &dataset.claims).collect();

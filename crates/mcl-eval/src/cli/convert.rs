@@ -5,17 +5,17 @@ use anyhow::{Context, Result, bail};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use mcl_core::PointMap;
+use mcl_core::files::write_atomically;
 use mcl_datasets::{bag, carmen};
-use mcl_maps::files::{
-    Encoding, is_grid, read_grid, read_map, write_atomically, write_grid, write_map,
-};
+use mcl_maps::files::{Encoding, is_grid, read_grid, read_map, write_grid, write_map};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{print, tell_losses, thousands};
-use crate::source::{LogSource, SourceOptions};
+use super::output::{print, tell_losses};
+use mcl_core::text::thousands;
+use mcl_study::data::source::{LogSource, SourceOptions};
 
 #[derive(Serialize)]
 #[serde(tag = "converted", rename_all = "lowercase")]

@@ -11,9 +11,10 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
-use super::output::{print, thousands, told_once};
-use crate::cloud_source::CloudSource;
+use super::output::{print, told_once};
 use crate::progress::{self, tell};
+use mcl_core::text::thousands;
+use mcl_study::data::cloud_source::CloudSource;
 
 pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
     let registry = Registry::from_environment()?;

@@ -8,8 +8,9 @@ use mcl_maps::files::is_grid;
 use mcl_maps::occupancy::{Cell, DEFAULT_RESOLUTION, FreeSpace, OccupancyGrid, rasterize};
 use serde::Serialize;
 
-use super::output::{refuse, thousands};
-use crate::source::LogSource;
+use super::output::refuse;
+use mcl_core::text::thousands;
+use mcl_study::data::source::LogSource;
 
 /// What is told of a grid.
 #[derive(Debug, Serialize)]

@@ -7,9 +7,10 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{counted, print, tell_data_losses, tell_losses, thousands};
-use crate::cloud_source::{CloudSource, Points};
-use crate::source::{DataSource, LogSource};
+use super::output::{print, tell_data_losses, tell_losses};
+use mcl_core::text::{counted, thousands};
+use mcl_study::data::cloud_source::{CloudSource, Points};
+use mcl_study::data::source::{DataSource, LogSource};
 
 #[derive(Serialize)]
 struct Inspection {

@@ -6,9 +6,10 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::LikelihoodArgs;
-use super::output::{print, tell_data_losses, thousands};
-use crate::cloud_source::Points;
-use crate::source::DataSource;
+use super::output::{print, tell_data_losses};
+use mcl_core::text::thousands;
+use mcl_study::data::cloud_source::Points;
+use mcl_study::data::source::DataSource;
 
 #[derive(Serialize)]
 struct Likelihood {

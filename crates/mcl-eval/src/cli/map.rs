@@ -12,14 +12,15 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{print, refuse, tell_data_losses, thousands};
+use super::output::{print, refuse, tell_data_losses};
 use crate::auto::{
     Chosen, Criterion, RaceSettings, Rating, SIGMA_RANGE, Try, folds_of, size_by_localization,
 };
-use crate::cloud_source::Points;
 use crate::experiment::{HeldOut, LocalizationData, Split};
 use crate::progress::{self, tell};
-use crate::source::{DataSource, LogSource};
+use mcl_core::text::thousands;
+use mcl_study::data::cloud_source::Points;
+use mcl_study::data::source::{DataSource, LogSource};
 
 #[derive(Serialize)]
 struct Built {

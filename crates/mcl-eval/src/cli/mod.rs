@@ -23,7 +23,6 @@ use clap::Parser;
 
 use crate::progress::tell;
 use args::{Cli, Command};
-pub use output::thousands;
 pub(crate) use output::told_once;
 
 /// How a command that did not fail ended.

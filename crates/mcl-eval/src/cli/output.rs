@@ -12,7 +12,7 @@ use terminal_size::terminal_size_of;
 use super::Outcome;
 use super::args::Cli;
 use crate::progress::{tell, wrapped};
-use crate::source::{DataSource, LogSource};
+use mcl_study::data::source::{DataSource, LogSource};
 
 /// Prints a result as one JSON object, or as lines of text.
 ///
@@ -91,23 +91,6 @@ pub fn told_once(error: &anyhow::Error) -> String {
     text
 }
 
-/// "1 run", "1,234 runs".
-pub fn counted(number: usize, what: &str) -> String {
-    format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
-}
-
-/// 1234567 as `1,234,567`.
-pub fn thousands(number: usize) -> String {
-    let digits = number.to_string();
-    let groups: Vec<&str> = digits
-        .as_bytes()
-        .rchunks(3)
-        .rev()
-        .map(|group| std::str::from_utf8(group).expect("digits are ASCII"))
-        .collect();
-    groups.join(",")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,12 +101,5 @@ mod tests {
             .context("cannot read a.csv: no such file")
             .context("in the map");
         assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
-    }
-
-    #[test]
-    fn digits_in_groups_of_three() {
-        let numbers = [0, 999, 1000, 155_648, 1_654_968];
-        let texts = ["0", "999", "1,000", "155,648", "1,654,968"];
-        assert_eq!(numbers.map(thousands), texts);
     }
 }

@@ -10,7 +10,7 @@ use super::output::{print, tell_data_losses, told_once};
 use crate::experiment::{Experiment, RankedSetting, TrialOutcome, pause_saving};
 use crate::progress::tell;
 use crate::results::{self, RunOptions};
-use crate::source::{DataSource, SourceOptions};
+use mcl_study::data::source::{DataSource, SourceOptions};
 
 #[derive(Serialize)]
 struct Ran {

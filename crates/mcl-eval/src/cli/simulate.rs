@@ -3,15 +3,17 @@ use std::io::Write;
 use anyhow::{Context, Result, bail};
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use mcl_core::files::write_atomically;
 use mcl_core::{PointMap, Seed};
 use mcl_datasets::carmen;
 use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate, simulate_cloud};
-use mcl_maps::files::{Encoding, check_writable, is_point_cloud, write_atomically, write_map};
+use mcl_maps::files::{Encoding, check_writable, is_point_cloud, write_map};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::SimulateArgs;
-use super::output::{print, thousands};
+use super::output::print;
+use mcl_core::text::thousands;
 
 #[derive(Serialize)]
 struct Simulated {

@@ -16,7 +16,7 @@ use super::{HeldOut, LocalizationData, Split};
 use crate::auto::{
     Build, Chosen, Criterion, RaceSettings, Rating, Verdict, folds_of, judge, size_by_localization,
 };
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// How sure the sweep by localization is of each size by itself.
 const RISK: f64 = 0.05;

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::scheduler::{Stopwatch, Trial};
 use super::{Builder, LocalizationExperiment, Split};
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// Which map a robot is localized on, by the paper's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

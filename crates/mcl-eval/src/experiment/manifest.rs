@@ -7,8 +7,8 @@ use serde_json::Value;
 use super::Kind;
 use super::definition::Definition;
 use super::store::write_atomically;
-use crate::cli::thousands;
-use crate::source::{DataSource, LogSource, digest};
+use mcl_core::text::thousands;
+use mcl_study::data::source::{DataSource, LogSource, digest};
 
 /// Keys of a definition that may differ between a run and the one it goes on from: they add trials or
 /// concern figures, but change no row.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
 
-use crate::thread_time;
+use mcl_study::thread_time;
 
 /// A unit of work of an experiment.
 pub trait Trial: Sync {

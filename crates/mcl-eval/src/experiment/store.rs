@@ -162,7 +162,7 @@ fn to_csv<R: Serialize>(rows: &[R], header: bool) -> Result<Vec<u8>> {
 /// Writes a file beside its final name and renames it: readers see the old content or the new.
 pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     let _saving = pause_saving();
-    mcl_maps::files::write_atomically(path, bytes)
+    mcl_core::files::write_atomically(path, bytes)
         .with_context(|| format!("cannot write {}", path.display()))
 }
 

@@ -4,15 +4,15 @@ use anyhow::Result;
 
 use super::{FIGURES, RunOptions, SUMMARY, SWEEPS, TRIALS, Trials, draw_figures, prepare};
 use crate::auto::Criterion;
-use crate::cli::thousands;
 use crate::experiment::{
     ChoiceData, ChoiceRow, ChoiceSummaryRow, ChoiceTrial, ChoicesExperiment, DatasetFacts, Kind,
     Manifest, Origin, Quantity, TrialOutcome, TrialStore, read_rows, summarize_choices, write_rows,
 };
-use crate::figures::{
+use mcl_core::text::thousands;
+use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// Runs an experiment on automatic sizes and σ on one log; see [`super::run_experiment`].
 pub(super) fn run(

@@ -9,9 +9,9 @@ use super::maps::{
     ALL, COMPARISON_GRID, COMPARISON_RANDOM, INDEX, MapRow, OVERVIEW, OVERVIEW_IMPROVED, file_name,
 };
 use super::{FIGURES, MAPS, SUMMARY};
-use crate::cli::thousands;
 use crate::experiment::{Builder, LikelihoodExperiment, Manifest, SummaryRow, read_rows};
-use crate::figures::{
+use mcl_core::text::thousands;
+use mcl_figures::{
     Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, Curve, CurveFigure, CurvePanel,
     CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
 };

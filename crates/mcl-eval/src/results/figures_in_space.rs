@@ -9,8 +9,8 @@ use mcl_core::{Point, PointMap};
 
 use super::figures::Drawing;
 use super::maps::{ALL, COMPARISON_GRID, COMPARISON_RANDOM, OVERVIEW, OVERVIEW_IMPROVED};
-use crate::cli::thousands;
-use crate::figures::{Arrangement, CloudFigure, CloudLabels, CloudPanel, draw_clouds};
+use mcl_core::text::thousands;
+use mcl_figures::{Arrangement, CloudFigure, CloudLabels, CloudPanel, draw_clouds};
 
 /// The direction looked from: turned by this about the vertical …
 const AZIMUTH: f64 = FRAC_PI_6;

@@ -5,12 +5,12 @@ use mcl_core::Point;
 use mcl_maps::PointSet;
 
 use super::{MAPS, RunOptions, SUMMARY, TESTS, TRIALS, Trials, draw_figures, maps, prepare};
-use crate::cloud_source::Points;
 use crate::experiment::{
     DatasetFacts, Kind, LikelihoodExperiment, LikelihoodRow, Manifest, TrialOutcome, TrialStore,
     run_likelihood_trial, summarize, test_improvement, trials, write_rows,
 };
-use crate::source::DataSource;
+use mcl_study::data::cloud_source::Points;
+use mcl_study::data::source::DataSource;
 
 /// Runs a likelihood experiment on one log or point cloud; see [`super::run_experiment`].
 pub(super) fn run(

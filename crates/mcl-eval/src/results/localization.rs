@@ -13,7 +13,7 @@ use crate::experiment::{
     LocalizationTrial, Manifest, MapStrategy, TrialOutcome, TrialStore, localization_trials,
     summarize_localization, test_localization, write_rows,
 };
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// The run that the trajectory figure shows.
 pub(super) const TRAJECTORY: &str = "trajectory";

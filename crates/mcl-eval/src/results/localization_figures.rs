@@ -9,11 +9,11 @@ use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
 
 use super::localization::{ESTIMATE_FILE, MAP_FILE, REFERENCE_FILE, TRAJECTORY};
 use super::{FIGURES, SUMMARY};
-use crate::cli::thousands;
 use crate::experiment::{
     LocalizationExperiment, LocalizationSummaryRow, Manifest, MapStrategy, Split, read_rows,
 };
-use crate::figures::{
+use mcl_core::text::thousands;
+use mcl_figures::{
     Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure,
     CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
 };

@@ -35,7 +35,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_maps::files::is_leftover;
+use mcl_core::files::is_leftover;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -48,7 +48,7 @@ use crate::experiment::{
     run_trials, write_rows,
 };
 use crate::progress::{self, tell};
-use crate::source::DataSource;
+use mcl_study::data::source::DataSource;
 
 pub(crate) use maps::ComparisonMaps;
 

@@ -5,16 +5,16 @@ use mcl_core::Point;
 use mcl_maps::{PointSet, Refinement};
 
 use super::{FIGURES, RunOptions, SUMMARY, TRIALS, Trials, draw_figures, prepare};
-use crate::cloud_source::{Points, refuse_cloud};
 use crate::experiment::{
     DatasetFacts, HeldOut, INITIAL, Kind, Manifest, RefinementExperiment, RefinementRow,
     RefinementSummaryRow, RefinementTrial, Split, TrialOutcome, TrialStore, hold_out, read_rows,
     refinement_trials, summarize_refinement, write_rows,
 };
-use crate::figures::{
+use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
-use crate::source::DataSource;
+use mcl_study::data::cloud_source::{Points, refuse_cloud};
+use mcl_study::data::source::DataSource;
 
 /// Runs a comparison of refinements on one log or point cloud; see [`super::run_experiment`].
 pub(super) fn run(

@@ -7,7 +7,7 @@ use crate::experiment::{
     DatasetFacts, Kind, LocalizationData, Manifest, RepresentationRow, RepresentationTrial,
     RepresentationsExperiment, TrialOutcome, TrialStore, summarize_representations, write_rows,
 };
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// Runs an experiment on kinds of maps on one log; see [`super::run_experiment`].
 pub(super) fn run(

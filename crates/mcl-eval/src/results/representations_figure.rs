@@ -6,7 +6,7 @@ use super::{FIGURES, SUMMARY};
 use crate::experiment::{
     Manifest, Representation, RepresentationSummaryRow, RepresentationsExperiment, Split, read_rows,
 };
-use crate::figures::{
+use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Dash, Interval, Marker,
     Scale, draw_curves,
 };

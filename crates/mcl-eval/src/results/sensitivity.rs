@@ -9,7 +9,7 @@ use crate::experiment::{
     SensitivityRow, SensitivityTrial, Split, TrialOutcome, TrialStore, compare_strategies,
     rank_settings, read_rows, sensitivity_trials, summarize_sensitivity, write_rows,
 };
-use crate::source::LogSource;
+use mcl_study::data::source::LogSource;
 
 /// The ranking of the settings over all data sets, beside their folders.
 const RANKING: &str = "ranking.csv";

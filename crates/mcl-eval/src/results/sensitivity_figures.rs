@@ -7,7 +7,7 @@ use crate::experiment::{
     Manifest, MapStrategy, SensitivityCell, SensitivityExperiment, SensitivityRow, Setting, Sweep,
     SweptMap, find_cell, read_rows, summarize_sensitivity,
 };
-use crate::figures::{
+use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_curves,
 };
 

@@ -38,7 +38,6 @@
 //! # }
 //! ```
 
-mod atomic;
 mod cloud;
 mod columns;
 mod csv_points;
@@ -52,11 +51,11 @@ use std::io;
 use std::path::Path;
 
 use mcl_core::PointMap;
+use mcl_core::files::write_atomically;
 
 use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
 use columns::{NotFinite, Parsed};
 
-pub use atomic::{is_leftover, temporary_beside, write_atomically};
 pub use cloud::{PointCloud, is_point_cloud, read_cloud};
 pub use error::{MapFileError, MapProblem, Place};
 pub use map_server::{encode_grid, parse_grid, read_grid, write_grid};

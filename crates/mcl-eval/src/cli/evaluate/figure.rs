@@ -6,7 +6,7 @@ use anyhow::Result;
 use mcl_core::Stamp;
 
 use super::Evaluated;
-use crate::figures::{
+use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Dash, Interval, Scale,
     draw_curve_file,
 };

@@ -17,8 +17,8 @@ use super::args::{AlignTo, EvaluateArgs, Global};
 use super::errors::{ErrorFigures, ErrorSamples, Figures};
 use super::output::print;
 use crate::experiment::write_rows;
-use crate::figures::check_figure_ending;
 use crate::progress::tell;
+use mcl_figures::check_figure_ending;
 use trajectory::Source;
 
 #[derive(Serialize)]

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{AxisFigures, Row};
 use crate::cli::errors::table_line;
-use crate::cli::output::thousands;
+use mcl_core::text::thousands;
 
 pub fn text(rows: &[&Row]) -> String {
     let mut parts = Vec::new();

@@ -15,7 +15,7 @@ use crate::cli::Outcome;
 use crate::cli::args::{EvaluateArgs, Frame, Global};
 use crate::cli::output::{refuse, tell_losses};
 use crate::progress::tell;
-use crate::source::{LogSource, SourceOptions};
+use mcl_study::data::source::{LogSource, SourceOptions};
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Bytes in which the first line that is no comment is looked for.

@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::FinishedRun;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
-use crate::cli::output::{counted, thousands};
-use crate::source::LogSource;
+use mcl_core::text::{counted, thousands};
+use mcl_study::data::source::LogSource;
 
 /// Resamples of the bootstrap over runs.
 const RESAMPLES: usize = 10_000;

@@ -13,7 +13,7 @@ use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::ErrorSamples;
 use crate::experiment::write_rows;
 use crate::progress::tell;
-use crate::source::{self, LogSource};
+use mcl_study::data::source::{self, LogSource};
 
 /// Where results go: `run-NNN.tum` and `run-NNN.csv` as each run ends, then `reference.tum` and
 /// `summary.json`. Every file is whole or not there.
@@ -180,7 +180,7 @@ impl Folder {
 
     fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
-        mcl_maps::files::write_atomically(&path, bytes)
+        mcl_core::files::write_atomically(&path, bytes)
             .with_context(|| format!("cannot write {}", path.display()))
     }
 }

@@ -20,10 +20,10 @@ use super::args::{Cli, Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
 use super::output::{print, tell_losses};
 use crate::progress;
-use crate::source::{DEFAULT_MAX_RANGE, LogSource};
-use crate::thread_time;
 use figures::Localization;
 use folder::{Folder, Setup};
+use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
+use mcl_study::thread_time;
 use replay::{ReplayFile, Scene};
 
 /// A run of the filter, as far as the figures need it.

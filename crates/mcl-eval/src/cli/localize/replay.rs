@@ -6,6 +6,7 @@ use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use mcl_core::files::temporary_beside;
 use mcl_core::{PointMap, Pose2, Recording, Stamp};
 use mcl_datasets::bag::planar::{
     float64, laser_scan, point_cloud, pose_array, pose_stamped, pose_with_covariance, transforms,
@@ -18,7 +19,6 @@ use mcl_datasets::bag::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
 };
 use mcl_filter::Step;
-use mcl_maps::files::temporary_beside;
 use mcl_metrics::{PoseError, WeightedPoseError};
 use tempfile::NamedTempFile;
 

@@ -23,7 +23,9 @@ use std::path::{Path, PathBuf};
 
 use mcl_core::{Pose2, wrap_angle};
 
-use super::{MapFileError, MapProblem, write_atomically};
+use mcl_core::files::write_atomically;
+
+use super::{MapFileError, MapProblem};
 use crate::occupancy::{Cell, MAX_CELLS, OccupancyGrid};
 use description::{Description, Mode};
 use image::{Cells, Pixel};

@@ -1,7 +1,7 @@
-//! Numbers and lists as the tables tell them.
+//! Numbers and lists as people read them in tables, captions and messages.
 
 /// "p = 0.012", "p = 3.1e-5"; below the smallest number that is told, "p < 1e-300".
-pub(super) fn p_value(p: f64) -> String {
+pub fn p_value(p: f64) -> String {
     match p {
         p if p >= 0.001 => format!("p = {p:.3}"),
         p if p >= 1e-300 => format!("p = {p:.1e}"),
@@ -10,7 +10,7 @@ pub(super) fn p_value(p: f64) -> String {
 }
 
 /// At least two significant digits, a minus sign that is one: "31.52", "0.088", "−0.0063".
-pub(super) fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     let decimals = match value.abs() {
         magnitude if magnitude >= 100.0 || magnitude == 0.0 => 0,
         magnitude if magnitude >= 1.0 => 2,
@@ -22,7 +22,7 @@ pub(super) fn number(value: f64) -> String {
 }
 
 /// The names, four of them at most: "gbs 1 %, rnd 1 % and 3 more".
-pub(super) fn list<S: AsRef<str>>(names: &[S]) -> String {
+pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     const SHOWN: usize = 4;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let mut text = shown.join(", ");
@@ -30,6 +30,23 @@ pub(super) fn list<S: AsRef<str>>(names: &[S]) -> String {
         text += &format!(" and {} more", names.len() - SHOWN);
     }
     text
+}
+
+/// "1 run", "1,234 runs".
+pub fn counted(number: usize, what: &str) -> String {
+    format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
+}
+
+/// 1234567 as `1,234,567`.
+pub fn thousands(number: usize) -> String {
+    let digits = number.to_string();
+    let groups: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|group| std::str::from_utf8(group).expect("digits are ASCII"))
+        .collect();
+    groups.join(",")
 }
 
 #[cfg(test)]
@@ -48,5 +65,12 @@ mod tests {
     fn long_lists_are_cut() {
         assert_eq!(list(&["a", "b"]), "a, b");
         assert_eq!(list(&["a", "b", "c", "d", "e", "f"]), "a, b, c, d and 2 more");
+    }
+
+    #[test]
+    fn digits_in_groups_of_three() {
+        let numbers = [0, 999, 1000, 155_648, 1_654_968];
+        let texts = ["0", "999", "1,000", "155,648", "1,654,968"];
+        assert_eq!(numbers.map(thousands), texts);
     }
 }

@@ -15,7 +15,7 @@ use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_maps::files::is_point_cloud;
 use sha2::{Digest, Sha256};
 
-use crate::cloud_source::{CloudSource, Points, refuse_cloud};
+use crate::data::cloud_source::{CloudSource, Points, refuse_cloud};
 
 /// Readings beyond this (m) are no measurements, unless a data set or the user says otherwise; the
 /// paper's limit.

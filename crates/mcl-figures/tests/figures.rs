@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mcl_eval::figures::*;
+use mcl_figures::*;
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg;
 use tempfile::TempDir;

@@ -100,7 +100,7 @@ fn save(stem: &Path, svg: &str) -> Result<[PathBuf; 2], FigureError> {
         let mut path = OsString::from(stem);
         path.push(ending);
         let path = PathBuf::from(path);
-        match mcl_maps::files::write_atomically(&path, bytes) {
+        match mcl_core::files::write_atomically(&path, bytes) {
             Ok(()) => Ok(path),
             Err(source) => Err(FigureError::Write { path, source }),
         }
@@ -130,7 +130,7 @@ fn save_file(path: &Path, svg: &str) -> Result<(), FigureError> {
         true => render(svg).map_err(|reason| FigureError::Render { stem: path.into(), reason })?,
         false => svg.as_bytes().to_vec(),
     };
-    mcl_maps::files::write_atomically(path, &bytes)
+    mcl_core::files::write_atomically(path, &bytes)
         .map_err(|source| FigureError::Write { path: path.into(), source })
 }
 

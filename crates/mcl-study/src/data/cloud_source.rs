@@ -11,7 +11,7 @@ use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate_cloud};
 use mcl_maps::files::read_cloud;
 use sha2::{Digest, Sha256};
 
-use crate::source::{SourceOptions, stem};
+use crate::data::source::{SourceOptions, stem};
 
 /// Points in the dimension that they have, or that was asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -244,7 +244,7 @@ fn dimensions(points: &[Point<3>]) -> usize {
 }
 
 /// What a cloud is, where a log is needed.
-pub(crate) fn refuse_cloud<T>(name: &str) -> Result<T> {
+pub fn refuse_cloud<T>(name: &str) -> Result<T> {
     None.with_context(|| {
         format!(
             "{name} is a point cloud: it has no scans, poses or odometry; expected a laser log (CARMEN, or a ROS 2 \
