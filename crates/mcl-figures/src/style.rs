@@ -2,7 +2,7 @@
 
 use plotters::style::{Color, RGBColor, ShapeStyle};
 
-use super::canvas::units;
+use crate::units::units;
 
 /// The palette of Okabe and Ito, *Color Universal Design* (2008), without yellow, which is too
 /// light for lines on white; black first.
@@ -16,17 +16,17 @@ const PALETTE: [RGBColor; 7] = [
     RGBColor(0x56, 0xB4, 0xE9),
 ];
 
-pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-pub(super) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
-pub(super) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
-pub(super) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
-pub(super) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
+pub(crate) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+pub(crate) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
+pub(crate) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
+pub(crate) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
+pub(crate) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
 
 /// Width of curves and paths (SVG units).
-pub(super) const LINE: f64 = 1.7;
+pub(crate) const LINE: f64 = 1.7;
 
 /// A line of this colour and width (SVG units).
-pub(super) fn stroke(color: impl Color, width: f64) -> ShapeStyle {
+pub(crate) fn stroke(color: impl Color, width: f64) -> ShapeStyle {
     ShapeStyle::from(color).stroke_width(units(width).unsigned_abs())
 }
 
@@ -45,7 +45,7 @@ pub enum Dash {
 
 impl Dash {
     /// Lengths of dashes and gaps (SVG units).
-    pub(super) fn lengths(self) -> &'static [f32] {
+    pub(crate) fn lengths(self) -> &'static [f32] {
         match self {
             Dash::Solid => &[],
             Dash::Dashed => &[7.0, 3.5],
@@ -75,7 +75,7 @@ pub enum Marker {
 impl Marker {
     /// The corners around the origin (SVG units, y downwards), none of a circle; the shapes cover
     /// about the same area.
-    pub(super) fn corners(self) -> &'static [[f64; 2]] {
+    pub(crate) fn corners(self) -> &'static [[f64; 2]] {
         match self {
             Marker::Circle => &[],
             Marker::Square => &[[-3.2, -3.2], [3.2, -3.2], [3.2, 3.2], [-3.2, 3.2]],
@@ -119,7 +119,7 @@ impl CurveStyle {
     }
 
     /// The colour's components.
-    pub(super) fn rgb(self) -> RGBColor {
+    pub(crate) fn rgb(self) -> RGBColor {
         PALETTE[self.color % PALETTE.len()]
     }
 }

@@ -302,6 +302,41 @@ fn texts_of_any_kind_are_valid_xml() {
     curves(&figure).unwrap();
 }
 
+/// A name from a log put control characters and marks of direction into the SVG, and one of 10,000
+/// letters ran over the edge of the page.
+#[test]
+fn names_from_data_are_shown_as_they_are_and_stay_on_the_page() {
+    let name = format!("\u{202e}log\u{1b}[2J{}", "W".repeat(10_000));
+    let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 2.0)]]);
+    figure.caption = vec![name.clone()];
+    let curve_panel = &mut figure.panels[0];
+    curve_panel.curves[0].points[0].mark = Some(name.clone());
+    for text in [
+        &mut curve_panel.title,
+        &mut curve_panel.x.label,
+        &mut curve_panel.y.label,
+        &mut curve_panel.curves[0].label,
+    ] {
+        *text = name.clone();
+    }
+    let mut cloud = cloud_figure(vec![panel(&name, &[[0.0, 0.0], [9.0, 3.0]])]);
+    cloud.caption = vec![name.clone()];
+    for drawn in [curves(&figure).unwrap(), clouds(&cloud).unwrap()] {
+        let texts = drawn.texts();
+        let names: Vec<_> = texts.iter().filter(|text| text.contains("log")).collect();
+        assert!(names.len() >= 2, "{texts:?}");
+        for text in names {
+            assert!(text.starts_with(r"\u{202e}log\u{1b}[2JWW") && text.ends_with("W…"), "{text}");
+        }
+        let margin = 30;
+        for y in 0..drawn.png.height() {
+            for x in (0..margin).chain(2280 - margin..2280) {
+                assert_eq!(drawn.png.pixel(x, y).unwrap().green(), 255, "ink in the margin");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_same_rows_give_the_same_bytes() {
     let figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 3.0)]; 6]);
