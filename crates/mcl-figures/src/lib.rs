@@ -18,6 +18,7 @@ mod page;
 mod raster;
 mod save;
 mod style;
+mod styles;
 mod text;
 mod units;
 
@@ -29,3 +30,4 @@ pub use curves::{
 pub use error::FigureError;
 pub use save::check_figure_ending;
 pub use style::{CurveStyle, Dash, Marker};
+pub use styles::styles;

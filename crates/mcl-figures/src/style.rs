@@ -6,7 +6,7 @@ use crate::units::units;
 
 /// The palette of Okabe and Ito, *Color Universal Design* (2008), without yellow, which is too
 /// light for lines on white; black first.
-const PALETTE: [RGBColor; 7] = [
+pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(0x00, 0x00, 0x00),
     RGBColor(0xD5, 0x5E, 0x00),
     RGBColor(0x00, 0x72, 0xB2),
