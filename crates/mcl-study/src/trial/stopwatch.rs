@@ -1,6 +1,37 @@
-//! How long this thread has worked.
+//! How long the parts of a trial take.
 
 use std::time::Duration;
+
+/// Takes the times of a trial's parts: processor time of the trial's thread, which other load on the
+/// machine does not stretch.
+#[derive(Debug)]
+pub struct Stopwatch {
+    since: Duration,
+    laps: Vec<(String, f64)>,
+}
+
+impl Stopwatch {
+    /// Starts on the calling thread, where it has to stay.
+    pub fn start() -> Self {
+        Stopwatch { since: now(), laps: Vec::new() }
+    }
+
+    /// Adds the time since the start or the lap before to a part.
+    pub fn lap(&mut self, part: &str) {
+        let now = now();
+        let seconds = now.saturating_sub(self.since).as_secs_f64();
+        self.since = now;
+        match self.laps.iter_mut().find(|(name, _)| name == part) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.laps.push((part.to_owned(), seconds)),
+        }
+    }
+
+    /// The parts in the order of their first laps, with their seconds.
+    pub fn into_laps(self) -> Vec<(String, f64)> {
+        self.laps
+    }
+}
 
 /// The processor's time of the calling thread, from some moment on: time in which other threads or
 /// programs had the core does not count.

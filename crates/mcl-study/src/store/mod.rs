@@ -1,0 +1,3 @@
+//! Rows that are kept: written as trials end, read by everything that shows or decides something.
+
+pub mod results;
