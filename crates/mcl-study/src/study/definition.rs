@@ -446,3 +446,94 @@ fn toml_error(text: &str, error: &toml::de::Error) -> anyhow::Error {
         None => anyhow::anyhow!("{message}"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"
+seed = 1
+measures = ["likelihood"]
+[base]
+sigma = 0.05
+[[trials]]
+map = ["gbs", "gbs+f-km", "all"]
+size = [1, 2]
+draws = 3
+[[trials]]
+name = "filters"
+map = "rnd"
+size = 1
+sigma_hit = [0.1, 0.2]
+alpha = [[0.1, 0.1, 0.1, 0.1], [0.2, 0.2, 0.2, 0.2]]
+runs = 2
+draws = 2
+[[dataset]]
+name = "a"
+[[dataset.trials]]
+map = "occupancy"
+resolution = { from = 0.1, to = 0.4, factor = 2 }
+[[dataset]]
+name = "b"
+"#;
+
+    #[test]
+    fn trials_are_all_combinations_once() {
+        let study = Study::parse(SMALL).unwrap();
+        let plan = study.plan("b").unwrap();
+        // Two kinds at two sizes, three draws; all points, which nothing is drawn for, once; and two
+        // draws of a random map with two runs under four settings.
+        assert_eq!((plan.trials.len(), plan.rows()), (2 * 2 * 3 + 1 + 2, 2 * 2 * 3 + 1 + 2 * 8));
+        let runs: Vec<u32> = plan.trials[13].runs.iter().map(|run| run.run).collect();
+        assert_eq!(runs, [0, 2, 0, 2, 0, 2, 0, 2]);
+        let identities = plan.identities(&study.measures).unwrap();
+        let distinct: std::collections::HashSet<_> = identities.iter().map(|i| &i.0).collect();
+        assert_eq!(distinct.len(), plan.rows());
+        assert_eq!(identities.iter().filter(|(_, entries)| entries == "filters").count(), 16);
+        let own = study.plan("a").unwrap();
+        let names: Vec<String> = own.trials.iter().map(ToString::to_string).collect();
+        assert_eq!(names[1], "occupancy 0.2 m σ 0.05 m #0");
+        assert_eq!(names.len(), 3);
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_line() {
+        for (right, wrong, named) in [
+            ("seed = 1", "seed = 1\nsede = 2", "line 3: unknown field `sede`"),
+            ("sigma = 0.05", "sigma = -1", "line 5: sigma: -1"),
+            ("sigma = 0.05", "sigmma = 1", "line 5: base.sigmma"),
+            ("sigma = 0.05", "sigma = [1, 2]", "line 5: base.sigma has 2 values"),
+            ("[1, 2]", "[1, 1]", "line 8: trials.size: 1 is listed twice"),
+            ("[1, 2]", "[1, 200]", "line 8: size: 200"),
+            ("[1, 2]", "[]", "line 8: trials.size: the list is empty"),
+            ("draws = 3", "draws = 0", "line 9: trials.draws is 0"),
+            ("draws = 3", "draws = 999999", "rows, expected at most"),
+            ("\"gbs\"", "\"gsb\"", "line 7: map: \"gsb\""),
+            ("[\"likelihood\"]", "[\"likelyhood\"]", "line 3: measures: \"likelyhood\""),
+            ("name = \"b\"", "name = \"../b\"", "dataset.name is \"../b\""),
+            ("name = \"b\"", "name = \"a\"", "listed twice"),
+            ("factor = 2", "factor = 1", "factor is 1"),
+            ("sigma_hit = [0.1", "sigma_hit = [-0.1", "sigma_hit"),
+            ("size = 1\n", "", "rnd needs size"),
+        ] {
+            let text = SMALL.replacen(right, wrong, 1);
+            assert_ne!(text, SMALL, "{wrong}");
+            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
+            let message = format!("{error:#}");
+            assert!(message.contains(named), "{wrong}: {message}");
+        }
+    }
+
+    #[test]
+    fn views_name_what_is_there() {
+        let chart = "[[views.charts]]\nname = \"c\"\nx = { column = \"size_percent\" }\ny = { column = \"log_likelihod\" }\n";
+        let message = match Study::parse(&format!("{SMALL}{chart}")) {
+            Ok(_) => panic!("accepted"),
+            Err(error) => format!("{error:#}"),
+        };
+        assert!(
+            message.contains("log_likelihod") && message.contains("log_likelihood"),
+            "{message}"
+        );
+    }
+}
