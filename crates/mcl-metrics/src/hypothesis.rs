@@ -1,7 +1,6 @@
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::check_samples;
+use crate::error::{MetricsError, check_samples};
 use crate::interval::{Interval, Moments, student_interval};
 use crate::student_t::upper_tail;
 

@@ -2,8 +2,7 @@ use mcl_core::Seed;
 use rand::RngExt;
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::{check_runs, check_samples};
+use crate::error::{MetricsError, check_runs, check_samples};
 use crate::student_t::critical_value_95;
 use crate::summary::percentile;
 
@@ -238,7 +237,7 @@ mod tests {
         ) {
             let MeanInterval { mean, interval } = bootstrap_mean(&runs, 1000, seed()).unwrap();
             prop_assert!(interval.low <= mean + 1e-12 && mean <= interval.high + 1e-12);
-            prop_assert!((mean - crate::Summary::pooled(&runs).unwrap().mean).abs() < 1e-12);
+            prop_assert!((mean - crate::summary::Summary::pooled(&runs).unwrap().mean).abs() < 1e-12);
         }
     }
 }
