@@ -1,4 +1,32 @@
-//! Numbers and lists as people read them in tables, captions and messages.
+//! Numbers, lists and foreign text as people read them in tables, captions and messages.
+
+use std::borrow::Cow;
+
+/// Text that comes from files or arguments, safe to show: characters that act instead of being seen
+/// become escapes such as `\u{1b}`, all others stay as they are.
+///
+/// Escaped are control characters (also newlines and tabs), line and paragraph separators, the
+/// controls of text direction, with which a name can pass for another one, and U+FFFE and U+FFFF,
+/// which are no characters.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let acts = |c: char| {
+        c.is_control()
+            || matches!(c,
+                '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}'
+                | '\u{2066}'..='\u{206f}' | '\u{fffe}' | '\u{ffff}')
+    };
+    if !text.contains(acts) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        match acts(c) {
+            true => shown.extend(c.escape_unicode()),
+            false => shown.push(c),
+        }
+    }
+    Cow::Owned(shown)
+}
 
 /// "p = 0.012", "p = 3.1e-5"; below the smallest number that is told, "p < 1e-300".
 pub fn p_value(p: f64) -> String {
@@ -52,6 +80,31 @@ pub fn thousands(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_that_acts_is_shown_as_escapes() {
+        let cases = [
+            ("\u{1b}[31mred", r"\u{1b}[31mred"),
+            ("a\nb\tc\0\u{85}", r"a\u{a}b\u{9}c\u{0}\u{85}"),
+            // Read from right to left after the override, it would pass for "map-exe.csv".
+            ("map-\u{202e}vsc.exe", r"map-\u{202e}vsc.exe"),
+            ("\u{2067}x\u{2069}\u{200f}\u{61c}", r"\u{2067}x\u{2069}\u{200f}\u{61c}"),
+            ("one\u{2028}two\u{2029}", r"one\u{2028}two\u{2029}"),
+            ("\u{fffe}", r"\u{fffe}"),
+        ];
+        for (text, shown) in cases {
+            assert_eq!(printable(text), shown);
+            assert!(matches!(printable(shown), Cow::Borrowed(_)), "{shown} stays as it is");
+        }
+    }
+
+    #[test]
+    fn ordinary_text_stays_as_it_is() {
+        for text in ["", "Intel, σ = 0.05 m", r"a\b", "地図", "नक्शा", "مختبر", "👩\u{200d}🔬"]
+        {
+            assert!(matches!(printable(text), Cow::Borrowed(same) if same == text), "{text}");
+        }
+    }
 
     #[test]
     fn numbers_keep_what_matters() {

@@ -25,7 +25,7 @@ pub enum Scale {
 
 impl Scale {
     /// Whether a value has a place on this scale.
-    pub(super) fn holds(self, value: f64) -> bool {
+    pub(crate) fn holds(self, value: f64) -> bool {
         value.abs() < LARGEST && (self != Scale::Log || value > 0.0)
     }
 
@@ -62,7 +62,7 @@ struct Tick {
 
 /// An axis with room for given values.
 #[derive(Debug, Clone)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     scale: Scale,
     /// The ends, on the scale.
     low: f64,
@@ -74,14 +74,14 @@ pub(super) struct Axis {
 
 impl Axis {
     /// An axis from `range[0]` to `range[1]`, without ticks.
-    pub(super) fn over(range: [f64; 2], scale: Scale) -> Self {
+    pub(crate) fn over(range: [f64; 2], scale: Scale) -> Self {
         let [low, high] = range.map(|end| scale.apply(end));
         Axis::between(low.min(high), low.max(high), scale)
     }
 
     /// An axis with some room around the smallest and largest of `values`, all of which the scale
     /// holds, without ticks; `None` without values.
-    pub(super) fn around(values: impl Iterator<Item = f64>, scale: Scale) -> Option<Self> {
+    pub(crate) fn around(values: impl Iterator<Item = f64>, scale: Scale) -> Option<Self> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values {
             low = low.min(value);
@@ -114,7 +114,7 @@ impl Axis {
 
     /// Puts as many ticks on the axis as a `length` has room for; `extent` is the length that a
     /// label takes up, with its distance to the next.
-    pub(super) fn with_ticks(mut self, length: f64, extent: impl Fn(&str) -> f64) -> Self {
+    pub(crate) fn with_ticks(mut self, length: f64, extent: impl Fn(&str) -> f64) -> Self {
         let fits = |ticks: &Vec<Tick>| {
             let apart = |pair: &[Tick]| {
                 let [from, to] = [&pair[0], &pair[1]].map(|tick| self.fraction(tick.value));
@@ -137,12 +137,12 @@ impl Axis {
     }
 
     /// Keeps the ticks, but not their labels.
-    pub(super) fn without_labels(mut self) -> Self {
+    pub(crate) fn without_labels(mut self) -> Self {
         self.ticks.iter_mut().for_each(|tick| tick.label.clear());
         self
     }
 
-    pub(super) fn labels(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn labels(&self) -> impl Iterator<Item = &str> {
         self.ticks.iter().map(|tick| tick.label.as_str())
     }
 
@@ -213,14 +213,14 @@ impl Axis {
     }
 
     /// Place of a value along the axis: 0 at its lower, 1 at its upper end.
-    pub(super) fn fraction(&self, value: f64) -> f64 {
+    pub(crate) fn fraction(&self, value: f64) -> f64 {
         // Far outside, where lines are clipped, coordinates must still be numbers that renderers
         // can handle.
         ((self.scale.apply(value) - self.low) / (self.high - self.low)).clamp(-100.0, 100.0)
     }
 
     /// Whether a value lies on the axis, ends included.
-    pub(super) fn contains(&self, value: f64) -> bool {
+    pub(crate) fn contains(&self, value: f64) -> bool {
         self.scale.holds(value) && (-1e-9..=1.0 + 1e-9).contains(&self.fraction(value))
     }
 }

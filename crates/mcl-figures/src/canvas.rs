@@ -17,44 +17,32 @@ use svg::node::element::{
 };
 use svg::{Document, Node};
 
-use super::text::{FONT_FAMILY, text_node, text_size};
-use super::{PIXELS_PER_UNIT, WIDTH};
+use crate::text::{FONT_FAMILY, text_node, text_size};
+use crate::units::{PIXELS_PER_UNIT, WIDTH, svg_units, units};
 
-/// plotters' whole numbers per SVG unit.
-const SCALE: f64 = 100.0;
 /// Height of the page while it is drawn; in the end it is cut where the drawing ends.
 const ENDLESS: f64 = 1e6;
-
-/// A length or place in SVG units as plotters counts it.
-pub(super) fn units(length: f64) -> i32 {
-    (length * SCALE).round() as i32
-}
-
-/// A length or place counted by plotters in SVG units.
-pub(super) fn svg_units(length: impl Into<f64>) -> f64 {
-    length.into() / SCALE
-}
 
 /// Why something could not be put on the page.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub(super) struct CanvasError(pub(super) String);
+pub(crate) struct CanvasError(pub(crate) String);
 
 type Drawn = Result<(), DrawingErrorKind<CanvasError>>;
 
 #[derive(Default)]
-pub(super) struct Canvas {
+pub(crate) struct Canvas {
     content: Group,
     /// What is being drawn inside of a clipping box.
     clipped: Option<Group>,
     clips: usize,
     /// Lengths of dashes and gaps (SVG units) of the lines that follow; plotters' styles have none.
-    pub(super) dashes: &'static [f32],
+    pub(crate) dashes: &'static [f32],
 }
 
 impl Canvas {
     /// The finished document, on white paper.
-    pub(super) fn into_svg(self, height: f64) -> String {
+    pub(crate) fn into_svg(self, height: f64) -> String {
         let height = height.ceil();
         let paper = Rectangle::new().set("width", WIDTH).set("height", height).set("fill", "white");
         let document = Document::new()
@@ -68,7 +56,7 @@ impl Canvas {
     }
 
     /// From here to [`Canvas::unclip`], only what lies in this box is seen.
-    pub(super) fn clip(&mut self, (x, y): (Range<i32>, Range<i32>)) {
+    pub(crate) fn clip(&mut self, (x, y): (Range<i32>, Range<i32>)) {
         self.unclip();
         self.clips += 1;
         let id = format!("window{}", self.clips);
@@ -79,7 +67,7 @@ impl Canvas {
         self.clipped = Some(Group::new().set("clip-path", format!("url(#{id})")));
     }
 
-    pub(super) fn unclip(&mut self) {
+    pub(crate) fn unclip(&mut self) {
         if let Some(clipped) = self.clipped.take() {
             self.content.append(clipped);
         }

@@ -4,18 +4,19 @@ use std::path::{Path, PathBuf};
 
 use mcl_core::Point;
 use mcl_core::memory::with_room;
+use mcl_core::text::counted;
 use plotters::element::BitMapElement;
 
-use super::axis::{Axis, Scale};
-use super::canvas::{svg_units, units};
-use super::page::{
+use crate::axis::{Axis, Scale};
+use crate::error::FigureError;
+use crate::page::{
     Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
-    draw_lines, draw_remark, height, left_room, refused,
+    draw_lines, draw_remark, height, left_room, refused, render_error,
 };
-use super::raster::{Position, Raster};
-use super::style::CurveStyle;
-use super::text::{self, wrap};
-use super::{FigureError, render_error};
+use crate::raster::{Position, Raster};
+use crate::style::CurveStyle;
+use crate::text::{self, wrap};
+use crate::units::{svg_units, units};
 
 /// Largest height of a panel on its own, and of one among several.
 const TALLEST: [f64; 2] = [560.0, 420.0];
@@ -246,6 +247,6 @@ fn left_out(panels: &[CloudPanel]) -> Option<String> {
         panel.points.iter().chain(panel.paths.iter().flat_map(|path| path.points))
     });
     let count = all.filter(|point| !drawable(point)).count();
-    let s = if count == 1 { "" } else { "s" };
-    (count > 0).then(|| format!("Left out: {count} point{s} without finite coordinates."))
+    let points = || counted(count, "point");
+    (count > 0).then(|| format!("Left out: {} without finite coordinates.", points()))
 }

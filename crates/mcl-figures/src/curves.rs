@@ -2,21 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
+use mcl_core::text::counted;
 use plotters::element::{EmptyElement, PathElement, Polygon, Rectangle, Text};
 use plotters::series::LineSeries;
 use plotters::style::{Color, FontStyle, WHITE};
 
-use super::axis::{Axis, Scale};
-use super::canvas::units;
-use super::elements::{Clipped, symbol};
-use super::marks::{Taken, TextBox};
-use super::page::{
+use crate::axis::{Axis, Scale};
+use crate::elements::{Clipped, symbol};
+use crate::error::FigureError;
+use crate::marks::{Taken, TextBox};
+use crate::page::{
     Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
-    draw_lines, draw_remark, height, left_room,
+    draw_lines, draw_remark, height, left_room, render_error,
 };
-use super::style::{CurveStyle, Dash, LINE, Marker, stroke};
-use super::text::{self, TEXT, wrap};
-use super::{FigureError, render_error, save_file};
+use crate::save::save_file;
+use crate::style::{CurveStyle, Dash, LINE, Marker, stroke};
+use crate::text::{self, TEXT, fitted, wrap};
+use crate::units::{svg_units, units};
 
 const PANEL_HEIGHT: f64 = 235.0;
 /// Right of a panel, for half of its last tick label.
@@ -209,9 +211,9 @@ fn left_out(figure: &CurveFigure) -> Option<String> {
         .flat_map(|panel| panel.curves.iter().map(move |curve| (panel, curve)))
         .map(|(panel, curve)| curve.points.len() - panel.drawable(curve).count())
         .sum();
-    let s = if count == 1 { "" } else { "s" };
     (count > 0).then(|| {
-        format!("Left out: {count} point{s} without a finite value that the axes can show.")
+        let points = counted(count, "point");
+        format!("Left out: {points} without a finite value that the axes can show.")
     })
 }
 
@@ -321,12 +323,13 @@ fn draw_marks(chart: &Chart, panel: &CurvePanel, interval: Interval) -> Result<(
         let style = text::style(TEXT - 2.0, FontStyle::Normal, &curve.style.rgb());
         for point in panel.seen(curve, chart) {
             let Some(mark) = &point.mark else { continue };
-            let (width, height) = page.estimate_text_size(mark, &style)?;
+            let mark = fitted(mark, &style, 0.25 * svg_units(x.end - x.start));
+            let (width, height) = page.estimate_text_size(&mark, &style)?;
             let text = taken.place(place(point, point.mean), (width as i32, height as i32));
             // Where it must stand on a line, it is still legible.
             let corners = [(text.left, text.top), (text.right, text.bottom)];
             page.draw(&Rectangle::new(corners, WHITE.mix(0.7).filled()))?;
-            page.draw(&Text::new(mark.as_str(), corners[0], style.clone()))?;
+            page.draw(&Text::new(&*mark, corners[0], style.clone()))?;
         }
     }
     Ok(())

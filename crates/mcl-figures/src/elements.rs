@@ -9,14 +9,15 @@ use plotters::element::{
 use plotters::style::{Color, WHITE};
 use plotters_backend::{BackendCoord, DrawingBackend, DrawingErrorKind};
 
-use super::canvas::{Canvas, units};
-use super::style::{CurveStyle, Dash, stroke};
+use crate::canvas::Canvas;
+use crate::style::{CurveStyle, Dash, stroke};
+use crate::units::units;
 
 const CIRCLE_RADIUS: f64 = 3.6;
 
 /// Leaves places outside of a chart where they are. plotters moves them to its edge, which bends
 /// every line that leaves the chart.
-pub(super) struct Beyond;
+pub(crate) struct Beyond;
 
 impl CoordMapper for Beyond {
     type Output = BackendCoord;
@@ -27,7 +28,7 @@ impl CoordMapper for Beyond {
 }
 
 /// An element that may leave its chart; the canvas clips it.
-pub(super) struct Clipped<E>(pub(super) E, pub(super) Dash);
+pub(crate) struct Clipped<E>(pub(crate) E, pub(crate) Dash);
 
 impl<'a, C, E> PointCollection<'a, C, Beyond> for &'a Clipped<E>
 where
@@ -56,7 +57,7 @@ impl<E: Drawable<Canvas>> Drawable<Canvas, Beyond> for Clipped<E> {
 }
 
 /// The symbol of a curve at one of its points, if it has one; an open one is white inside.
-pub(super) fn symbol<C: Clone + 'static>(
+pub(crate) fn symbol<C: Clone + 'static>(
     at: C,
     style: CurveStyle,
     open: bool,

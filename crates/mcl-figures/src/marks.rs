@@ -2,7 +2,7 @@
 
 use plotters_backend::BackendCoord;
 
-use super::canvas::units;
+use crate::units::units;
 
 /// Steps from a point to the texts around it, best first; y downwards.
 const DIRECTIONS: [[i32; 2]; 8] =
@@ -10,11 +10,11 @@ const DIRECTIONS: [[i32; 2]; 8] =
 
 /// A box in plotters' units.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TextBox {
-    pub(super) left: i32,
-    pub(super) top: i32,
-    pub(super) right: i32,
-    pub(super) bottom: i32,
+pub(crate) struct TextBox {
+    pub(crate) left: i32,
+    pub(crate) top: i32,
+    pub(crate) right: i32,
+    pub(crate) bottom: i32,
 }
 
 impl TextBox {
@@ -31,7 +31,7 @@ impl TextBox {
 }
 
 /// What a chart already shows.
-pub(super) struct Taken {
+pub(crate) struct Taken {
     window: TextBox,
     /// Places along lines and symbols.
     ink: Vec<BackendCoord>,
@@ -39,11 +39,11 @@ pub(super) struct Taken {
 }
 
 impl Taken {
-    pub(super) fn new(window: TextBox) -> Self {
+    pub(crate) fn new(window: TextBox) -> Self {
         Taken { window, ink: Vec::new(), texts: Vec::new() }
     }
 
-    pub(super) fn add_line(&mut self, from: BackendCoord, to: BackendCoord) {
+    pub(crate) fn add_line(&mut self, from: BackendCoord, to: BackendCoord) {
         let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
         let steps = (dx.hypot(dy) / f64::from(units(2.0))).ceil().max(1.0);
         self.ink.extend((0..=steps as i32).map(|step| {
@@ -52,13 +52,13 @@ impl Taken {
         }));
     }
 
-    pub(super) fn add_symbol(&mut self, (x, y): BackendCoord) {
+    pub(crate) fn add_symbol(&mut self, (x, y): BackendCoord) {
         let reach = [-1, 0, 1].map(|step| step * units(4.0));
         self.ink.extend(reach.iter().flat_map(|dx| reach.map(|dy| (x + dx, y + dy))));
     }
 
     /// Finds a place for a text beside a point, and takes it.
-    pub(super) fn place(&mut self, at: BackendCoord, (width, height): (i32, i32)) -> TextBox {
+    pub(crate) fn place(&mut self, at: BackendCoord, (width, height): (i32, i32)) -> TextBox {
         const AVOID: usize = 1000;
         let candidates = [1, 2, 3].into_iter().flat_map(|ring| {
             DIRECTIONS.map(|[dx, dy]| {

@@ -9,53 +9,62 @@ use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
-use plotters::element::{PathElement, Rectangle};
-use plotters::style::TextStyle;
+use plotters::element::{BitMapElement, PathElement, Rectangle};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, RGBColor, TextStyle};
 use plotters_backend::DrawingErrorKind;
 
-use super::axis::Axis;
-use super::canvas::{Canvas, CanvasError, svg_units, units};
-use super::elements::{Clipped, symbol};
-use super::style::{CurveStyle, FAINT_GRID, FRAME, GRID, LINE, stroke};
-use super::text::{self, LINE_HEIGHT, TEXT, text_size, wrap};
-use super::{FigureError, WIDTH, save};
+use crate::axis::{Axis, Scale};
+use crate::canvas::{Canvas, CanvasError};
+use crate::elements::{Clipped, symbol};
+use crate::error::FigureError;
+use crate::save::save;
+use crate::style::{CurveStyle, FAINT_GRID, FRAME, GRID, HATCH, LINE, shade_color, stroke};
+use crate::text::{self, LINE_HEIGHT, TEXT, fitted, text_size, wrap};
+use crate::units::{PIXELS_PER_UNIT, WIDTH, svg_units, units};
 
 /// Around the page (SVG units).
-pub(super) const MARGIN: f64 = 12.0;
+pub(crate) const MARGIN: f64 = 12.0;
 /// Width within the margins.
-pub(super) const INNER: f64 = WIDTH - 2.0 * MARGIN;
+pub(crate) const INNER: f64 = WIDTH - 2.0 * MARGIN;
 /// Between a title and its chart; its last line has room of its own below.
-pub(super) const TITLE_GAP: f64 = 2.0;
+pub(crate) const TITLE_GAP: f64 = 2.0;
+/// Width and height of the scale of colours.
+pub(crate) const COLOR_SCALE: [f64; 2] = [300.0, 12.0];
 const TICK: f64 = 4.0;
 
 /// Why plotters could not draw.
-pub(super) type DrawError = DrawingAreaErrorKind<CanvasError>;
+pub(crate) type DrawError = DrawingAreaErrorKind<CanvasError>;
 
 /// That there is no memory for a picture.
-pub(super) fn refused(error: OutOfMemory) -> DrawError {
+pub(crate) fn refused(error: OutOfMemory) -> DrawError {
     DrawError::BackendError(DrawingErrorKind::DrawingError(CanvasError(error.to_string())))
 }
 
-/// The reason alone: plotters would tell that it is an error of its backend, twice.
-pub(super) fn reason(error: &DrawError) -> String {
-    match error {
-        DrawError::BackendError(DrawingErrorKind::DrawingError(error)) => error.to_string(),
-        other => other.to_string(),
+/// The error of a figure that plotters could not draw, with the reason alone: plotters would say that
+/// it is an error of its backend, twice.
+pub(crate) fn render_error(stem: &Path) -> impl Fn(DrawError) -> FigureError {
+    |error| {
+        let reason = match &error {
+            DrawError::BackendError(DrawingErrorKind::DrawingError(error)) => error.to_string(),
+            other => other.to_string(),
+        };
+        FigureError::Render { stem: stem.into(), reason }
     }
 }
-/// A part of the page.
-pub(super) type Area = DrawingArea<Canvas, Shift>;
-/// Axes to draw data on.
-pub(super) type Chart = ChartContext<'static, Canvas, Cartesian2d<Axis, Axis>>;
 
-pub(super) struct Page {
-    pub(super) canvas: Rc<RefCell<Canvas>>,
+/// A part of the page.
+pub(crate) type Area = DrawingArea<Canvas, Shift>;
+/// Axes to draw data on.
+pub(crate) type Chart = ChartContext<'static, Canvas, Cartesian2d<Axis, Axis>>;
+
+pub(crate) struct Page {
+    pub(crate) canvas: Rc<RefCell<Canvas>>,
     free: Area,
 }
 
 impl Page {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let canvas = Rc::default();
         let margin = units(MARGIN);
         let free = Area::from(&canvas).margin(margin, 0, margin, margin);
@@ -63,7 +72,7 @@ impl Page {
     }
 
     /// The next part of the page (SVG units).
-    pub(super) fn take(&mut self, height: f64) -> Area {
+    pub(crate) fn take(&mut self, height: f64) -> Area {
         let (next, free) = self.free.split_vertically(units(height));
         self.free = free;
         next
@@ -71,7 +80,7 @@ impl Page {
 
     /// Draws each different entry once, in order of appearance, in rows. plotters' own legend would
     /// be a column within the chart, over its curves.
-    pub(super) fn legend<'a>(
+    pub(crate) fn legend<'a>(
         &mut self,
         entries: impl Iterator<Item = (&'a str, CurveStyle)>,
         with_symbols: bool,
@@ -88,7 +97,8 @@ impl Page {
             }
             seen.push(entry);
             let (label, style) = entry;
-            let width = LABEL + text_size(label, &text::plain())[0];
+            let label = fitted(label, &text::plain(), INNER - LABEL);
+            let width = LABEL + text_size(&label, &text::plain())[0];
             if left + width > INNER {
                 row = None;
             }
@@ -103,7 +113,7 @@ impl Page {
                 row.draw(&symbol)?;
             }
             let middle = Pos::new(HPos::Left, VPos::Center);
-            row.draw_text(label, &text::plain().pos(middle), at(LABEL))?;
+            row.draw_text(&label, &text::plain().pos(middle), at(LABEL))?;
             left += width + GAP;
         }
         if !seen.is_empty() {
@@ -112,32 +122,65 @@ impl Page {
         Ok(())
     }
 
+    /// Draws the scale of colours and, if wanted, what hatched cells mean.
+    pub(crate) fn color_scale(
+        &mut self,
+        label: &str,
+        colors: &Axis,
+        with_hatching: bool,
+    ) -> Result<(), DrawError> {
+        const GAP: f64 = 24.0;
+        let [width, height] = COLOR_SCALE;
+        let row = self.take(4.0 + height + bottom_room(label)).margin(units(4.0), 0, 0, 0);
+        self.take(8.0);
+        let indent = 0.5 * (INNER - width);
+        let area = row.margin(0, 0, units(indent), units(indent));
+        let flat = Axis::over([0.0, 1.0], Scale::Linear);
+        let chart = draw_axes(&area, 0.0, [colors.clone(), flat], [label, ""], false)?;
+        let size = COLOR_SCALE.map(|length| (length * f64::from(PIXELS_PER_UNIT)) as u32);
+        let line = (0..size[0]).flat_map(|x| {
+            let color = shade_color((f64::from(x) + 0.5) / f64::from(size[0]));
+            [color.0, color.1, color.2]
+        });
+        let pixels = line.collect::<Vec<u8>>().repeat(size[1] as usize);
+        let picture = BitMapElement::with_owned_buffer((0, 0), size.into(), pixels);
+        area.draw(&picture.ok_or(DrawError::LayoutError)?)?;
+        draw_frame(&chart)?;
+        if with_hatching {
+            let left = indent + width + GAP;
+            fill(&row, [left, 0.0, left + GAP, height], None)?;
+            let style = text::plain().pos(Pos::new(HPos::Left, VPos::Center));
+            row.draw_text("no value", &style, (units(left + GAP + 6.0), units(0.5 * height)))?;
+        }
+        Ok(())
+    }
+
     /// Draws the caption, each of its paragraphs wrapped.
-    pub(super) fn caption(&mut self, paragraphs: &[String]) -> Result<(), DrawError> {
+    pub(crate) fn caption(&mut self, paragraphs: &[String]) -> Result<(), DrawError> {
         let style = text::caption();
         let lines: Vec<_> = paragraphs.iter().flat_map(|text| wrap(text, &style, INNER)).collect();
         draw_lines(&self.take(height(&lines, &style)), &lines, &style)
     }
 
     /// Cuts the page here, and writes `<stem>.svg` and `<stem>.png`.
-    pub(super) fn save(self, stem: &Path) -> Result<[PathBuf; 2], FigureError> {
+    pub(crate) fn save(self, stem: &Path) -> Result<[PathBuf; 2], FigureError> {
         save(stem, &self.into_svg())
     }
 
     /// Cuts the page here.
-    pub(super) fn into_svg(self) -> String {
+    pub(crate) fn into_svg(self) -> String {
         let bottom = svg_units(self.free.get_base_pixel().1);
         self.canvas.take().into_svg(bottom + MARGIN)
     }
 }
 
 /// Height of lines of text.
-pub(super) fn height(lines: &[String], style: &TextStyle) -> f64 {
+pub(crate) fn height(lines: &[String], style: &TextStyle) -> f64 {
     lines.len() as f64 * LINE_HEIGHT * svg_units(style.font.get_size())
 }
 
 /// Draws lines of text beneath each other.
-pub(super) fn draw_lines(
+pub(crate) fn draw_lines(
     area: &Area,
     lines: &[String],
     style: &TextStyle,
@@ -148,39 +191,63 @@ pub(super) fn draw_lines(
     Ok(())
 }
 
+/// Fills a box (left, top, right, bottom in SVG units), or hatches it.
+pub(crate) fn fill(
+    area: &Area,
+    [left, top, right, bottom]: [f64; 4],
+    color: Option<RGBColor>,
+) -> Result<(), DrawError> {
+    const STEP: f64 = 6.0;
+    let corners = [(units(left), units(top)), (units(right), units(bottom))];
+    area.draw(&Rectangle::new(corners, color.unwrap_or(FAINT_GRID).filled()))?;
+    if color.is_none() {
+        // Lines of the same x + y in all boxes, so that they go on in the next.
+        let ends = [left + top, right + bottom].map(|sum| (sum / STEP).ceil() as i32);
+        for sum in (ends[0]..ends[1]).map(|line| f64::from(line) * STEP) {
+            let line = [left.max(sum - bottom), right.min(sum - top)];
+            let line = line.map(|x| (units(x), units(sum - x)));
+            area.draw(&PathElement::new(line.to_vec(), stroke(HATCH, 0.8)))?;
+        }
+    }
+    Ok(())
+}
+
 /// Room left of a chart for the tick labels and the label of the y axis.
-pub(super) fn left_room(axis: &Axis, label: &str) -> f64 {
+pub(crate) fn left_room(axis: &Axis, label: &str) -> f64 {
     let widths = axis.labels().map(|label| text_size(label, &text::plain())[0]);
     let title = if label.is_empty() { 0.0 } else { 1.5 * TEXT };
     widths.fold(0.0, f64::max) + title + 2.0 * TICK
 }
 
 /// Room below a chart for the tick labels and the label of the x axis.
-pub(super) fn bottom_room(label: &str) -> f64 {
+pub(crate) fn bottom_room(label: &str) -> f64 {
     if label.is_empty() { 1.7 * TEXT } else { 3.0 * TEXT }
 }
 
 /// What a label takes up along a horizontal and along a vertical axis.
-pub(super) fn along_x(label: &str) -> f64 {
+pub(crate) fn along_x(label: &str) -> f64 {
     text_size(label, &text::plain())[0] + 14.0
 }
 
 /// See [`along_x`].
-pub(super) fn along_y(_: &str) -> f64 {
+pub(crate) fn along_y(_: &str) -> f64 {
     1.5 * TEXT
 }
 
 /// Draws axes with ticks, labels and, if wanted, grid lines; the chart takes up the area except
 /// `left` and [`bottom_room`].
-pub(super) fn draw_axes(
+pub(crate) fn draw_axes(
     area: &Area,
     left: f64,
     [x, y]: [Axis; 2],
     [x_label, y_label]: [&str; 2],
     grid: bool,
 ) -> Result<Chart, DrawError> {
+    let room = area.dim_in_pixel();
+    let x_label = fitted(x_label, &text::plain(), svg_units(room.0) - left);
+    let y_label = fitted(y_label, &text::plain(), svg_units(room.1) - bottom_room(&x_label));
     let mut chart = ChartBuilder::on(area)
-        .x_label_area_size(units(bottom_room(x_label)))
+        .x_label_area_size(units(bottom_room(&x_label)))
         .y_label_area_size(units(left))
         .build_cartesian_2d(x, y)?;
     let mut mesh = chart.configure_mesh();
@@ -189,8 +256,8 @@ pub(super) fn draw_axes(
         .light_line_style(stroke(FAINT_GRID, 1.0))
         .set_all_tick_mark_size(units(TICK))
         .label_style(text::plain())
-        .x_desc(x_label)
-        .y_desc(y_label);
+        .x_desc(&*x_label)
+        .y_desc(&*y_label);
     if !grid {
         mesh.disable_mesh();
     }
@@ -199,7 +266,7 @@ pub(super) fn draw_axes(
 }
 
 /// Draws the frame around a chart, over its data.
-pub(super) fn draw_frame(chart: &Chart) -> Result<(), DrawError> {
+pub(crate) fn draw_frame(chart: &Chart) -> Result<(), DrawError> {
     let window = chart.plotting_area().strip_coord_spec();
     let (width, height) = window.dim_in_pixel();
     let corners = [(0, 0), (width as i32, height as i32)];
@@ -207,7 +274,7 @@ pub(super) fn draw_frame(chart: &Chart) -> Result<(), DrawError> {
 }
 
 /// Draws a remark in place of data.
-pub(super) fn draw_remark(chart: &Chart, remark: &str) -> Result<(), DrawError> {
+pub(crate) fn draw_remark(chart: &Chart, remark: &str) -> Result<(), DrawError> {
     let window = chart.plotting_area().strip_coord_spec();
     let (width, height) = window.dim_in_pixel();
     let style = text::caption().pos(Pos::new(HPos::Center, VPos::Center));

@@ -6,11 +6,11 @@ use resvg::tiny_skia::{
     StrokeDash, Transform,
 };
 
-use super::PIXELS_PER_UNIT;
-use super::style::{CurveStyle, LINE};
+use crate::style::{CurveStyle, LINE, shade_color};
+use crate::units::PIXELS_PER_UNIT;
 
 /// A place in SVG units from the corner of a window, y downwards.
-pub(super) type Position = [f64; 2];
+pub(crate) type Position = [f64; 2];
 
 /// More points than this are drawn as a density, fewer as dots.
 const MOST_DOTS: usize = 50_000;
@@ -22,29 +22,8 @@ const FAINTEST: f32 = 0.38;
 /// Share of the pixels with points that may be fully dark.
 const DARKEST_SHARE: f64 = 0.02;
 
-/// Colours from low to high: a few of *viridis* (van der Walt and Smith, 2015), which lightens evenly
-/// and which colour-blind readers can tell apart. Its brightest yellow is left out: it would vanish on white.
-const SHADES: [[f64; 3]; 5] = [
-    [68.0, 1.0, 84.0],
-    [59.0, 82.0, 139.0],
-    [33.0, 145.0, 140.0],
-    [94.0, 201.0, 98.0],
-    [223.0, 200.0, 30.0],
-];
-
-/// The colour of a shade from 0 to 1.
-fn shade_color(shade: f64) -> [u8; 3] {
-    let place = shade.clamp(0.0, 1.0) * (SHADES.len() - 1) as f64;
-    let index = (place as usize).min(SHADES.len() - 2);
-    let part = place - index as f64;
-    std::array::from_fn(|channel| {
-        let [from, to] = [SHADES[index][channel], SHADES[index + 1][channel]];
-        (from + part * (to - from)).round() as u8
-    })
-}
-
 /// A transparent picture of a window.
-pub(super) struct Raster {
+pub(crate) struct Raster {
     pixels: Pixmap,
 }
 
@@ -53,7 +32,7 @@ impl Raster {
     ///
     /// # Errors
     /// When there is no memory for it, or for drawing and embedding it.
-    pub(super) fn new(width: f64, height: f64) -> Result<Option<Self>, OutOfMemory> {
+    pub(crate) fn new(width: f64, height: f64) -> Result<Option<Self>, OutOfMemory> {
         let pixels = |length: f64| (length as f32 * PIXELS_PER_UNIT).round().max(1.0) as u32;
         let (width, height) = (pixels(width), pixels(height));
         let number = (width as usize).saturating_mul(height as usize);
@@ -62,7 +41,7 @@ impl Raster {
     }
 
     /// Draws points.
-    pub(super) fn draw_points(&mut self, points: &[Position]) {
+    pub(crate) fn draw_points(&mut self, points: &[Position]) {
         if points.len() <= MOST_DOTS {
             self.draw_dots(points);
         } else {
@@ -88,12 +67,12 @@ impl Raster {
     }
 
     /// Draws points in their shades, from 0 to 1, later ones over earlier ones.
-    pub(super) fn draw_shaded(&mut self, points: &[Position], shades: &[f64]) {
+    pub(crate) fn draw_shaded(&mut self, points: &[Position], shades: &[f64]) {
         let radius = 1.9 * (300.0 / points.len().max(300) as f32).powf(0.2);
         let mut paint = Paint { anti_alias: true, ..Paint::default() };
         for (&[x, y], &shade) in points.iter().zip(shades) {
-            let [red, green, blue] = shade_color(shade);
-            paint.set_color_rgba8(red, green, blue, u8::MAX);
+            let color = shade_color(shade);
+            paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
             let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
             if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
                 let untouched = Transform::identity();
@@ -134,7 +113,7 @@ impl Raster {
     }
 
     /// Draws a line through places.
-    pub(super) fn draw_path(&mut self, places: &[Position], style: CurveStyle) {
+    pub(crate) fn draw_path(&mut self, places: &[Position], style: CurveStyle) {
         let mut path = PathBuilder::new();
         for (index, &[x, y]) in places.iter().enumerate() {
             let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
@@ -161,7 +140,7 @@ impl Raster {
     }
 
     /// The size in pixels, and red, green and blue of each, on white paper.
-    pub(super) fn into_rgb(self) -> ((u32, u32), Vec<u8>) {
+    pub(crate) fn into_rgb(self) -> ((u32, u32), Vec<u8>) {
         let on_paper = |pixel: &PremultipliedColorU8| {
             let paper = u8::MAX - pixel.alpha();
             [pixel.red(), pixel.green(), pixel.blue()].map(|part| part.saturating_add(paper))

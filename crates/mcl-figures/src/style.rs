@@ -1,12 +1,12 @@
 //! Colours, dashes and markers that stay apart for colour-blind readers and in greyscale.
 
-use plotters::style::{Color, RGBColor, ShapeStyle};
+use plotters::style::{BLACK, Color, RGBColor, ShapeStyle, WHITE};
 
-use super::canvas::units;
+use crate::units::units;
 
 /// The palette of Okabe and Ito, *Color Universal Design* (2008), without yellow, which is too
 /// light for lines on white; black first.
-const PALETTE: [RGBColor; 7] = [
+pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(0x00, 0x00, 0x00),
     RGBColor(0xD5, 0x5E, 0x00),
     RGBColor(0x00, 0x72, 0xB2),
@@ -16,17 +16,47 @@ const PALETTE: [RGBColor; 7] = [
     RGBColor(0x56, 0xB4, 0xE9),
 ];
 
-pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-pub(super) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
-pub(super) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
-pub(super) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
-pub(super) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
+pub(crate) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+pub(crate) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
+pub(crate) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
+pub(crate) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
+pub(crate) const HATCH: RGBColor = RGBColor(0xB8, 0xB8, 0xB8);
+pub(crate) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
+
+/// Colours from low to high: a few of *viridis* (van der Walt and Smith, 2015), which lightens evenly
+/// and which colour-blind readers can tell apart. Its brightest yellow is left out: it would vanish on white.
+const SHADES: [[f64; 3]; 5] = [
+    [68.0, 1.0, 84.0],
+    [59.0, 82.0, 139.0],
+    [33.0, 145.0, 140.0],
+    [94.0, 201.0, 98.0],
+    [223.0, 200.0, 30.0],
+];
+
+/// The colour of a shade from 0 to 1.
+pub(crate) fn shade_color(shade: f64) -> RGBColor {
+    let place = shade.clamp(0.0, 1.0) * (SHADES.len() - 1) as f64;
+    let index = (place as usize).min(SHADES.len() - 2);
+    let part = place - index as f64;
+    let [red, green, blue] = std::array::from_fn(|channel| {
+        let [from, to] = [SHADES[index][channel], SHADES[index + 1][channel]];
+        (from + part * (to - from)).round() as u8
+    });
+    RGBColor(red, green, blue)
+}
+
+/// What can be read on a colour: white or black, at a contrast of at least 4.5 (WCAG 2).
+pub(crate) fn readable_on(color: RGBColor) -> RGBColor {
+    let linear = |channel: u8| (f64::from(channel) / 255.0).powf(2.2);
+    let luminance = 0.2126 * linear(color.0) + 0.7152 * linear(color.1) + 0.0722 * linear(color.2);
+    if luminance < 0.18 { WHITE } else { BLACK }
+}
 
 /// Width of curves and paths (SVG units).
-pub(super) const LINE: f64 = 1.7;
+pub(crate) const LINE: f64 = 1.7;
 
 /// A line of this colour and width (SVG units).
-pub(super) fn stroke(color: impl Color, width: f64) -> ShapeStyle {
+pub(crate) fn stroke(color: impl Color, width: f64) -> ShapeStyle {
     ShapeStyle::from(color).stroke_width(units(width).unsigned_abs())
 }
 
@@ -45,7 +75,7 @@ pub enum Dash {
 
 impl Dash {
     /// Lengths of dashes and gaps (SVG units).
-    pub(super) fn lengths(self) -> &'static [f32] {
+    pub(crate) fn lengths(self) -> &'static [f32] {
         match self {
             Dash::Solid => &[],
             Dash::Dashed => &[7.0, 3.5],
@@ -75,7 +105,7 @@ pub enum Marker {
 impl Marker {
     /// The corners around the origin (SVG units, y downwards), none of a circle; the shapes cover
     /// about the same area.
-    pub(super) fn corners(self) -> &'static [[f64; 2]] {
+    pub(crate) fn corners(self) -> &'static [[f64; 2]] {
         match self {
             Marker::Circle => &[],
             Marker::Square => &[[-3.2, -3.2], [3.2, -3.2], [3.2, 3.2], [-3.2, 3.2]],
@@ -119,7 +149,7 @@ impl CurveStyle {
     }
 
     /// The colour's components.
-    pub(super) fn rgb(self) -> RGBColor {
+    pub(crate) fn rgb(self) -> RGBColor {
         PALETTE[self.color % PALETTE.len()]
     }
 }

@@ -1,22 +1,24 @@
 //! The figures' font: styles, measuring and wrapping.
 
+use std::borrow::Cow;
 use std::sync::{Arc, LazyLock};
 
+use mcl_core::text::printable;
 use plotters::style::{Color, FontDesc, FontFamily, FontStyle, TextStyle};
 use plotters_backend::BackendTextStyle;
 use resvg::usvg;
 use svg::node::element::{SVG, Text};
 
-use super::canvas::{svg_units, units};
-use super::style::{CAPTION, INK};
+use crate::style::{CAPTION, INK};
+use crate::units::{svg_units, units};
 
 /// Size of letters (SVG units).
-pub(super) const TEXT: f64 = 12.0;
+pub(crate) const TEXT: f64 = 12.0;
 /// From line to line, in sizes.
-pub(super) const LINE_HEIGHT: f64 = 1.35;
+pub(crate) const LINE_HEIGHT: f64 = 1.35;
 
 /// The font that the program carries, then what a viewer without it may use.
-pub(super) const FONT_FAMILY: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
+pub(crate) const FONT_FAMILY: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
 
 static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = usvg::fontdb::Database::new();
@@ -25,7 +27,7 @@ static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-pub(super) fn svg_options() -> usvg::Options<'static> {
+pub(crate) fn svg_options() -> usvg::Options<'static> {
     usvg::Options {
         fontdb: Arc::clone(&FONTS),
         font_family: "DejaVu Sans".to_owned(),
@@ -34,32 +36,29 @@ pub(super) fn svg_options() -> usvg::Options<'static> {
 }
 
 /// Labels and legends.
-pub(super) fn plain() -> TextStyle<'static> {
+pub(crate) fn plain() -> TextStyle<'static> {
     style(TEXT, FontStyle::Normal, &INK)
 }
 
 /// Titles of panels.
-pub(super) fn title() -> TextStyle<'static> {
+pub(crate) fn title() -> TextStyle<'static> {
     style(TEXT + 1.0, FontStyle::Bold, &INK)
 }
 
 /// The text beneath a figure, and remarks in place of data.
-pub(super) fn caption() -> TextStyle<'static> {
+pub(crate) fn caption() -> TextStyle<'static> {
     style(TEXT, FontStyle::Normal, &CAPTION)
 }
 
-pub(super) fn style(size: f64, weight: FontStyle, color: &impl Color) -> TextStyle<'static> {
+pub(crate) fn style(size: f64, weight: FontStyle, color: &impl Color) -> TextStyle<'static> {
     // The page names the family.
     let font = FontDesc::new(FontFamily::SansSerif, f64::from(units(size)), weight);
     TextStyle { color: color.to_backend_color(), ..TextStyle::from(font) }
 }
 
-/// The text as SVG, without its place.
-pub(super) fn text_node<S: BackendTextStyle>(text: &str, style: &S) -> Text {
-    // XML allows neither control characters nor U+FFFE and U+FFFF.
-    let forbidden = |c: char| c.is_control() || c == '\u{fffe}' || c == '\u{ffff}';
-    let node =
-        Text::new(text.replace(forbidden, "\u{fffd}")).set("font-size", svg_units(style.size()));
+/// The text as SVG, without its place; text of any kind is safe here.
+pub(crate) fn text_node<S: BackendTextStyle>(text: &str, style: &S) -> Text {
+    let node = Text::new(printable(text)).set("font-size", svg_units(style.size()));
     match style.style() {
         FontStyle::Bold => node.set("font-weight", "bold"),
         _ => node,
@@ -67,7 +66,7 @@ pub(super) fn text_node<S: BackendTextStyle>(text: &str, style: &S) -> Text {
 }
 
 /// Width and height of a line of text (SVG units).
-pub(super) fn text_size<S: BackendTextStyle>(text: &str, style: &S) -> [f64; 2] {
+pub(crate) fn text_size<S: BackendTextStyle>(text: &str, style: &S) -> [f64; 2] {
     let document = SVG::new()
         .set("width", 1)
         .set("height", 1)
@@ -79,10 +78,24 @@ pub(super) fn text_size<S: BackendTextStyle>(text: &str, style: &S) -> [f64; 2] 
     [width, svg_units(style.size())]
 }
 
-/// Breaks text into lines no wider than `width`, between words; a longer word stands alone.
-pub(super) fn wrap(text: &str, style: &TextStyle, width: f64) -> Vec<String> {
+/// The text, cut with "…" where it is wider than `width` (SVG units).
+pub(crate) fn fitted<'a>(text: &'a str, style: &impl BackendTextStyle, width: f64) -> Cow<'a, str> {
+    /// No line of a page holds more letters.
+    const MOST: usize = 300;
+    let ends: Vec<usize> = text.char_indices().map(|(at, _)| at).take(MOST + 1).collect();
+    if ends.len() <= MOST && text_size(text, style)[0] <= width {
+        return Cow::Borrowed(text);
+    }
+    let cut = |end: usize| format!("{}…", &text[..end]);
+    let fits = ends.partition_point(|&end| end == 0 || text_size(&cut(end), style)[0] <= width);
+    Cow::Owned(cut(ends[..fits].last().copied().unwrap_or(0)))
+}
+
+/// Breaks text into lines no wider than `width`, between words; a longer word stands alone, and is cut.
+pub(crate) fn wrap(text: &str, style: &TextStyle, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
+        let word = fitted(word, style, width);
         if let Some(line) = lines.last_mut() {
             let longer = format!("{line} {word}");
             if text_size(&longer, style)[0] <= width {
@@ -90,7 +103,7 @@ pub(super) fn wrap(text: &str, style: &TextStyle, width: f64) -> Vec<String> {
                 continue;
             }
         }
-        lines.push(word.to_owned());
+        lines.push(word.into_owned());
     }
     lines
 }
@@ -113,6 +126,24 @@ mod tests {
         assert_eq!(width("", plain()), 0.0);
     }
 
+    /// A name of 10,000 letters ran far beyond the page, over whatever stood beside it.
+    #[test]
+    fn what_is_too_long_is_cut() {
+        let endless = "m".repeat(10_000);
+        for text in [endless.as_str(), "a much longer label", &"\u{301}".repeat(9999)] {
+            let cut = fitted(text, &plain(), 60.0);
+            assert!(text.starts_with(cut.strip_suffix('…').expect("a sign that it was cut")));
+            assert!((0.0..=60.0).contains(&text_size(&cut, &plain())[0]), "{cut}");
+            let next = text.chars().take(cut.chars().count()).collect::<String>() + "…";
+            assert!(cut.len() > 300 || text_size(&next, &plain())[0] > 60.0, "{next} had room");
+        }
+        for text in ["", "short"] {
+            assert!(matches!(fitted(text, &plain(), 60.0), Cow::Borrowed(same) if same == text));
+        }
+        assert_eq!(fitted("none", &plain(), -1.0), "…");
+        assert_eq!(fitted("", &plain(), -1.0), "…");
+    }
+
     #[test]
     fn wraps_between_words() {
         let text = "a caption that says which data set and which settings were used";
@@ -120,7 +151,8 @@ mod tests {
         assert!(lines.len() > 2);
         assert_eq!(lines.join(" "), text);
         assert!(lines.iter().all(|line| text_size(line, &plain())[0] <= 150.0));
-        assert_eq!(wrap("unbreakable", &plain(), 5.0), ["unbreakable"]);
+        assert_eq!(wrap("an unbreakable one", &plain(), 50.0), ["an", "unbre…", "one"]);
+        assert_eq!(wrap("unbreakable", &plain(), 0.0), ["…"]);
         assert!(wrap("  ", &plain(), 100.0).is_empty());
     }
 }

@@ -1,4 +1,16 @@
 //! Studies: what is compared, on what data, and how it is counted.
+//!
+//! Everything that is compared is a row of one tidy table. A [recipe](recipe) says how a map comes
+//! about and how a robot is localized on it; a *trial* is a map and the runs on it; [measures](measure)
+//! are what is found out about either. A [study](study) is a file that lists recipes, measures, and
+//! the views that its tables and figures show.
 
+pub mod auto;
 pub mod data;
-pub mod thread_time;
+pub mod measure;
+pub mod recipe;
+pub mod run;
+pub mod store;
+pub mod study;
+pub mod table;
+pub mod trial;

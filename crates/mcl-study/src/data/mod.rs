@@ -1,4 +1,5 @@
 //! The data that maps are built of: logs and point clouds, opened by path or by name.
 
 pub mod cloud_source;
+pub mod facts;
 pub mod source;

@@ -1,0 +1,18 @@
+//! Lengths on the page: SVG units, plotters' whole numbers, and pixels.
+
+/// Width of a figure (SVG user units): at a text width of 160 mm, letters of 12 units are 2.5 mm.
+pub(crate) const WIDTH: f64 = 760.0;
+/// Pixels of the PNG, and of embedded pictures, per SVG unit: about 360 dpi at 160 mm.
+pub(crate) const PIXELS_PER_UNIT: f32 = 3.0;
+/// plotters' whole numbers per SVG unit.
+const SCALE: f64 = 100.0;
+
+/// A length or place in SVG units as plotters counts it.
+pub(crate) fn units(length: f64) -> i32 {
+    (length * SCALE).round() as i32
+}
+
+/// A length or place counted by plotters in SVG units.
+pub(crate) fn svg_units(length: impl Into<f64>) -> f64 {
+    length.into() / SCALE
+}

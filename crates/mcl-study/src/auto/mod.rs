@@ -1,0 +1,164 @@
+//! Sizes and σ that the data chooses (docs/refinement.md).
+
+mod racing;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use mcl_core::PointMap;
+use mcl_maps::choice::{Search, Tried, best, minimize};
+use mcl_maps::size_criteria::{bic, description_length};
+use mcl_maps::{LogLikelihood, MapSize, PointSet, mixture_log_likelihood};
+use serde::Serialize;
+
+pub use racing::{
+    Arena, Lane, Race, RaceSettings, Verdict, race, race_sizes, size_by_localization,
+};
+
+use crate::recipe::criterion::Criterion;
+use crate::trial::division::Division;
+
+/// Sizes are tried from this many points up.
+const SMALLEST_SIZE: f64 = 2.0;
+/// σ is looked for between these (m).
+pub const SIGMA_RANGE: [f64; 2] = [0.005, 5.0];
+
+/// A number that was chosen, and what it was chosen from.
+#[derive(Debug, Clone, Serialize)]
+pub struct Chosen {
+    /// What decided.
+    pub by: Criterion,
+    /// The chosen number of points, or σ in metres.
+    pub value: f64,
+    /// What was tried, with the score that decided (smaller is better).
+    pub tried: Vec<Try>,
+    /// The races of a choice by localization.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub races: Vec<Race>,
+}
+
+impl Chosen {
+    /// The score of the choice.
+    pub fn score(&self) -> Option<f64> {
+        self.tried.iter().find(|tried| tried.value == self.value).map(|tried| tried.score)
+    }
+}
+
+/// A number of points or σ with its score.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Try {
+    /// Number of points, or σ in metres.
+    pub value: f64,
+    /// Smaller is better.
+    pub score: f64,
+}
+
+/// Builds a map of some points at a size (`None`: one that the builder does not need to be given) and
+/// σ (m).
+pub type Build<'a, const D: usize> =
+    &'a (dyn Fn(&PointSet<D>, Option<MapSize>, f64) -> Result<PointMap<D>> + Sync);
+
+/// What maps are built of and rated by.
+pub struct Rating<'a, const D: usize> {
+    /// All points.
+    pub data: &'a PointSet<D>,
+    /// Other points, for [`Criterion::HeldOut`]: what maps are built of, and what rates these.
+    pub folds: &'a [Arc<Division<D>>],
+    /// How maps are built.
+    pub build: Build<'a, D>,
+}
+
+impl<const D: usize> Rating<'_, D> {
+    /// The score of the map of a size and σ by a criterion, in nats per point; smaller is better.
+    ///
+    /// # Errors
+    /// When a map cannot be built, or the criterion is no likelihood.
+    pub fn score(&self, by: Criterion, size: Option<MapSize>, sigma: f64) -> Result<f64> {
+        if by == Criterion::HeldOut {
+            return Ok(-self.held_out(size, sigma)?);
+        }
+        let map = (self.build)(self.data, size, sigma)?;
+        let found: LogLikelihood = mixture_log_likelihood(self.data, &map, sigma)?;
+        Ok(match by {
+            Criterion::Bic => bic(found.per_point, self.data.len(), map.len(), D),
+            Criterion::Mdl => description_length(self.data, &map, sigma, found)?,
+            Criterion::Likelihood => -found.per_point,
+            Criterion::Localization | Criterion::HeldOut => bail!("{by} is no likelihood"),
+        })
+    }
+
+    /// Mean log-likelihood per held-out point (nats).
+    ///
+    /// # Errors
+    /// When a map cannot be built.
+    pub fn held_out(&self, size: Option<MapSize>, sigma: f64) -> Result<f64> {
+        let (mut total, mut points) = (0.0, 0);
+        for fold in self.folds {
+            let held_out = fold.held_out.as_ref().context("a fold holds scans out")?;
+            let map = (self.build)(&fold.building, size, sigma)?;
+            total += mixture_log_likelihood(held_out, &map, sigma)?.total;
+            points += held_out.len();
+        }
+        Ok(total / points as f64)
+    }
+
+    /// The largest size of a map that a criterion can rate, in points.
+    pub fn largest(&self, by: Criterion) -> usize {
+        let all = self.data.len();
+        match by {
+            Criterion::HeldOut => {
+                self.folds.iter().map(|fold| fold.building.len()).min().unwrap_or(all)
+            }
+            _ => all,
+        }
+    }
+
+    /// The number of points by a criterion that is a likelihood. `observe` is shown what is tried.
+    ///
+    /// # Errors
+    /// As [`Rating::score`].
+    pub fn choose_size(&self, by: Criterion, sigma: f64, observe: impl Fn(&Try)) -> Result<Chosen> {
+        let largest = self.largest(by);
+        // Sizes that round to the same are built once.
+        let mut known: BTreeMap<usize, f64> = BTreeMap::new();
+        let score = |value: f64| -> Result<f64> {
+            let points = (value.round() as usize).clamp(1, largest);
+            if let Some(&score) = known.get(&points) {
+                return Ok(score);
+            }
+            let score = self.score(by, Some(MapSize::Points(points)), sigma)?;
+            observe(&Try { value: points as f64, score });
+            known.insert(points, score);
+            Ok(score)
+        };
+        let range = [SMALLEST_SIZE.min(largest as f64), largest as f64];
+        let search = Search { range, factor: 1.4, patience: 4, precision: 1.03 };
+        Ok(chosen(by, &minimize(&search, score)?, f64::round))
+    }
+
+    /// σ by a criterion. `observe` is shown what is tried.
+    ///
+    /// # Errors
+    /// As [`Rating::score`].
+    pub fn choose_sigma(
+        &self,
+        by: Criterion,
+        size: Option<MapSize>,
+        observe: impl Fn(&Try),
+    ) -> Result<Chosen> {
+        let score = |sigma: f64| -> Result<f64> {
+            let score = self.score(by, size, sigma)?;
+            observe(&Try { value: sigma, score });
+            Ok(score)
+        };
+        let search = Search { range: SIGMA_RANGE, factor: 1.6, patience: 2, precision: 1.03 };
+        Ok(chosen(by, &minimize(&search, score)?, |sigma| sigma))
+    }
+}
+
+fn chosen(by: Criterion, tried: &[Tried], value: impl Fn(f64) -> f64) -> Chosen {
+    let choice = best(tried).map_or(f64::NAN, |tried| tried.value);
+    let tried = tried.iter().map(|t| Try { value: value(t.value), score: t.score }).collect();
+    Chosen { by, value: value(choice), tried, races: Vec::new() }
+}

@@ -1,0 +1,160 @@
+//! What is measured of a map, or of a run on it.
+//!
+//! A measure is a file here and a line in [`OF_MAPS`] or [`OF_RUNS`]. It gives a value per column; a
+//! study lists measures by name. What cannot be known of a map is empty, never zero.
+
+pub mod bytes;
+pub mod consistency;
+pub mod criteria;
+pub mod likelihood;
+pub mod size;
+pub mod tracking;
+
+use anyhow::{Context, Result};
+use mcl_core::Pose2;
+
+use crate::recipe::map::MapRecipe;
+use crate::recipe::run::RunRecipe;
+use crate::table::{Cells, Value};
+use crate::trial::division::{Division, StudyData};
+use crate::trial::map::StudyMap;
+use crate::trial::tracking::TrackedRun;
+
+/// The measures of maps. The first is always taken.
+pub const OF_MAPS: [&MapMeasure; 4] =
+    [&size::SIZE, &likelihood::LIKELIHOOD, &criteria::CRITERIA, &bytes::BYTES];
+
+/// The measures of runs. The first is always taken.
+pub const OF_RUNS: [&RunMeasure; 2] = [&tracking::TRACKING, &consistency::CONSISTENCY];
+
+/// A map, and what a measure may look at.
+pub struct MapContext<'a, const D: usize> {
+    /// How the map came about.
+    pub recipe: &'a MapRecipe,
+    /// The points that built it, and those held out.
+    pub division: &'a Division<D>,
+    /// The map.
+    pub map: &'a StudyMap<D>,
+    /// All of the data.
+    pub data: &'a StudyData,
+}
+
+/// A run on a map, and what a measure may look at.
+pub struct RunContext<'a> {
+    /// How the robot was localized.
+    pub recipe: &'a RunRecipe,
+    /// Estimates, reports of the filter, and errors, per scan.
+    pub tracked: &'a TrackedRun,
+    /// Reference poses of the laser in the map's frame, per scan.
+    pub reference: &'a [Pose2],
+    /// The robot as the laser sees it.
+    pub laser_from_robot: Pose2,
+}
+
+/// Values of a measure of a map in `D` dimensions.
+type OfMap<const D: usize> = fn(&MapContext<'_, D>) -> Result<Vec<Value>>;
+
+/// A measure of maps.
+pub struct MapMeasure {
+    /// Its name in a study.
+    pub name: &'static str,
+    /// The names of its values.
+    pub columns: &'static [&'static str],
+    /// Takes it in the plane.
+    pub planar: OfMap<2>,
+    /// Takes it in space, where it exists there.
+    pub spatial: Option<OfMap<3>>,
+}
+
+/// A measure of runs.
+pub struct RunMeasure {
+    /// Its name in a study.
+    pub name: &'static str,
+    /// The names of its values.
+    pub columns: &'static [&'static str],
+    /// Takes it.
+    pub measure: fn(&RunContext<'_>) -> Result<Vec<Value>>,
+}
+
+/// A measure in `D` dimensions.
+pub trait OfDimension<const D: usize> {
+    /// Takes the measure of a map.
+    ///
+    /// # Errors
+    /// When it cannot be taken.
+    fn take(&self, context: &MapContext<'_, D>) -> Result<Cells>;
+}
+
+impl OfDimension<2> for MapMeasure {
+    fn take(&self, context: &MapContext<'_, 2>) -> Result<Cells> {
+        Ok(named(self.columns, (self.planar)(context)?))
+    }
+}
+
+impl OfDimension<3> for MapMeasure {
+    fn take(&self, context: &MapContext<'_, 3>) -> Result<Cells> {
+        let measure = self.spatial.context("this measure is of maps in the plane only")?;
+        Ok(named(self.columns, measure(context)?))
+    }
+}
+
+impl RunMeasure {
+    /// Takes the measure of a run.
+    ///
+    /// # Errors
+    /// When it cannot be taken.
+    pub fn take(&self, context: &RunContext<'_>) -> Result<Cells> {
+        Ok(named(self.columns, (self.measure)(context)?))
+    }
+}
+
+fn named(columns: &[&str], values: Vec<Value>) -> Cells {
+    debug_assert_eq!(columns.len(), values.len());
+    columns.iter().map(|&column| column.to_owned()).zip(values).collect()
+}
+
+/// The measures that a study takes.
+#[derive(Clone)]
+pub struct Measures {
+    /// Of maps.
+    pub of_maps: Vec<&'static MapMeasure>,
+    /// Of runs.
+    pub of_runs: Vec<&'static RunMeasure>,
+}
+
+impl Measures {
+    /// Names of all measures that can be asked for.
+    pub fn known() -> Vec<&'static str> {
+        let of_maps = OF_MAPS[1..].iter().map(|measure| measure.name);
+        of_maps.chain(OF_RUNS[1..].iter().map(|measure| measure.name)).collect()
+    }
+
+    /// The measures of these names, and those that are always taken.
+    ///
+    /// # Errors
+    /// The first name that is of no measure.
+    pub fn of(names: &[String]) -> Result<Self, String> {
+        if let Some(unknown) = names.iter().find(|name| !Self::known().contains(&name.as_str())) {
+            return Err(unknown.clone());
+        }
+        let is_asked = |name: &str| names.iter().any(|asked| asked == name);
+        let of_maps = OF_MAPS.into_iter().enumerate();
+        let of_runs = OF_RUNS.into_iter().enumerate();
+        Ok(Measures {
+            of_maps: of_maps.filter(|(i, m)| *i == 0 || is_asked(m.name)).map(|(_, m)| m).collect(),
+            of_runs: of_runs.filter(|(i, m)| *i == 0 || is_asked(m.name)).map(|(_, m)| m).collect(),
+        })
+    }
+
+    /// Names of the measures.
+    pub fn names(&self) -> Vec<&'static str> {
+        let of_maps = self.of_maps.iter().map(|measure| measure.name);
+        of_maps.chain(self.of_runs.iter().map(|measure| measure.name)).collect()
+    }
+
+    /// Columns of the measures.
+    pub fn columns(&self) -> Vec<&'static str> {
+        let of_maps = self.of_maps.iter().flat_map(|measure| measure.columns);
+        of_maps.chain(self.of_runs.iter().flat_map(|measure| measure.columns)).copied().collect()
+    }
+}

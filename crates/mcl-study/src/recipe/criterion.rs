@@ -1,0 +1,73 @@
+//! What decides a size or σ that the data chooses.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// What decides an automatic size or σ (docs/refinement.md).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Criterion {
+    /// The likelihood of blocks of scans left out in turn.
+    HeldOut,
+    /// The Bayesian information criterion (size).
+    Bic,
+    /// The description length of data and map (size).
+    Mdl,
+    /// The smallest map that localizes within 5 % of all points (size; takes minutes).
+    Localization,
+    /// The likelihood of the points that the map is built from, as EM would estimate it (σ).
+    Likelihood,
+}
+
+impl Criterion {
+    /// All of them.
+    pub const ALL: [Criterion; 5] = [
+        Criterion::HeldOut,
+        Criterion::Bic,
+        Criterion::Mdl,
+        Criterion::Localization,
+        Criterion::Likelihood,
+    ];
+
+    /// The name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Criterion::HeldOut => "held-out",
+            Criterion::Bic => "bic",
+            Criterion::Mdl => "mdl",
+            Criterion::Localization => "localization",
+            Criterion::Likelihood => "likelihood",
+        }
+    }
+
+    /// Whether it can decide a size.
+    pub fn decides_size(self) -> bool {
+        // More points are always likelier.
+        self != Criterion::Likelihood
+    }
+
+    /// Whether it can decide a σ.
+    pub fn decides_sigma(self) -> bool {
+        matches!(self, Criterion::HeldOut | Criterion::Likelihood)
+    }
+}
+
+impl fmt::Display for Criterion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Criterion {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = || Criterion::ALL.map(Criterion::name).join(", ");
+        Criterion::ALL
+            .into_iter()
+            .find(|criterion| criterion.name() == text)
+            .ok_or_else(|| format!("{text:?} is no criterion, expected one of {}", names()))
+    }
+}

@@ -1,0 +1,296 @@
+//! How a map comes about.
+
+use std::fmt;
+
+use mcl_core::Seed;
+use mcl_maps::{FkmSettings, GridOffset, InitialMap, MapSize, RefineSettings};
+use rand::RngExt;
+use serde::Serialize;
+
+use crate::recipe::criterion::Criterion;
+use crate::recipe::kind::{Builder, MapKind, NamedKind};
+use crate::recipe::run::RunRecipe;
+use crate::recipe::split::{FOLDS, Split};
+use crate::table::{Cells, Value};
+
+/// How large a map is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Size {
+    /// Percent of the points given to the builder.
+    Percent(f64),
+    /// A number of points.
+    Points(usize),
+    /// Edge of a cell, or how far points may be from the segment of their wall (m).
+    Resolution(f64),
+    /// What the data chooses by a criterion.
+    Chosen(Criterion),
+}
+
+/// "1 %", "389 points", "0.1 m", "by bic".
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Size::Percent(percent) => write!(f, "{percent} %"),
+            Size::Points(points) => write!(f, "{points} points"),
+            Size::Resolution(metres) => write!(f, "{metres} m"),
+            Size::Chosen(criterion) => write!(f, "by {criterion}"),
+        }
+    }
+}
+
+/// σ of the mixture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sigma {
+    /// In metres.
+    Metres(f64),
+    /// What the data chooses by a criterion.
+    Chosen(Criterion),
+}
+
+/// Where the lines of a grid lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Offset {
+    /// `u` cells from the origin, u uniform in [0, 1) per axis.
+    Random,
+    /// At the origin.
+    Origin,
+}
+
+/// How a map comes about: everything that it depends on, but for the content of the data and the
+/// build of the program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapRecipe {
+    /// Name of the data set.
+    pub dataset: String,
+    /// Which scans build the map; `None` where all do and nothing is held out or localized.
+    pub split: Option<Split>,
+    /// The kind of map.
+    pub kind: NamedKind,
+    /// How large it is; `None` for all points.
+    pub size: Option<Size>,
+    /// Where the lines of a grid lie.
+    pub offset: Offset,
+    /// σ of the mixture, for refinements and likelihood.
+    pub sigma: Sigma,
+    /// EM stops when an update gains less than this (nats per point).
+    pub tolerance: f64,
+    /// EM stops after this many updates.
+    pub max_iterations: usize,
+    /// Number of the draw: maps of one draw number are one independent unit.
+    pub draw: u32,
+    /// Root of every seed of the study.
+    pub seed: u64,
+    /// The filter and noise of a size that localization chooses; `None` for all other sizes.
+    pub race: Option<Box<RunRecipe>>,
+}
+
+/// What a map depends on. A draw number matters only where something is drawn or held out by it, so
+/// that a map which does not depend on it is built once.
+#[derive(Serialize)]
+struct Identity<'a> {
+    dataset: &'a str,
+    split: Option<Split>,
+    fold: Option<usize>,
+    kind: &'a MapKind,
+    size: Option<Size>,
+    offset: Offset,
+    sigma: Sigma,
+    tolerance: f64,
+    max_iterations: usize,
+    draw_seed: Option<u64>,
+    race: Option<serde_json::Value>,
+}
+
+impl MapRecipe {
+    /// The identity of the map in a cache: recipes of the same identity make the same map.
+    ///
+    /// # Errors
+    /// When it cannot be written as JSON.
+    pub fn identity(&self) -> anyhow::Result<String> {
+        let race = self.race.as_ref().map(|run| run.to_json()).transpose()?;
+        crate::recipe::identity(&Identity {
+            dataset: &self.dataset,
+            split: self.split,
+            fold: self.fold(),
+            kind: &self.kind.kind,
+            size: self.size,
+            offset: self.offset,
+            sigma: self.sigma,
+            tolerance: self.tolerance,
+            max_iterations: self.max_iterations,
+            draw_seed: self.draw_seed(),
+            race,
+        })
+    }
+
+    /// The recipe of the map that a refinement starts from; of a map without refinement itself.
+    pub fn initial(&self) -> Self {
+        let MapKind::Sampled { builder, refinement: Some(_) } = self.kind.kind else {
+            return self.clone();
+        };
+        let kind = MapKind::Sampled { builder, refinement: None };
+        MapRecipe { kind: NamedKind { name: builder.name().to_owned(), kind }, ..self.clone() }
+    }
+
+    /// Which fold the draw holds out, where the split has folds.
+    pub fn fold(&self) -> Option<usize> {
+        (self.split == Some(Split::Blocks)).then_some(self.draw as usize % FOLDS)
+    }
+
+    /// Seed of what is drawn for the map, as [`Seed::new`] takes it; `None` where nothing is. It
+    /// depends on data set, split, builder, size and draw, not on what is made of the initial map.
+    pub fn draw_seed(&self) -> Option<u64> {
+        let builder = self.kind.builder()?;
+        let is_drawn = match builder {
+            Builder::Random => true,
+            // Refinements may draw, too.
+            Builder::Grid => self.offset == Offset::Random || self.kind.name != builder.name(),
+        };
+        if !is_drawn {
+            return None;
+        }
+        let mut seed = Seed::new(self.seed).derive("map").derive(&self.dataset);
+        if let Some(split) = self.split {
+            seed = seed.derive(split.seed_name());
+        }
+        let size = match self.size {
+            Some(Size::Percent(percent)) => percent.to_string(),
+            Some(size) => size.to_string(),
+            None => String::new(),
+        };
+        Some(seed.derive(builder.name()).derive(&size).derive_index(self.draw.into()).number())
+    }
+
+    /// The initial map of a sampled one, of a size in points or percent.
+    pub fn initial_map<const D: usize>(&self, size: MapSize) -> InitialMap<D> {
+        let seed = self.draw_seed().unwrap_or_default();
+        match (self.kind.builder(), self.offset) {
+            (None, _) => InitialMap::All,
+            (Some(Builder::Random), _) => InitialMap::Random { size, seed: Seed::new(seed) },
+            (Some(Builder::Grid), Offset::Origin) => {
+                InitialMap::GridSize { size, offset: GridOffset::ORIGIN }
+            }
+            (Some(Builder::Grid), Offset::Random) => {
+                InitialMap::GridSize { size, offset: random_offset(seed) }
+            }
+        }
+    }
+
+    /// The settings of the refinement, if there is one; `sigma` in m.
+    pub fn refinement(&self, sigma: f64) -> Option<RefineSettings> {
+        let MapKind::Sampled { refinement: Some(method), .. } = self.kind.kind else { return None };
+        let seed = Seed::new(self.draw_seed().unwrap_or_default());
+        Some(RefineSettings { method, seed, ..RefineSettings::fkm(self.fkm(sigma)) })
+    }
+
+    /// Settings of EM; `sigma` in m.
+    pub fn fkm(&self, sigma: f64) -> FkmSettings {
+        FkmSettings { sigma, tolerance: self.tolerance, max_iterations: self.max_iterations }
+    }
+
+    /// The columns of a row that say how the map came about.
+    pub fn cells(&self) -> Cells {
+        let size = |of: fn(Size) -> Option<Value>| self.size.and_then(of).into_value();
+        let cells: [(&str, Value); 14] = [
+            ("dataset", self.dataset.as_str().into()),
+            ("split", self.split.map(Split::name).into()),
+            ("map", self.kind.name.as_str().into()),
+            (
+                "size_percent",
+                match (self.size, &self.kind.kind) {
+                    (None, MapKind::All) => 100.0.into(),
+                    (Some(Size::Percent(percent)), _) => percent.into(),
+                    _ => Value::Empty,
+                },
+            ),
+            (
+                "size_points",
+                size(|size| match size {
+                    Size::Points(points) => Some(points.into()),
+                    _ => None,
+                }),
+            ),
+            (
+                "resolution_m",
+                size(|size| match size {
+                    Size::Resolution(metres) => Some(metres.into()),
+                    _ => None,
+                }),
+            ),
+            (
+                "size_by",
+                size(|size| match size {
+                    Size::Chosen(criterion) => Some(criterion.name().into()),
+                    _ => None,
+                }),
+            ),
+            (
+                "offset",
+                match (self.kind.builder(), self.offset) {
+                    (Some(Builder::Grid), Offset::Random) => "random".into(),
+                    (Some(Builder::Grid), Offset::Origin) => "origin".into(),
+                    _ => Value::Empty,
+                },
+            ),
+            (
+                "sigma_m",
+                match self.sigma {
+                    Sigma::Metres(metres) => metres.into(),
+                    Sigma::Chosen(_) => Value::Empty,
+                },
+            ),
+            (
+                "sigma_by",
+                match self.sigma {
+                    Sigma::Metres(_) => Value::Empty,
+                    Sigma::Chosen(criterion) => criterion.name().into(),
+                },
+            ),
+            ("tolerance", self.tolerance.into()),
+            ("max_iterations", self.max_iterations.into()),
+            ("draw", self.draw.into()),
+            ("map_seed", self.draw_seed().into()),
+        ];
+        cells.map(|(name, value)| (name.to_owned(), value)).to_vec()
+    }
+}
+
+/// The offset of a grid that belongs to a seed, in cells.
+pub fn random_offset<const D: usize>(seed: u64) -> GridOffset<D> {
+    let mut rng = Seed::new(seed).derive("grid-offset").rng();
+    GridOffset::Cells(std::array::from_fn(|_| rng.random::<f64>()))
+}
+
+trait IntoValue {
+    fn into_value(self) -> Value;
+}
+
+impl IntoValue for Option<Value> {
+    fn into_value(self) -> Value {
+        self.unwrap_or(Value::Empty)
+    }
+}
+
+/// "alternate gbs+f-km 0.25 % #3".
+impl fmt::Display for MapRecipe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(split) = self.split {
+            write!(f, "{split} ")?;
+        }
+        write!(f, "{}", self.kind)?;
+        if let Some(size) = self.size {
+            write!(f, " {size}")?;
+        }
+        match self.sigma {
+            Sigma::Chosen(criterion) => write!(f, " σ by {criterion}")?,
+            Sigma::Metres(metres) => write!(f, " σ {metres} m")?,
+        }
+        if self.offset == Offset::Origin {
+            write!(f, " at the origin")?;
+        }
+        write!(f, " #{}", self.draw)
+    }
+}

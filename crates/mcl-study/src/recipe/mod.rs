@@ -1,0 +1,24 @@
+//! Recipes: how a map comes about, and how a robot is localized on it.
+//!
+//! A recipe says everything that its result depends on, apart from the content of the data and the
+//! build of the program. The same recipe is the same map or run, bit for bit, in every study, on the
+//! command line and on every machine: its identity seeds its draws.
+
+pub mod criterion;
+pub mod kind;
+pub mod map;
+pub mod run;
+pub mod split;
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+/// The identity of what a recipe (or several) makes: the first 16 hexadecimal digits of the SHA-256 of
+/// its JSON.
+///
+/// # Errors
+/// When it cannot be written as JSON.
+pub fn identity(recipe: &impl Serialize) -> anyhow::Result<String> {
+    let digest = Sha256::digest(serde_json::to_vec(recipe)?);
+    Ok(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
+}

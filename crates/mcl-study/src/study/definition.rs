@@ -1,0 +1,539 @@
+//! Reading a study's file.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use mcl_datasets::registry::is_plain_name;
+use mcl_maps::Refinement;
+use serde::Deserialize;
+use serde_json::Value as Json;
+use toml::Spanned;
+
+use crate::measure::Measures;
+use crate::recipe::map::MapRecipe;
+use crate::recipe::run::RunRecipe;
+use crate::recipe::split::Split;
+use crate::study::factors::{Draft, is_factor, is_list};
+use crate::study::plan::Plan;
+use crate::study::views::Views;
+use crate::trial::run::Trial;
+
+/// A study's file at most (bytes): no study that a person writes has more.
+const MAX_BYTES: u64 = 1 << 20;
+/// Rows of a data set at most: what is listed before the first trial is run.
+const MAX_ROWS: usize = 1_000_000;
+/// Values of a range at most.
+const MAX_STEPS: f64 = 1000.0;
+
+/// What a study compares, on what, and how it is shown. Made by [`Study::parse`] only, so that every
+/// value has been checked.
+#[derive(Clone)]
+pub struct Study {
+    /// The text of its file.
+    pub text: String,
+    /// Root of every seed.
+    pub seed: u64,
+    /// What is measured.
+    pub measures: Measures,
+    /// What is made of the rows.
+    pub views: Views,
+    /// The data sets to run on, as far as they are at hand.
+    pub datasets: Vec<ListedDataset>,
+    base: Factors,
+    named: Vec<(String, Refinement)>,
+    entries: Vec<Entry>,
+}
+
+/// A data set that a study lists.
+#[derive(Clone)]
+pub struct ListedDataset {
+    /// Name in the registry.
+    pub name: String,
+    /// Only this many scans, from the first.
+    pub scans: Option<usize>,
+    /// Figures leave out points above this height (m), such as a ceiling that hides the rest.
+    pub hide_above: Option<f64>,
+    base: Factors,
+    entries: Vec<Entry>,
+}
+
+/// Values of factors, with where they stand in the file.
+type Factors = BTreeMap<String, (Vec<Json>, usize)>;
+
+/// One of `[[trials]]`: all combinations of its values.
+#[derive(Clone)]
+struct Entry {
+    name: Option<String>,
+    draws: u32,
+    runs: u32,
+    factors: Factors,
+    line: usize,
+}
+
+/// The file as it stands.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    seed: u64,
+    #[serde(default)]
+    measures: Option<Spanned<Vec<String>>>,
+    #[serde(default)]
+    base: BTreeMap<String, Spanned<toml::Value>>,
+    #[serde(default)]
+    refinement: BTreeMap<String, Refinement>,
+    #[serde(default)]
+    trials: Vec<BTreeMap<String, Spanned<toml::Value>>>,
+    #[serde(default)]
+    views: Views,
+    #[serde(default, rename = "dataset")]
+    datasets: Vec<Spanned<DatasetFile>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DatasetFile {
+    name: String,
+    #[serde(default)]
+    scans: Option<usize>,
+    #[serde(default)]
+    hide_above: Option<f64>,
+    #[serde(default)]
+    base: BTreeMap<String, Spanned<toml::Value>>,
+    #[serde(default)]
+    trials: Vec<BTreeMap<String, Spanned<toml::Value>>>,
+}
+
+impl Study {
+    /// Reads and checks a study.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no TOML, has unknown keys, or values out of range; the message
+    /// names file, line and key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let read = || -> Result<String> {
+            let size = std::fs::metadata(path)?.len();
+            if size > MAX_BYTES {
+                bail!("it has {size} bytes, expected at most {MAX_BYTES}");
+            }
+            Ok(std::fs::read_to_string(path)?)
+        };
+        let text = read().with_context(|| format!("cannot read study {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("in study {}", path.display()))
+    }
+
+    /// Parses and checks the text of a study.
+    ///
+    /// # Errors
+    /// As [`Study::read`], without the file's name.
+    pub fn parse(text: &str) -> Result<Self> {
+        let file: File = toml::from_str(text).map_err(|error| toml_error(text, &error))?;
+        let source = Source(text);
+        let measures = match &file.measures {
+            None => Measures::of(&[]),
+            Some(names) => Measures::of(names.get_ref()),
+        };
+        let measures = measures.map_err(|name| {
+            let line = file.measures.as_ref().map_or(1, |names| source.line(names.span().start));
+            let known = Measures::known().join(", ");
+            anyhow::anyhow!("line {line}: measures: {name:?} is unknown, expected {known}")
+        })?;
+        let named: Vec<(String, Refinement)> = file.refinement.into_iter().collect();
+        let mut datasets: Vec<ListedDataset> = Vec::new();
+        for dataset in file.datasets {
+            let line = source.line(dataset.span().start);
+            let DatasetFile { name, scans, hide_above, base, trials } = dataset.into_inner();
+            if !is_plain_name(&name) {
+                bail!(
+                    "line {line}: dataset.name is {name:?}, expected the name of a data set, without a path"
+                );
+            }
+            if datasets.iter().any(|listed| listed.name == name) {
+                bail!("line {line}: data set {name:?} is listed twice");
+            }
+            if scans.is_some_and(|scans| scans < 2) {
+                bail!("line {line}: data set {name:?}: scans is below 2");
+            }
+            let base = source.base(base)?;
+            let entries = source.entries(trials, "dataset.trials")?;
+            datasets.push(ListedDataset { name, scans, hide_above, base, entries });
+        }
+        let entries = source.entries(file.trials, "trials")?;
+        if entries.is_empty() && datasets.iter().all(|dataset| dataset.entries.is_empty()) {
+            bail!("there are no [[trials]], expected at least one");
+        }
+        let base = source.base(file.base)?;
+        let seed = file.seed;
+        let (text, views) = (text.to_owned(), file.views);
+        let study = Study { text, seed, measures, views, datasets, base, named, entries };
+        // A data set that is not listed gets the study's own trials.
+        for name in study.datasets.iter().map(|d| d.name.as_str()).chain(["unlisted"]) {
+            let plan = study.plan(name)?;
+            study.check_views(name, &plan)?;
+        }
+        Ok(study)
+    }
+
+    /// The data set as the study lists it, if it does.
+    pub fn listed(&self, dataset: &str) -> Option<&ListedDataset> {
+        self.datasets.iter().find(|listed| listed.name == dataset)
+    }
+
+    /// Names of the data sets that the study lists.
+    pub fn dataset_names(&self) -> impl Iterator<Item = &str> {
+        self.datasets.iter().map(|listed| listed.name.as_str())
+    }
+
+    /// Every trial of the study on a data set.
+    ///
+    /// # Errors
+    /// When a value is out of range; the message names line and key.
+    pub fn plan(&self, dataset: &str) -> Result<Plan> {
+        let own = self.listed(dataset).map_or(&[][..], |listed| &listed.entries);
+        let entries = if own.is_empty() { &self.entries } else { own };
+        let mut plan = Plan::default();
+        for entry in entries {
+            let combinations = entry.factors.values().map(|(values, _)| values.len());
+            let rows = combinations
+                .chain([entry.draws as usize, entry.runs.max(1) as usize])
+                .fold(1, usize::saturating_mul);
+            if rows > MAX_ROWS {
+                let line = entry.line;
+                bail!(
+                    "line {line}: trials: {rows} rows, expected at most {MAX_ROWS}; expected fewer \
+                     sizes, draws, runs or settings"
+                );
+            }
+            let draft = self.draft(dataset)?;
+            let factors: Vec<_> = entry.factors.iter().collect();
+            self.combine(draft, &factors, &mut |draft| {
+                let finished = draft.finish();
+                let (map, run) = finished
+                    .map_err(|message| anyhow::anyhow!("line {}: trials: {message}", entry.line))?;
+                entry.add(map, &run, &mut plan)
+            })?;
+        }
+        Ok(plan)
+    }
+
+    /// The recipe of a data set with the values of `[base]`.
+    fn draft(&self, dataset: &str) -> Result<Draft> {
+        let mut draft = Draft::new(dataset, self.seed).map_err(anyhow::Error::msg)?;
+        let own = self.listed(dataset).map(|listed| &listed.base);
+        for (key, (values, line)) in self.base.iter().chain(own.into_iter().flatten()) {
+            for value in values {
+                self.set(&mut draft, key, value, *line)?;
+            }
+        }
+        Ok(draft)
+    }
+
+    fn set(&self, draft: &mut Draft, key: &str, value: &Json, line: usize) -> Result<()> {
+        draft
+            .set(key, value, &self.named)
+            .map_err(|message| anyhow::anyhow!("line {line}: {key}: {message}"))
+    }
+
+    /// Every combination of values of the factors.
+    fn combine(
+        &self,
+        draft: Draft,
+        factors: &[(&String, &(Vec<Json>, usize))],
+        add: &mut dyn FnMut(Draft) -> Result<()>,
+    ) -> Result<()> {
+        let Some(((key, (values, line)), others)) = factors.split_first() else {
+            return add(draft);
+        };
+        for value in values {
+            let mut draft = draft.clone();
+            self.set(&mut draft, key, value, *line)?;
+            self.combine(draft, others, add)?;
+        }
+        Ok(())
+    }
+
+    /// The trial of a map that a picture shows: draw 0, and a run where one is shown.
+    ///
+    /// # Errors
+    /// When a factor of it is none, or its value is out of range.
+    pub fn pictured(&self, dataset: &str, map: &toml::Table, run: Option<u32>) -> Result<Trial> {
+        let mut draft = self.draft(dataset)?;
+        for (key, value) in map {
+            let value = serde_json::to_value(value)?;
+            draft.set(key, &value, &self.named).map_err(|m| anyhow::anyhow!("{key}: {m}"))?;
+        }
+        let (mut map, recipe) = draft.finish().map_err(anyhow::Error::msg)?;
+        let runs = run.map(|run| RunRecipe { run, ..recipe });
+        if runs.is_some() {
+            map.split.get_or_insert(Split::Same);
+        }
+        Ok(Trial { map, runs: runs.into_iter().collect() })
+    }
+
+    fn check_views(&self, dataset: &str, plan: &Plan) -> Result<()> {
+        for picture in &self.views.pictures {
+            if !is_plain_name(&picture.name) {
+                bail!("views.pictures: {:?} is no name of a file", picture.name);
+            }
+            for map in &picture.maps {
+                self.pictured(dataset, map, picture.run)
+                    .with_context(|| format!("views.pictures {:?}", picture.name))?;
+            }
+        }
+        let columns = plan.columns(&self.measures)?;
+        self.views.check(&columns, &plan.entry_names())
+    }
+}
+
+impl Entry {
+    /// Adds the trials of a combination: a map per draw, and the runs on each. Run `d + k·draws` is on
+    /// the map of draw `d`.
+    fn add(&self, mut map: MapRecipe, run: &RunRecipe, plan: &mut Plan) -> Result<()> {
+        if self.runs > 0 {
+            map.split.get_or_insert(Split::Same);
+            if map.split == Some(Split::Blocks) {
+                bail!(
+                    "line {}: trials: split blocks holds out blocks of ten scans, between which a robot \
+                     cannot be tracked; expected same or alternate, or no runs",
+                    self.line
+                );
+            }
+        }
+        let differs = self.runs > 0 || map.draw_seed().is_some() || map.fold().is_some();
+        let draws = if differs { self.draws } else { 1 };
+        for draw in 0..draws {
+            let map = MapRecipe { draw, ..map.clone() };
+            let numbers = (0..self.runs).map(|k| draw + k * self.draws);
+            let runs = numbers.map(|number| RunRecipe { run: number, ..run.clone() }).collect();
+            plan.add(Trial { map, runs }, self.name.as_deref())?;
+        }
+        Ok(())
+    }
+}
+
+/// The text of a file, to say where in it something stands.
+struct Source<'a>(&'a str);
+
+impl Source<'_> {
+    fn line(&self, offset: usize) -> usize {
+        1 + self.0.bytes().take(offset).filter(|&byte| byte == b'\n').count()
+    }
+
+    /// Values of factors, one each.
+    fn base(&self, table: BTreeMap<String, Spanned<toml::Value>>) -> Result<Factors> {
+        let factors = self.factors(table, "base")?;
+        for (key, (values, line)) in &factors {
+            if values.len() > 1 {
+                bail!(
+                    "line {line}: base.{key} has {} values, expected one; [[trials]] lists several",
+                    values.len()
+                );
+            }
+        }
+        Ok(factors)
+    }
+
+    fn factors(
+        &self,
+        table: BTreeMap<String, Spanned<toml::Value>>,
+        place: &str,
+    ) -> Result<Factors> {
+        let mut factors = Factors::new();
+        for (key, value) in table {
+            let line = self.line(value.span().start);
+            if !is_factor(&key) {
+                // The message says what there is.
+                let mut draft = Draft::new("", 0).map_err(anyhow::Error::msg)?;
+                if let Err(message) = draft.set(&key, &Json::Null, &[]) {
+                    bail!("line {line}: {place}.{key}: {message}");
+                }
+            }
+            let values = listed(&key, value.into_inner())
+                .map_err(|message| anyhow::anyhow!("line {line}: {place}.{key}: {message}"))?;
+            factors.insert(key, (values, line));
+        }
+        Ok(factors)
+    }
+
+    fn entries(
+        &self,
+        tables: Vec<BTreeMap<String, Spanned<toml::Value>>>,
+        place: &str,
+    ) -> Result<Vec<Entry>> {
+        let mut entries: Vec<Entry> = Vec::new();
+        for mut table in tables {
+            let starts = table.values().map(|value| value.span().start);
+            let line = self.line(starts.min().unwrap_or(0));
+            let mut count = |key: &str, least: u32, default: u32| -> Result<u32> {
+                let Some(value) = table.remove(key) else { return Ok(default) };
+                let line = self.line(value.span().start);
+                let number = value.get_ref().as_integer().and_then(|n| u32::try_from(n).ok());
+                match number {
+                    Some(number) if number >= least && (number as usize) <= MAX_ROWS => Ok(number),
+                    _ => bail!(
+                        "line {line}: {place}.{key} is {}, expected a whole number from {least} to {MAX_ROWS}",
+                        value.get_ref()
+                    ),
+                }
+            };
+            let (draws, runs) = (count("draws", 1, 1)?, count("runs", 0, 0)?);
+            let name = match table.remove("name") {
+                None => None,
+                Some(name) => {
+                    let line = self.line(name.span().start);
+                    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '-';
+                    match name.get_ref().as_str() {
+                        Some(name) if !name.is_empty() && name.chars().all(is_word) => {
+                            Some(name.to_owned())
+                        }
+                        _ => bail!(
+                            "line {line}: {place}.name is {}, expected letters, digits and hyphens in quotes",
+                            name.get_ref()
+                        ),
+                    }
+                }
+            };
+            if name.is_some() && entries.iter().any(|entry| entry.name == name) {
+                bail!("line {line}: {place}: the name {} is used twice", name.unwrap_or_default());
+            }
+            let factors = self.factors(table, place)?;
+            entries.push(Entry { name, draws, runs, factors, line });
+        }
+        Ok(entries)
+    }
+}
+
+/// The values of a factor: one, a list, or a range `{ from, to, factor }` in equal ratios.
+fn listed(key: &str, value: toml::Value) -> Result<Vec<Json>, String> {
+    let json = serde_json::to_value(&value).map_err(|error| error.to_string())?;
+    let values = match json {
+        Json::Array(values) if !is_list(key) || values.iter().all(Json::is_array) => values,
+        Json::Object(range) if range.contains_key("factor") => steps(&range)?,
+        one => vec![one],
+    };
+    if values.is_empty() {
+        return Err("the list is empty, expected at least one value".to_owned());
+    }
+    let repeated = values.iter().enumerate().find(|(at, value)| values[..*at].contains(value));
+    match repeated {
+        Some((_, value)) => Err(format!("{value} is listed twice")),
+        None => Ok(values),
+    }
+}
+
+fn steps(range: &serde_json::Map<String, Json>) -> Result<Vec<Json>, String> {
+    let number = |key: &str| range.get(key).and_then(Json::as_f64).unwrap_or(f64::NAN);
+    let (from, to, factor) = (number("from"), number("to"), number("factor"));
+    if range.len() != 3 || !(from > 0.0 && to >= from && to.is_finite()) {
+        return Err("expected { from, to, factor }: positive numbers, the smaller first".to_owned());
+    }
+    if !(factor > 1.0 && factor.is_finite() && (to / from).ln() / factor.ln() < MAX_STEPS) {
+        return Err(format!(
+            "factor is {factor}, expected one above 1 that makes at most {MAX_STEPS} values"
+        ));
+    }
+    // A last one that rounding lifts above the end counts.
+    let end = to * (1.0 + 1e-9);
+    let values = (0..).map(|step| from * factor.powi(step));
+    Ok(values.take_while(|&value| value <= end).map(Json::from).collect())
+}
+
+/// A TOML error with its line, without the line's text, which may be long.
+fn toml_error(text: &str, error: &toml::de::Error) -> anyhow::Error {
+    let message = error.message();
+    match error.span() {
+        Some(span) => anyhow::anyhow!("line {}: {message}", Source(text).line(span.start)),
+        None => anyhow::anyhow!("{message}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"
+seed = 1
+measures = ["likelihood"]
+[base]
+sigma = 0.05
+[[trials]]
+map = ["gbs", "gbs+f-km", "all"]
+size = [1, 2]
+draws = 3
+[[trials]]
+name = "filters"
+map = "rnd"
+size = 1
+sigma_hit = [0.1, 0.2]
+alpha = [[0.1, 0.1, 0.1, 0.1], [0.2, 0.2, 0.2, 0.2]]
+runs = 2
+draws = 2
+[[dataset]]
+name = "a"
+[[dataset.trials]]
+map = "occupancy"
+resolution = { from = 0.1, to = 0.4, factor = 2 }
+[[dataset]]
+name = "b"
+"#;
+
+    #[test]
+    fn trials_are_all_combinations_once() {
+        let study = Study::parse(SMALL).unwrap();
+        let plan = study.plan("b").unwrap();
+        // Two kinds at two sizes, three draws; all points, which nothing is drawn for, once; and two
+        // draws of a random map with two runs under four settings.
+        assert_eq!((plan.trials.len(), plan.rows()), (2 * 2 * 3 + 1 + 2, 2 * 2 * 3 + 1 + 2 * 8));
+        let runs: Vec<u32> = plan.trials[13].runs.iter().map(|run| run.run).collect();
+        assert_eq!(runs, [0, 2, 0, 2, 0, 2, 0, 2]);
+        let identities = plan.identities(&study.measures).unwrap();
+        let distinct: std::collections::HashSet<_> = identities.iter().map(|i| &i.0).collect();
+        assert_eq!(distinct.len(), plan.rows());
+        assert_eq!(identities.iter().filter(|(_, entries)| entries == "filters").count(), 16);
+        let own = study.plan("a").unwrap();
+        let names: Vec<String> = own.trials.iter().map(ToString::to_string).collect();
+        assert_eq!(names[1], "occupancy 0.2 m σ 0.05 m #0");
+        assert_eq!(names.len(), 3);
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_line() {
+        for (right, wrong, named) in [
+            ("seed = 1", "seed = 1\nsede = 2", "line 3: unknown field `sede`"),
+            ("sigma = 0.05", "sigma = -1", "line 5: sigma: -1"),
+            ("sigma = 0.05", "sigmma = 1", "line 5: base.sigmma"),
+            ("sigma = 0.05", "sigma = [1, 2]", "line 5: base.sigma has 2 values"),
+            ("[1, 2]", "[1, 1]", "line 8: trials.size: 1 is listed twice"),
+            ("[1, 2]", "[1, 200]", "line 8: size: 200"),
+            ("[1, 2]", "[]", "line 8: trials.size: the list is empty"),
+            ("draws = 3", "draws = 0", "line 9: trials.draws is 0"),
+            ("draws = 3", "draws = 999999", "rows, expected at most"),
+            ("\"gbs\"", "\"gsb\"", "line 7: map: \"gsb\""),
+            ("[\"likelihood\"]", "[\"likelyhood\"]", "line 3: measures: \"likelyhood\""),
+            ("name = \"b\"", "name = \"../b\"", "dataset.name is \"../b\""),
+            ("name = \"b\"", "name = \"a\"", "listed twice"),
+            ("factor = 2", "factor = 1", "factor is 1"),
+            ("sigma_hit = [0.1", "sigma_hit = [-0.1", "sigma_hit"),
+            ("size = 1\n", "", "rnd needs size"),
+        ] {
+            let text = SMALL.replacen(right, wrong, 1);
+            assert_ne!(text, SMALL, "{wrong}");
+            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
+            let message = format!("{error:#}");
+            assert!(message.contains(named), "{wrong}: {message}");
+        }
+    }
+
+    #[test]
+    fn views_name_what_is_there() {
+        let chart = "[[views.charts]]\nname = \"c\"\nx = { column = \"size_percent\" }\ny = { column = \"log_likelihod\" }\n";
+        let message = match Study::parse(&format!("{SMALL}{chart}")) {
+            Ok(_) => panic!("accepted"),
+            Err(error) => format!("{error:#}"),
+        };
+        assert!(
+            message.contains("log_likelihod") && message.contains("log_likelihood"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,223 @@
+//! What a study can vary, and how a value of it changes a recipe.
+//!
+//! A factor is a key of `[base]`, `[[trials]]` or a map of a picture: those of [`KEYS`], and every
+//! setting of the filter by its name.
+
+use mcl_filter::FilterSettings;
+use mcl_filter::OdometryNoise;
+use mcl_maps::Refinement;
+use serde_json::Value as Json;
+
+use crate::recipe::criterion::Criterion;
+use crate::recipe::kind::{Builder, NamedKind};
+use crate::recipe::map::{MapRecipe, Offset, Sigma, Size};
+use crate::recipe::run::RunRecipe;
+
+/// The factors that are no settings of the filter.
+pub const KEYS: [&str; 10] = [
+    "split",
+    "map",
+    "size",
+    "points",
+    "resolution",
+    "offset",
+    "sigma",
+    "tolerance",
+    "max_iterations",
+    "odometry_noise",
+];
+
+/// A recipe while its factors are set, one by one.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    map: MapRecipe,
+    run: RunRecipe,
+    percent: Option<Size>,
+    points: Option<Size>,
+    resolution: Option<Size>,
+}
+
+impl Draft {
+    /// A recipe of a data set before any factor is set: all points, σ = 0.05 m, the filter's defaults,
+    /// odometry as it is.
+    pub fn new(dataset: &str, seed: u64) -> Result<Self, String> {
+        Ok(Draft {
+            map: MapRecipe {
+                dataset: dataset.to_owned(),
+                split: None,
+                kind: NamedKind::parse("all", &[])?,
+                size: None,
+                offset: Offset::Random,
+                sigma: Sigma::Metres(0.05),
+                tolerance: 1e-4,
+                max_iterations: 1000,
+                draw: 0,
+                seed,
+                race: None,
+            },
+            run: RunRecipe {
+                filter: FilterSettings::default(),
+                odometry_noise: OdometryNoise::default(),
+                run: 0,
+            },
+            percent: None,
+            points: None,
+            resolution: None,
+        })
+    }
+
+    /// Sets a factor. `named` are refinements that the study defines.
+    ///
+    /// # Errors
+    /// What was expected, where the value is none for the factor or there is no such factor.
+    pub fn set(
+        &mut self,
+        key: &str,
+        value: &Json,
+        named: &[(String, Refinement)],
+    ) -> Result<(), String> {
+        match key {
+            "split" => self.map.split = Some(parsed(value, "same, alternate or blocks")?),
+            "map" => self.map.kind = NamedKind::parse(text(value)?, named)?,
+            "size" => {
+                self.percent = Some(match value {
+                    Json::String(name) => {
+                        Size::Chosen(criterion(name, Criterion::decides_size, "size")?)
+                    }
+                    _ => Size::Percent(number(value, "a percentage above 0 and up to 100", |p| {
+                        p > 0.0 && p <= 100.0
+                    })?),
+                });
+            }
+            "points" => {
+                let points = number(value, "a whole number of points, at least 1", |points| {
+                    points >= 1.0 && points.fract() == 0.0 && points < 1e15
+                })?;
+                self.points = Some(Size::Points(points as usize));
+            }
+            "resolution" => self.resolution = Some(Size::Resolution(length(value)?)),
+            "offset" => {
+                self.map.offset = match text(value)? {
+                    "random" => Offset::Random,
+                    "origin" => Offset::Origin,
+                    other => return Err(format!("{other:?}, expected random or origin")),
+                };
+            }
+            "sigma" => {
+                self.map.sigma = match value {
+                    Json::String(name) => {
+                        Sigma::Chosen(criterion(name, Criterion::decides_sigma, "σ")?)
+                    }
+                    _ => Sigma::Metres(length(value)?),
+                };
+            }
+            "tolerance" => {
+                self.map.tolerance = number(value, "a number above 0", |t| t > 0.0)?;
+            }
+            "max_iterations" => {
+                let updates = number(value, "a whole number, at least 1", |updates| {
+                    updates >= 1.0 && updates.fract() == 0.0 && updates < 1e15
+                })?;
+                self.map.max_iterations = updates as usize;
+            }
+            "odometry_noise" => {
+                self.run.odometry_noise = parsed(value, "{ xy = metres, theta = radians }")?;
+            }
+            setting => {
+                if !is_setting(setting) {
+                    return Err(format!(
+                        "there is no such factor, expected {}, draws, runs or a setting of the \
+                         filter: {}",
+                        KEYS.join(", "),
+                        RunRecipe::setting_names().unwrap_or_default().join(", ")
+                    ));
+                }
+                self.run.set(setting, value).map_err(|error| error.to_string())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The recipes, once all factors are set. What does not matter for a kind of map is put back to what
+    /// it is without being set, so that it makes no difference.
+    ///
+    /// # Errors
+    /// When something is missing, or does not go together.
+    pub fn finish(mut self) -> Result<(MapRecipe, RunRecipe), String> {
+        let kind = &self.map.kind;
+        let name = &kind.name;
+        self.map.size = match (kind.has_resolution(), kind.builder(), self.percent, self.points) {
+            (true, ..) => Some(self.resolution.ok_or(format!(
+                "{name} needs resolution: the edge of its cells, or how far points may be from \
+                 their segment (m)"
+            ))?),
+            (false, None, ..) => None,
+            (false, Some(_), Some(_), Some(_)) => {
+                return Err("size and points are both given, expected one of them".to_owned());
+            }
+            (false, Some(_), None, None) => {
+                return Err(format!("{name} needs size (%) or points"));
+            }
+            (false, Some(_), percent, points) => percent.or(points),
+        };
+        if kind.builder() != Some(Builder::Grid) {
+            self.map.offset = Offset::Random;
+        }
+        if let (Some(Size::Chosen(_)), Sigma::Chosen(_)) = (self.map.size, self.map.sigma) {
+            return Err("the data chooses size or σ, not both at once".to_owned());
+        }
+        if let Some(Size::Chosen(Criterion::Localization)) = self.map.size {
+            self.map.race = Some(Box::new(self.run.clone()));
+        }
+        self.run.filter.clone().check().map_err(|error| error.to_string())?;
+        let OdometryNoise { xy, theta } = self.run.odometry_noise;
+        if !(xy >= 0.0 && xy.is_finite() && theta >= 0.0 && theta.is_finite()) {
+            return Err(format!(
+                "odometry_noise is {xy} m and {theta} rad, expected finite numbers, at least 0"
+            ));
+        }
+        Ok((self.map, self.run))
+    }
+}
+
+/// Whether a value of a factor is itself a list, as α₁…α₄ are.
+pub fn is_list(key: &str) -> bool {
+    let defaults = serde_json::to_value(FilterSettings::default()).unwrap_or_default();
+    defaults.get(key).is_some_and(Json::is_array)
+}
+
+/// Whether there is a factor of this name.
+pub fn is_factor(key: &str) -> bool {
+    KEYS.contains(&key) || is_setting(key)
+}
+
+fn is_setting(key: &str) -> bool {
+    RunRecipe::setting_names().unwrap_or_default().iter().any(|name| name == key)
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(value: &Json, expected: &str) -> Result<T, String> {
+    T::deserialize(value).map_err(|_| format!("{value}, expected {expected}"))
+}
+
+fn text(value: &Json) -> Result<&str, String> {
+    value.as_str().ok_or_else(|| format!("{value}, expected a name in quotes"))
+}
+
+fn length(value: &Json) -> Result<f64, String> {
+    number(value, "metres, above 0", |metres| metres > 0.0)
+}
+
+fn number(value: &Json, expected: &str, is_good: impl Fn(f64) -> bool) -> Result<f64, String> {
+    match value.as_f64() {
+        Some(number) if number.is_finite() && is_good(number) => Ok(number),
+        _ => Err(format!("{value}, expected {expected}")),
+    }
+}
+
+fn criterion(name: &str, decides: fn(Criterion) -> bool, what: &str) -> Result<Criterion, String> {
+    let criterion: Criterion = name.parse()?;
+    match decides(criterion) {
+        true => Ok(criterion),
+        false => Err(format!("{criterion} decides no {what}")),
+    }
+}

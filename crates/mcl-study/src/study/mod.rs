@@ -1,0 +1,6 @@
+//! A study as its file says: what is varied, what is measured, what tables and figures show.
+
+pub mod definition;
+pub mod factors;
+pub mod plan;
+pub mod views;

@@ -1,0 +1,121 @@
+//! The trials of a study on a data set.
+
+use std::collections::{HashMap, HashSet};
+
+use anyhow::Result;
+
+use crate::measure::Measures;
+use crate::trial::run::Trial;
+
+/// The trials of a study on a data set, each map once.
+#[derive(Debug, Clone, Default)]
+pub struct Plan {
+    /// The trials.
+    pub trials: Vec<Trial>,
+    /// Place of a map's trial, by the map's identity and draw.
+    places: HashMap<(String, u32), usize>,
+    /// Names of the entries of `[[trials]]` that ask for a row, by place of trial and run.
+    entries: HashMap<(usize, Option<String>), Vec<String>>,
+    names: Vec<String>,
+}
+
+/// The column of the names of the entries that ask for a row.
+pub const ENTRIES: &str = "trials";
+
+impl Plan {
+    /// Adds a trial of an entry; runs on a map that is there join those on it.
+    pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
+        let key = (trial.map.identity()?, trial.map.draw);
+        let runs: Vec<Option<String>> = match trial.runs.is_empty() {
+            true => vec![None],
+            false => trial
+                .runs
+                .iter()
+                .map(|run| Ok(Some(run.to_json()?.to_string())))
+                .collect::<Result<_>>()?,
+        };
+        let place = match self.places.get(&key) {
+            Some(&place) => {
+                let known: HashSet<String> = self.trials[place]
+                    .runs
+                    .iter()
+                    .map(|run| Ok(run.to_json()?.to_string()))
+                    .collect::<Result<_>>()?;
+                let new = trial.runs.into_iter().zip(&runs);
+                let new = new.filter(|(_, key)| key.as_ref().is_some_and(|k| !known.contains(k)));
+                self.trials[place].runs.extend(new.map(|(run, _)| run));
+                place
+            }
+            None => {
+                self.trials.push(trial);
+                self.places.insert(key, self.trials.len() - 1);
+                self.trials.len() - 1
+            }
+        };
+        if let Some(entry) = entry {
+            if !self.names.iter().any(|name| name == entry) {
+                self.names.push(entry.to_owned());
+            }
+            for run in runs {
+                let asking = self.entries.entry((place, run)).or_default();
+                if !asking.iter().any(|name| name == entry) {
+                    asking.push(entry.to_owned());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.trials.iter().map(|trial| trial.runs.len().max(1)).sum()
+    }
+
+    /// Names of the entries of `[[trials]]` that have one.
+    pub fn entry_names(&self) -> Vec<&str> {
+        self.names.iter().map(String::as_str).collect()
+    }
+
+    /// The identity of every row, with the names of the entries that ask for it, separated by spaces.
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn identities(&self, measures: &Measures) -> Result<Vec<(String, String)>> {
+        let mut identities = Vec::with_capacity(self.rows());
+        for (place, trial) in self.trials.iter().enumerate() {
+            let runs: Vec<Option<String>> = match trial.runs.is_empty() {
+                true => vec![None],
+                false => trial
+                    .runs
+                    .iter()
+                    .map(|run| Ok(Some(run.to_json()?.to_string())))
+                    .collect::<Result<_>>()?,
+            };
+            for (identity, run) in trial.identities(measures)?.into_iter().zip(runs) {
+                let entries = self.entries.get(&(place, run)).map(|names| names.join(" "));
+                identities.push((identity, entries.unwrap_or_default()));
+            }
+        }
+        Ok(identities)
+    }
+
+    /// The columns that rows will have.
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn columns(&self, measures: &Measures) -> Result<Vec<String>> {
+        let mut columns: Vec<String> = Vec::new();
+        if let Some(trial) = self.trials.first() {
+            columns.extend(trial.map.cells().into_iter().map(|(name, _)| name));
+        }
+        columns.extend(measures.of_maps.iter().flat_map(|m| m.columns).map(|&c| c.to_owned()));
+        if let Some(run) = self.trials.iter().find_map(|trial| trial.runs.first()) {
+            columns.extend(run.cells()?.into_iter().map(|(name, _)| name));
+            columns.extend(measures.of_runs.iter().flat_map(|m| m.columns).map(|&c| c.to_owned()));
+        }
+        if !self.names.is_empty() {
+            columns.push(ENTRIES.to_owned());
+        }
+        Ok(columns)
+    }
+}

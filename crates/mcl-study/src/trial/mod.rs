@@ -1,0 +1,10 @@
+//! Trials: a map and the runs on it.
+
+pub mod cost;
+pub mod division;
+pub mod map;
+pub mod maps;
+pub mod run;
+pub mod scheduler;
+pub mod stopwatch;
+pub mod tracking;

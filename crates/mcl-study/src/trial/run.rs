@@ -1,0 +1,107 @@
+//! Running a trial: the map, what it is worth, and the runs on it.
+
+use anyhow::{Context, Result};
+
+use crate::measure::{MapContext, MapMeasure, Measures, OfDimension, RunContext};
+use crate::recipe::map::MapRecipe;
+use crate::recipe::run::RunRecipe;
+use crate::table::Cells;
+use crate::trial::division::{Division, StudyData};
+use crate::trial::map::Dimension;
+use crate::trial::maps::Maps;
+use crate::trial::stopwatch::Stopwatch;
+use crate::trial::tracking::{TrackedRun, track};
+
+/// A map and the runs on it; without runs the map alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// How the map comes about.
+    pub map: MapRecipe,
+    /// How robots are localized on it.
+    pub runs: Vec<RunRecipe>,
+}
+
+impl Trial {
+    /// What tells the rows of this trial from all others: that of the map's row where there is no run,
+    /// else one per run. They depend on everything that a row depends on, apart from the content of the
+    /// data and the build.
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn identities(&self, measures: &Measures) -> Result<Vec<String>> {
+        let map = self.map.identity()?;
+        let draw = self.map.draw;
+        let root = self.map.seed;
+        let names = measures.names();
+        let of = |run: Option<serde_json::Value>| {
+            crate::recipe::identity(&(&map, draw, root, &names, run))
+        };
+        if self.runs.is_empty() {
+            return Ok(vec![of(None)?]);
+        }
+        self.runs.iter().map(|run| of(Some(run.to_json()?))).collect()
+    }
+}
+
+/// "alternate gbs+f-km 0.25 % #3".
+impl std::fmt::Display for Trial {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.map.fmt(f)
+    }
+}
+
+/// Runs a trial: a row per run, or one of the map where there is none. `see_run` is shown each run.
+///
+/// # Errors
+/// When the map cannot be built, a measure cannot be taken, or the filter cannot run.
+pub fn run_trial<const D: usize>(
+    trial: &Trial,
+    maps: &Maps<'_, D>,
+    data: &StudyData,
+    measures: &Measures,
+    watch: &mut Stopwatch,
+    mut see_run: impl FnMut(&RunRecipe, &TrackedRun) -> Result<()>,
+) -> Result<Vec<Cells>>
+where
+    Division<D>: Dimension<D>,
+    MapMeasure: OfDimension<D>,
+{
+    let map = maps.get(&trial.map)?;
+    let division = maps.division(&trial.map)?;
+    watch.lap("map");
+    let context = MapContext { recipe: &trial.map, division: &division, map: &map, data };
+    let mut of_map = trial.map.cells();
+    for measure in &measures.of_maps {
+        of_map.extend(measure.take(&context).with_context(|| measure.name.to_owned())?);
+        watch.lap(measure.name);
+    }
+    if trial.runs.is_empty() {
+        return Ok(vec![of_map]);
+    }
+    let mut rows = Vec::new();
+    let log = data.log()?;
+    let (division, map) = Division::plane(&division, &map)
+        .with_context(|| format!("{}: robots are localized in the plane only", log.name))?;
+    let MapRecipe { seed, split, .. } = trial.map;
+    for run in &trial.runs {
+        let distances = map.distances(&run.filter.with_max_range(log.max_range)?)?;
+        watch.lap("distance fields");
+        let tracked = track(run, seed, split, log, division, &distances)?;
+        watch.lap("filter");
+        let mut cells = of_map.clone();
+        cells.extend(run.cells()?);
+        let context = RunContext {
+            recipe: run,
+            tracked: &tracked,
+            reference: division.reference(log)?,
+            laser_from_robot: log.recording.robot_from_laser.inverse(),
+        };
+        for measure in &measures.of_runs {
+            cells.extend(measure.take(&context).with_context(|| measure.name.to_owned())?);
+        }
+        see_run(run, &tracked)?;
+        watch.lap("errors");
+        rows.push(cells);
+    }
+    Ok(rows)
+}

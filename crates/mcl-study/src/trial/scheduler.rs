@@ -1,0 +1,168 @@
+//! Trials on threads of their own.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+use anyhow::{Context, Result, anyhow};
+
+/// How a set of trials ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrialOutcome {
+    /// Trials whose row was saved.
+    pub done: usize,
+    /// Trials that failed.
+    pub failed: usize,
+}
+
+/// Runs trials on `threads` threads, each sequential inside, those of the highest cost (in any unit) first,
+/// so that no core is idle at the end, and hands every result to `receive` on
+/// the calling thread, in the order they end. What a trial gives must not depend on that order: its
+/// seeds come from its identity. A trial that panics has failed like one that returns an error.
+///
+/// # Errors
+/// The first error of `receive` (no further trial is started), or threads that cannot be had. A trial's
+/// own error is handed to `receive` like a result.
+pub fn run_trials<T: Sync, R: Send>(
+    trials: &[T],
+    cost: impl Fn(&T) -> f64,
+    threads: usize,
+    run: impl Fn(&T) -> Result<R> + Sync,
+    mut receive: impl FnMut(&T, Result<R>) -> Result<()>,
+) -> Result<TrialOutcome> {
+    let mut order: Vec<usize> = (0..trials.len()).collect();
+    order.sort_by(|&a, &b| cost(&trials[b]).total_cmp(&cost(&trials[a])));
+    // A pool of one thread per worker keeps the parallel loops inside a trial on that worker: with a
+    // shared pool a worker that waits would start another long trial inside the first.
+    let pools = (0..threads.clamp(1, trials.len().max(1)))
+        .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
+        .collect::<Result<Vec<_>, _>>()
+        .context("cannot start worker threads")?;
+    let next = AtomicUsize::new(0);
+    let stop = AtomicBool::new(false);
+    let (sender, receiver) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for pool in &pools {
+            let (sender, order, next, run, stop) = (sender.clone(), &order, &next, &run, &stop);
+            let work = move || {
+                while let Some(&index) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    // What a trial shares with others it can only read.
+                    let unwinding = || pool.install(|| run(&trials[index]));
+                    let result =
+                        catch_unwind(AssertUnwindSafe(unwinding)).unwrap_or_else(|panic| {
+                            Err(anyhow!("the program's own error: {}", message(panic.as_ref())))
+                        });
+                    if sender.send((index, result)).is_err() {
+                        break;
+                    }
+                }
+            };
+            // `scope.spawn` panics where there is no room for a thread.
+            if let Err(error) = std::thread::Builder::new().spawn_scoped(scope, work) {
+                stop.store(true, Ordering::Relaxed);
+                return Err(error).context("cannot start worker threads");
+            }
+        }
+        drop(sender);
+        let mut outcome = TrialOutcome { done: 0, failed: 0 };
+        for (index, result) in receiver {
+            if result.is_ok() {
+                outcome.done += 1;
+            } else {
+                outcome.failed += 1;
+            }
+            if let Err(error) = receive(&trials[index], result) {
+                stop.store(true, Ordering::Relaxed);
+                return Err(error);
+            }
+        }
+        Ok(outcome)
+    })
+}
+
+/// What a panic said.
+fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::bail;
+
+    struct Square(u32);
+
+    fn cost(trial: &Square) -> f64 {
+        f64::from(trial.0)
+    }
+
+    fn trials() -> Vec<Square> {
+        (0..50).map(Square).collect()
+    }
+
+    #[test]
+    fn every_trial_runs_once_and_failures_are_counted() {
+        for threads in [1, 2, 7] {
+            let mut seen = Vec::new();
+            let run = |trial: &Square| {
+                if trial.0 == 13 {
+                    bail!("unlucky")
+                }
+                assert!(trial.0 != 17, "a panic in {}", trial.0);
+                Ok(trial.0 * trial.0)
+            };
+            let outcome = run_trials(&trials(), cost, threads, run, |trial, result| {
+                if trial.0 == 17 {
+                    assert!(result.as_ref().unwrap_err().to_string().ends_with("a panic in 17"));
+                }
+                seen.push((trial.0, result.ok()));
+                Ok(())
+            })
+            .unwrap();
+            assert_eq!(outcome, TrialOutcome { done: 48, failed: 2 });
+            seen.sort_unstable();
+            let expected: Vec<_> =
+                (0..50).map(|n| (n, (n != 13 && n != 17).then_some(n * n))).collect();
+            assert_eq!(seen, expected);
+        }
+    }
+
+    #[test]
+    fn long_trials_start_first() {
+        let mut seen = Vec::new();
+        run_trials(
+            &trials(),
+            cost,
+            1,
+            |trial| Ok(trial.0),
+            |_, n| {
+                seen.push(n?);
+                Ok(())
+            },
+        )
+        .unwrap();
+        assert!(seen.is_sorted_by(|a, b| a > b));
+    }
+
+    #[test]
+    fn a_result_that_cannot_be_saved_stops_the_run() {
+        let mut received = 0;
+        let error = run_trials(
+            &trials(),
+            cost,
+            2,
+            |trial| Ok(trial.0),
+            |_, _| {
+                received += 1;
+                bail!("disk full")
+            },
+        );
+        assert_eq!(error.unwrap_err().to_string(), "disk full");
+        assert_eq!(received, 1);
+    }
+}

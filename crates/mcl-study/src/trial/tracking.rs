@@ -1,0 +1,54 @@
+//! A robot localized on a map.
+
+use anyhow::Result;
+use mcl_core::{Pose2, Seed};
+use mcl_filter::{MapDistances, Replay, Run, localize, noisy_increments};
+use mcl_metrics::{PoseError, pose_errors};
+
+use crate::data::source::LogSource;
+use crate::recipe::run::RunRecipe;
+use crate::recipe::split::Split;
+use crate::trial::division::Division;
+
+/// A run with its errors.
+pub struct TrackedRun {
+    /// What the filter estimated and reported.
+    pub run: Run,
+    /// Errors of the estimates, per scan.
+    pub errors: Vec<PoseError>,
+}
+
+/// Localizes the robot on a map. Noise and filter are seeded by the study's seed, the data set, the
+/// split and the run's number, never by the map.
+///
+/// # Errors
+/// When the filter cannot run on this log.
+pub fn track(
+    recipe: &RunRecipe,
+    seed: u64,
+    split: Option<Split>,
+    log: &LogSource,
+    division: &Division<2>,
+    distances: &MapDistances,
+) -> Result<TrackedRun> {
+    let seed = |purpose: &str| {
+        Seed::new(seed)
+            .derive(purpose)
+            .derive(&log.name)
+            .derive(split.unwrap_or(Split::Same).seed_name())
+            .derive_index(u64::from(recipe.run))
+    };
+    let settings = recipe.filter.with_max_range(log.max_range)?;
+    let reference = division.reference(log)?;
+    let odometry: Vec<Option<Pose2>> =
+        log.recording.scans.iter().map(|scan| scan.odometry).collect();
+    let increments = noisy_increments(&odometry, recipe.odometry_noise, seed("experiment-noise"))?;
+    let replay = Replay {
+        recording: &log.recording,
+        increments: &increments,
+        scans: &division.scans.rating,
+    };
+    let run = localize(&replay, distances, &settings, Some(reference[0]), seed("filter"))?;
+    let errors = pose_errors(reference, &run.map_from_laser)?;
+    Ok(TrackedRun { run, errors })
+}
