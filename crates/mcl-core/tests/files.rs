@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use mcl_core::files::fault::{Fault, Operation, Step, during};
 use mcl_core::files::{
-    Journal, JournalLine, Output, OwnFile, create_folder, hold, is_leftover, journal_lines,
-    journals, open, prepare, remove, remove_folder, remove_leftovers, write_atomically, write_with,
+    Journal, JournalLine, Output, OwnFile, create_folder, hold, journal_lines, journals, open,
+    prepare, remove, remove_folder, remove_leftovers, write_atomically, write_with,
 };
 use tempfile::{TempDir, tempdir};
 
@@ -71,7 +71,7 @@ fn a_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
 
 #[test]
 fn a_file_written_in_pieces_is_whole_or_not_there_as_well() {
-    const PIECE: usize = 10_000; // More than a buffer holds.
+    const PIECE: usize = 200_000; // More than a buffer holds.
     let write = |path: &Path| {
         write_with(path, |file| (0..3).try_for_each(|piece| file.write_all(&[piece; PIECE])))
     };
@@ -297,7 +297,6 @@ fn what_is_being_written_is_no_leftover() {
     let path = folder.path().join("map.csv");
     let mut output = Output::create(&path).unwrap();
     output.write_all(b"new").unwrap();
-    assert!(!is_leftover(output.temporary_path()));
     remove_leftovers(folder.path());
     prepare(&[&path], &[]).unwrap();
     output.commit().unwrap();
@@ -316,7 +315,6 @@ fn leftovers_are_removed_and_nothing_else() {
     let killed = names(folder.path()).pop().unwrap();
     assert!(killed.starts_with(".map.csv.mcl-eval-"), "{killed}");
     assert!(killed.contains(&format!("-{}-", std::process::id())), "{killed}");
-    assert!(is_leftover(&at(&killed)));
 
     // Of another host, whose processes nobody here knows.
     let young = ".map.csv.mcl-eval-ffffff-1-AbCd1234.tmp";

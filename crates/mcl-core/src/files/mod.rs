@@ -63,4 +63,4 @@ pub use journal::{Journal, JournalLine, JournalLines, journal_lines, journals};
 pub use output::{Output, write_atomically, write_with};
 pub use own_file::{OwnFile, open};
 pub use prepare::{Unwritable, prepare};
-pub use temporary::{is_leftover, remove_leftovers};
+pub use temporary::remove_leftovers;

@@ -11,6 +11,9 @@ use crate::files::operation::Operation;
 use crate::files::own_file::{OwnFile, check_regular};
 use crate::files::temporary::create_beside;
 
+/// Bytes that [`write_with`] collects before it writes them.
+const BUFFER: usize = 1 << 17;
+
 /// A file on its way: written beside `path` under a temporary name, it takes the name when it is whole
 /// ([`Output::commit`]). Until then, and for good when it is dropped before, the name stands for what it stood
 /// for. It does not buffer.
@@ -161,7 +164,7 @@ pub fn write_with<E: From<io::Error>>(
     write: impl FnOnce(&mut BufWriter<Output>) -> Result<(), E>,
 ) -> Result<(), E> {
     let _held = hold();
-    let mut file = BufWriter::new(Output::create(path)?);
+    let mut file = BufWriter::with_capacity(BUFFER, Output::create(path)?);
     write(&mut file)?;
     let output = file.into_inner().map_err(|error| error.into_error())?;
     Ok(output.commit()?)
