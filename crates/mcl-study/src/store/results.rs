@@ -47,4 +47,9 @@ impl Results {
     pub fn is_complete(&self) -> bool {
         self.done == self.asked
     }
+
+    /// "32 of 36 trials", where some are missing: whatever is made of the rows says so.
+    pub fn missing(&self) -> Option<String> {
+        (!self.is_complete()).then(|| format!("{} of {} trials", self.done, self.asked))
+    }
 }

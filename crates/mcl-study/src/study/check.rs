@@ -1,5 +1,6 @@
 //! Whether views name what there is.
 
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
 use anyhow::Result;
@@ -235,8 +236,13 @@ fn check_chart(
             return Err(mistake(&path(key), "there is no column, expected at least one"));
         }
     }
-    if chart.kind == ChartKind::Heat && chart.x.as_ref().is_some_and(|x| x.column.len() > 1) {
-        return Err(mistake(&path("x.column"), "cells have one column, expected one"));
+    if chart.kind == ChartKind::Heat
+        && let Some(x) = &chart.x
+    {
+        match &x.column[..] {
+            [one] => known.setting(&path("x.column"), one)?,
+            _ => return Err(mistake(&path("x.column"), "expected one column of cells")),
+        };
     }
     for (key, names) in
         [("curves", chart.curves.as_deref().unwrap_or_default()), ("panels", &chart.panels)]
@@ -245,8 +251,7 @@ fn check_chart(
     }
     chart.marks.iter().try_for_each(|name| known.either(&path("marks"), name, &[]))?;
     for (place, part) in chart.parts.iter().enumerate() {
-        // A bound that is no number is none either.
-        if part.sizes.is_some_and(|[low, high]| !(low < high)) {
+        if part.sizes.is_some_and(|[low, high]| low.partial_cmp(&high) != Some(Ordering::Less)) {
             let path = path(&format!("parts.{place}.sizes"));
             return Err(mistake(&path, "expected two sizes (%), the smaller first"));
         }

@@ -59,7 +59,8 @@ impl<'r> Estimates<'r> {
     pub fn of(results: &'r Results) -> Result<Self> {
         let groups = Groups::of(results)?;
         let factors = results.study.views.factors.iter();
-        let factors = factors.map(|factor| Ok((factor.name.clone(), size_factors(&groups, factor)?)));
+        let factors =
+            factors.map(|factor| Ok((factor.name.clone(), size_factors(&groups, factor)?)));
         let factors = factors.collect::<Result<_>>()?;
         Ok(Estimates { groups, factors })
     }
@@ -76,9 +77,7 @@ impl<'r> Estimates<'r> {
     /// When a value cannot be computed with.
     pub fn mean(&self, group: &Group<'_>, column: &str) -> Result<Option<Estimate>> {
         if let Some((_, values)) = self.factors.iter().find(|(name, _)| name == column) {
-            let place = self.groups.all.iter().position(|other| std::ptr::eq(other, group));
-            let value = place.and_then(|place| values[place]);
-            return Ok(value.map(|mean| Estimate {
+            return Ok(values[group.place].map(|mean| Estimate {
                 mean,
                 interval: None,
                 spread: None,
@@ -110,18 +109,13 @@ fn size_factors(groups: &Groups<'_>, factor: &Factor) -> Result<Vec<Option<f64>>
         Ok(x?.zip(y?).map(|(x, y)| [x.mean_of_blocks(), y.mean_of_blocks()]))
     };
     let points = groups.all.iter().map(at).collect::<Result<Vec<_>>>()?;
+    let sizes = SIZE.iter().filter_map(|size| groups.place(size));
+    let free: Vec<usize> = sizes.chain([map]).collect();
     let value = |(group, point): (&Group<'_>, &Option<[f64; 2]>)| {
         let [x, y] = (*point)?;
-        let is_size = |place: usize| SIZE.contains(&groups.settings[place].name.as_str());
-        let same = |other: &Group<'_>| {
-            (0..groups.settings.len()).all(|place| {
-                place == map
-                    || is_size(place)
-                    || super::groups::same_values(group.values(place), other.values(place))
-            })
-        };
-        let yardstick = groups.all.iter().zip(&points);
-        let yardstick = yardstick.filter(|(other, _)| other.text(map) == factor.than && same(other));
+        let yardstick = groups.all.iter().zip(&points).filter(|(other, _)| {
+            other.text(map) == factor.than && groups.differ_only_in(group, other, &free)
+        });
         let mut curve: Vec<[f64; 2]> = yardstick.filter_map(|(_, point)| *point).collect();
         curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
         reached(&curve, y).map(|reached| reached / x)

@@ -25,6 +25,8 @@ pub struct Groups<'r> {
 /// Rows of the same settings.
 #[derive(Debug, Clone)]
 pub struct Group<'r> {
+    /// Its place among the groups.
+    pub place: usize,
     /// The rows.
     pub rows: Vec<Row<'r>>,
     /// How many rows the study asks for.
@@ -72,7 +74,8 @@ impl<'r> Groups<'r> {
         // Stable, so that rows keep their order.
         members.sort_by(|a, b| order(&a.values, &b.values));
         let same = |a: &Member<'_>, b: &Member<'_>| order(&a.values, &b.values).is_eq();
-        let all = members.chunk_by(same).map(|members| Group::of(members, &settings)).collect();
+        let all = members.chunk_by(same).enumerate();
+        let all = all.map(|(place, members)| Group::of(place, members, &settings)).collect();
         Ok(Groups { results, settings, all })
     }
 
@@ -90,17 +93,19 @@ impl<'r> Groups<'r> {
     /// Places of the settings in which some of these groups differ.
     pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
         let varies = |place: &usize| {
-            groups.windows(2).any(|pair| !same_values(pair[0].values(*place), pair[1].values(*place)))
+            groups
+                .windows(2)
+                .any(|pair| !same_values(pair[0].values(*place), pair[1].values(*place)))
         };
         (0..self.settings.len()).filter(varies).collect()
     }
 
-    /// Whether two groups differ in nothing else than a setting, so that they can be compared. Offsets
-    /// are of grids only, and sizes of maps that do not have all points: maps without one differ from
-    /// others in nothing else.
-    pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, setting: usize) -> bool {
+    /// Whether two groups differ in nothing else than some settings, so that they can be compared.
+    /// Offsets are of grids only, and sizes of maps that do not have all points: that others have none
+    /// is no further difference.
+    pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
         (0..self.settings.len()).all(|place| {
-            place == setting
+            settings.contains(&place)
                 || same_values(a.values(place), b.values(place))
                 || !self.matters(a, place)
                 || !self.matters(b, place)
@@ -123,17 +128,18 @@ impl<'r> Groups<'r> {
 }
 
 impl<'r> Group<'r> {
-    fn of(members: &[Member<'r>], settings: &[Setting]) -> Self {
+    fn of(place: usize, members: &[Member<'r>], settings: &[Setting]) -> Self {
         let rows: Vec<Row<'r>> = members.iter().filter_map(|member| member.row).collect();
-        let missing = members.len() - rows.len();
+        // Where rows are missing, every row that is asked for is a member once more, without row.
+        let asked = members.len() - rows.len();
         let entries = members.iter().flat_map(|m| m.entries.split_whitespace());
         let values = members[0].values.clone();
         let named = ["map", "size_percent", "split"];
         let named = settings.iter().zip(&values).filter(|(s, _)| named.contains(&s.name.as_str()));
         let name: Vec<String> = named.map(|(_, values)| text_of(values)).collect();
         Group {
-            // Every row that is asked for is a member once more where some are missing.
-            asked: if missing > 0 { missing } else { rows.len() },
+            place,
+            asked: if asked > 0 { asked } else { rows.len() },
             entries: entries.map(str::to_owned).collect(),
             rows,
             values,
@@ -157,6 +163,11 @@ impl<'r> Group<'r> {
             [value @ (Value::Count(_) | Value::Number(_))] => value.number(),
             _ => None,
         }
+    }
+
+    /// Number of independent units.
+    pub fn blocks(&self) -> usize {
+        self.rows.iter().map(block).collect::<BTreeSet<u64>>().len()
     }
 
     /// Values of a column by block (draw) and unit (run); `None` where a row has no number. What is not
