@@ -3,7 +3,7 @@ use std::collections::BinaryHeap;
 
 use mcl_core::{Stamp, Trajectory};
 
-use crate::MetricsError;
+use crate::error::MetricsError;
 
 /// Largest difference of two matching stamps unless another is given, in seconds (evo's default).
 pub const DEFAULT_TOLERANCE_S: f64 = 0.01;

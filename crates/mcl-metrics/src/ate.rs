@@ -1,7 +1,6 @@
 use mcl_core::{Point, Pose2};
 
-use crate::MetricsError;
-use crate::error::check_poses;
+use crate::error::{MetricsError, check_poses};
 
 /// What is done to the estimate before absolute errors are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -111,7 +110,7 @@ fn mean_position(poses: &[Pose2]) -> Point<2> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Summary;
+    use crate::summary::Summary;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 

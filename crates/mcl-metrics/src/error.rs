@@ -1,4 +1,24 @@
+use mcl_core::text::counted;
 use mcl_core::{MAX_COORDINATE, Pose2, Stamp};
+use serde::Serialize;
+
+/// Why a test or an interval over blocks cannot be computed, in words that can stand in a table in
+/// the place of the p value.
+///
+/// # Example
+/// ```
+/// let reason = mcl_metrics::TooFew { blocks: 1, needed: 2 };
+/// assert_eq!(reason.to_string(), "too few to tell: 1 independent block, at least 2 needed");
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, thiserror::Error)]
+#[error("too few to tell: {}, at least {needed} needed", counted(*.blocks, "independent block"))]
+pub struct TooFew {
+    /// Number of blocks found: of a paired test those common to both sides, of a two-sample test
+    /// those of the smaller side.
+    pub blocks: usize,
+    /// Number of blocks needed.
+    pub needed: usize,
+}
 
 /// Why no metric could be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -22,6 +42,27 @@ pub enum MetricsError {
         found: usize,
         /// Number needed.
         needed: usize,
+    },
+    /// Fewer independent blocks than a test or an interval needs.
+    #[error(transparent)]
+    TooFewBlocks(#[from] TooFew),
+    /// A unit that occurs more than once in its block.
+    #[error(
+        "block {block} holds unit {unit} more than once, expected each unit once, so that no value counts twice"
+    )]
+    RepeatedUnit {
+        /// The block.
+        block: u64,
+        /// The unit.
+        unit: u64,
+    },
+    /// A value for which a transformation, a logarithm say, has no finite result.
+    #[error("the value {value} is transformed to {result}, expected a finite number")]
+    Transformed {
+        /// The value.
+        value: f64,
+        /// What the transformation makes of it.
+        result: f64,
     },
     /// A sample that is NaN, infinite, or too large to be squared.
     #[error("sample {index} is {value}, expected a finite number of magnitude below 1e140")]
@@ -121,13 +162,17 @@ impl MetricsError {
 /// Samples above this could overflow when squared and summed.
 const SAMPLE_LIMIT: f64 = 1e140;
 
+/// Whether a sample can be computed with; NaN cannot.
+pub(crate) fn is_usable(sample: f64) -> bool {
+    sample.abs() < SAMPLE_LIMIT
+}
+
 /// Checks that there are `needed` samples and that all can be computed with.
 pub(crate) fn check_samples(samples: &[f64], needed: usize) -> Result<(), MetricsError> {
     if samples.len() < needed {
         return Err(MetricsError::TooFew { what: "samples", found: samples.len(), needed });
     }
-    let bad = |value: f64| !value.is_finite() || value.abs() >= SAMPLE_LIMIT;
-    match samples.iter().position(|&value| bad(value)) {
+    match samples.iter().position(|&value| !is_usable(value)) {
         Some(index) => Err(MetricsError::Sample { index, value: samples[index] }),
         None => Ok(()),
     }

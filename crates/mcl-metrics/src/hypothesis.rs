@@ -1,18 +1,20 @@
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::check_samples;
+use crate::error::{MetricsError, check_samples};
 use crate::interval::{Interval, Moments, student_interval};
 use crate::student_t::upper_tail;
 
-/// Result of a t test of "the means of a and b are the same".
+/// What a t test of "the means of a and b are the same" finds: how far they are apart, and how sure
+/// that is.
 ///
 /// Samples without any spread leave nothing to estimate: with equal means t = 0, the two-sided p is
 /// 1 and each one-sided p ½; with different means t = ±∞ and the p of what is seen is 0.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct TTest {
+pub struct Effect {
     /// Mean of a minus mean of b (paired: mean of the differences a − b), in the samples' unit.
     pub mean_difference: f64,
+    /// Standard error of the mean difference.
+    pub standard_error: f64,
     /// The test statistic, mean difference over its standard error.
     pub t: f64,
     /// Degrees of freedom; not an integer for Welch's test.
@@ -25,10 +27,53 @@ pub struct TTest {
     pub p_greater: f64,
     /// 95 % confidence interval of the mean difference.
     pub interval: Interval,
+    /// Number of independent samples of a and of b; in a paired test the number of pairs, twice.
+    pub blocks: [usize; 2],
+}
+
+/// Name of [`Effect`] where single samples are tested instead of blocks.
+pub type TTest = Effect;
+
+impl Effect {
+    /// Two one-sided tests of "the means of a and b differ by less than `margin`" (Schuirmann 1987):
+    /// the larger p of "the difference is above −margin" and "below margin". Small when the means are
+    /// surely as good as equal; a large p of a t test does not say that.
+    ///
+    /// # Errors
+    /// When the margin is not a positive number.
+    ///
+    /// # Example
+    /// ```
+    /// use mcl_metrics::{Blocked, two_sample};
+    ///
+    /// let draws = |values: [f64; 4]| Blocked::new((0..).zip(values));
+    /// let a = draws([4.10, 4.11, 4.09, 4.10])?;
+    /// let b = draws([4.12, 4.13, 4.12, 4.14])?;
+    /// let effect = two_sample(&a, &b)?;
+    /// assert!(effect.equivalence_p(0.1)? < 0.001);
+    /// assert!(effect.equivalence_p(0.01)? > 0.5);
+    /// # Ok::<(), mcl_metrics::MetricsError>(())
+    /// ```
+    pub fn equivalence_p(&self, margin: f64) -> Result<f64, MetricsError> {
+        if !(margin.is_finite() && margin > 0.0) {
+            let expected = "a positive number";
+            return Err(MetricsError::Setting { name: "margin", found: margin, expected });
+        }
+        let moved = |by: f64| {
+            effect(
+                self.mean_difference + by,
+                self.standard_error,
+                self.degrees_of_freedom,
+                self.blocks,
+            )
+        };
+        Ok(moved(margin).p_greater.max(moved(-margin).p_less))
+    }
 }
 
 /// Welch's t test of two independent samples, which may differ in size and variance (Welch 1947,
-/// degrees of freedom by Satterthwaite 1946).
+/// degrees of freedom by Satterthwaite 1946). Runs on one map are not independent: see
+/// [`two_sample`](crate::two_sample).
 ///
 /// # Errors
 /// When a side has fewer than two samples, or a sample is not finite.
@@ -43,8 +88,14 @@ pub struct TTest {
 /// assert!(test.mean_difference < 0.0 && test.p_less < 1e-4);
 /// # Ok::<(), mcl_metrics::MetricsError>(())
 /// ```
-pub fn welch_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
+pub fn welch_t_test(a: &[f64], b: &[f64]) -> Result<Effect, MetricsError> {
     check_both(a, b)?;
+    Ok(welch(a, b))
+}
+
+/// Of at least two samples each.
+pub(crate) fn welch(a: &[f64], b: &[f64]) -> Effect {
+    let counts = [a.len(), b.len()];
     let (a, b) = (Moments::of(a), Moments::of(b));
     let (var_a, var_b) = (a.squared_standard_error(), b.squared_standard_error());
     let squared_error = var_a + var_b;
@@ -55,15 +106,16 @@ pub fn welch_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
     } else {
         a.count + b.count - 2.0
     };
-    Ok(t_test(a.mean - b.mean, squared_error.sqrt(), freedom))
+    effect(a.mean - b.mean, squared_error.sqrt(), freedom, counts)
 }
 
-/// Paired t test: a\[i\] and b\[i\] were measured under the same circumstances (the same run and noise,
-/// on two maps), so their differences are tested.
+/// Paired t test: a\[i\] and b\[i\] were measured under the same circumstances, so their differences are
+/// tested. These must be independent of each other, as those of runs on one map are not: see
+/// [`paired`](crate::paired).
 ///
 /// # Errors
 /// When the numbers of samples differ or are below two, or a sample is not finite.
-pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
+pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<Effect, MetricsError> {
     if a.len() != b.len() {
         return Err(MetricsError::LengthMismatch {
             left: "samples of a:",
@@ -74,37 +126,23 @@ pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<TTest, MetricsError> {
     }
     check_both(a, b)?;
     let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
-    let moments = Moments::of(&differences);
-    let standard_error = moments.squared_standard_error().sqrt();
-    Ok(t_test(moments.mean, standard_error, moments.count - 1.0))
+    Ok(of_differences(&differences))
 }
 
-/// Two one-sided Welch tests of "the means of a and b differ by less than `margin`" (Schuirmann 1987):
-/// the larger p of "the mean of a is above that of b − margin" and "below that of b + margin". Small
-/// when the means are surely as good as equal; a large p of a t test does not say that.
+/// Whether the mean of at least two differences is 0.
+pub(crate) fn of_differences(differences: &[f64]) -> Effect {
+    let moments = Moments::of(differences);
+    let standard_error = moments.squared_standard_error().sqrt();
+    effect(moments.mean, standard_error, moments.count - 1.0, [differences.len(); 2])
+}
+
+/// [`Effect::equivalence_p`] of Welch's test.
 ///
 /// # Errors
 /// When the margin is not a positive number, a side has fewer than two samples, or a sample is not
 /// finite.
-///
-/// # Example
-/// ```
-/// use mcl_metrics::welch_equivalence_p;
-///
-/// let (a, b) = ([4.10, 4.11, 4.09, 4.10], [4.12, 4.13, 4.12, 4.14]);
-/// assert!(welch_equivalence_p(&a, &b, 0.1)? < 0.001);
-/// assert!(welch_equivalence_p(&a, &b, 0.01)? > 0.5);
-/// # Ok::<(), mcl_metrics::MetricsError>(())
-/// ```
 pub fn welch_equivalence_p(a: &[f64], b: &[f64], margin: f64) -> Result<f64, MetricsError> {
-    if !(margin.is_finite() && margin > 0.0) {
-        let expected = "a positive number";
-        return Err(MetricsError::Setting { name: "margin", found: margin, expected });
-    }
-    let moved = |by: f64| -> Vec<f64> { a.iter().map(|sample| sample + by).collect() };
-    let above = welch_t_test(&moved(margin), b)?.p_greater;
-    let below = welch_t_test(&moved(-margin), b)?.p_less;
-    Ok(above.max(below))
+    welch_t_test(a, b)?.equivalence_p(margin)
 }
 
 fn check_both(a: &[f64], b: &[f64]) -> Result<(), MetricsError> {
@@ -112,19 +150,21 @@ fn check_both(a: &[f64], b: &[f64]) -> Result<(), MetricsError> {
     check_samples(b, 2).map_err(|error| error.within("b"))
 }
 
-fn t_test(mean_difference: f64, standard_error: f64, freedom: f64) -> TTest {
+fn effect(mean_difference: f64, standard_error: f64, freedom: f64, blocks: [usize; 2]) -> Effect {
     // 0/0 has no value of its own; without any difference there is nothing to reject.
     let t = if mean_difference == 0.0 { 0.0 } else { mean_difference / standard_error };
     let tail = upper_tail(t, freedom);
     let (p_less, p_greater) = if t < 0.0 { (tail, 1.0 - tail) } else { (1.0 - tail, tail) };
-    TTest {
+    Effect {
         mean_difference,
+        standard_error,
         t,
         degrees_of_freedom: freedom,
         p_two_sided: 2.0 * tail,
         p_less,
         p_greater,
         interval: student_interval(mean_difference, standard_error, freedom),
+        blocks,
     }
 }
 

@@ -2,12 +2,11 @@ use mcl_core::Seed;
 use rand::RngExt;
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::{check_runs, check_samples};
+use crate::error::{MetricsError, check_runs, check_samples};
 use crate::student_t::critical_value_95;
 use crate::summary::percentile;
 
-/// A 95 % confidence interval, in the unit of the samples.
+/// A confidence interval, in the unit of the samples; of 95 %, unless a function takes the confidence.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Interval {
     /// Lower bound.
@@ -25,9 +24,9 @@ pub struct MeanInterval {
     pub interval: Interval,
 }
 
-/// Mean of independent samples with Student's t interval, `mean ± t₀.₉₇₅ · s/√n`. For one sample per
-/// run (a likelihood, say); the scans of a run depend on each other, for them see
-/// [`bootstrap_mean`].
+/// Mean of independent samples with Student's t interval, `mean ± t₀.₉₇₅ · s/√n`. For one sample per map
+/// (a likelihood, say); runs on one map are not independent, for them see
+/// [`Blocked::mean_interval`](crate::Blocked::mean_interval).
 ///
 /// # Errors
 /// When there are fewer than two samples, or one is not finite.
@@ -42,10 +41,15 @@ pub struct MeanInterval {
 /// ```
 pub fn mean_interval(samples: &[f64]) -> Result<MeanInterval, MetricsError> {
     check_samples(samples, 2)?;
+    Ok(student_mean(samples))
+}
+
+/// Of at least two samples.
+pub(crate) fn student_mean(samples: &[f64]) -> MeanInterval {
     let moments = Moments::of(samples);
     let standard_error = moments.squared_standard_error().sqrt();
     let interval = student_interval(moments.mean, standard_error, moments.count - 1.0);
-    Ok(MeanInterval { mean: moments.mean, interval })
+    MeanInterval { mean: moments.mean, interval }
 }
 
 /// Standard deviation of what the samples were drawn from: the sum of squares divided by n − 1
@@ -63,6 +67,13 @@ pub(crate) fn student_interval(center: f64, standard_error: f64, freedom: f64) -
     Interval { low: center - half, high: center + half }
 }
 
+/// Mean of at least one sample. They are summed relative to the first, so that the mean of equal samples
+/// is exactly that sample.
+pub(crate) fn mean(samples: &[f64]) -> f64 {
+    let offsets: f64 = samples.iter().map(|sample| sample - samples[0]).sum();
+    samples[0] + offsets / samples.len() as f64
+}
+
 /// Mean and unbiased variance of samples.
 pub(crate) struct Moments {
     pub count: f64,
@@ -72,11 +83,9 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    /// Of at least two samples. They are summed relative to the first, so that the mean of equal
-    /// samples is exactly that sample and their variance exactly 0.
+    /// Of at least two samples. The variance of equal samples is exactly 0.
     pub fn of(samples: &[f64]) -> Self {
-        let (first, count) = (samples[0], samples.len() as f64);
-        let mean = first + samples.iter().map(|sample| sample - first).sum::<f64>() / count;
+        let (mean, count) = (mean(samples), samples.len() as f64);
         let squares: f64 = samples.iter().map(|sample| (sample - mean).powi(2)).sum();
         Moments { count, mean, variance: squares / (count - 1.0) }
     }
@@ -88,8 +97,9 @@ impl Moments {
 
 /// Mean of the pooled samples of all runs, with the percentile interval of a bootstrap over runs
 /// (Efron & Tibshirani 1993, ch. 13): whole runs are drawn with replacement, as many as there are,
-/// and their samples pooled, `resamples` times. The scans of one run depend on each other, the runs
-/// do not. Draws come from `seed` in one fixed order, whatever the number of threads.
+/// and their samples pooled, `resamples` times. For runs that are independent of each other; those on
+/// one map are not, for them see [`Blocked::bootstrap_interval`](crate::Blocked::bootstrap_interval).
+/// Draws come from `seed` in one fixed order, whatever the number of threads.
 ///
 /// # Errors
 /// When there are fewer than two runs, a run has no sample or one that is not finite, or `resamples`
@@ -110,18 +120,28 @@ pub fn bootstrap_mean<R: AsRef<[f64]>>(
     resamples: usize,
     seed: Seed,
 ) -> Result<MeanInterval, MetricsError> {
-    if resamples == 0 {
-        let expected = "at least 1 (1,000 or more for steady bounds)";
-        return Err(MetricsError::Setting { name: "resamples", found: 0.0, expected });
-    }
     check_runs(runs, 2)?;
     let totals: Vec<(f64, f64)> = runs
         .iter()
         .map(|run| (run.as_ref().iter().sum::<f64>(), run.as_ref().len() as f64))
         .collect();
+    resample_groups(&totals, resamples, seed)
+}
+
+/// The bootstrap over groups of samples, at least one, each given by its sum and its count.
+pub(crate) fn resample_groups(
+    totals: &[(f64, f64)],
+    resamples: usize,
+    seed: Seed,
+) -> Result<MeanInterval, MetricsError> {
+    if resamples == 0 {
+        let expected = "at least 1 (1,000 or more for steady bounds)";
+        return Err(MetricsError::Setting { name: "resamples", found: 0.0, expected });
+    }
     let pooled_mean = |draws: &mut dyn Iterator<Item = usize>| {
-        let (sum, count) = draws
-            .fold((0.0, 0.0), |(sum, count), run| (sum + totals[run].0, count + totals[run].1));
+        let (sum, count) = draws.fold((0.0, 0.0), |(sum, count), group| {
+            (sum + totals[group].0, count + totals[group].1)
+        });
         sum / count
     };
     let mut rng = seed.rng();
@@ -217,7 +237,7 @@ mod tests {
         ) {
             let MeanInterval { mean, interval } = bootstrap_mean(&runs, 1000, seed()).unwrap();
             prop_assert!(interval.low <= mean + 1e-12 && mean <= interval.high + 1e-12);
-            prop_assert!((mean - crate::Summary::pooled(&runs).unwrap().mean).abs() < 1e-12);
+            prop_assert!((mean - crate::summary::Summary::pooled(&runs).unwrap().mean).abs() < 1e-12);
         }
     }
 }

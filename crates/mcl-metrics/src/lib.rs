@@ -3,9 +3,15 @@
 //!
 //! The way through: [`tum::read_file`] two trajectories, [`associate`] them by stamp, take
 //! [`pose_errors`], [`ate()`] or [`rpe()`] of the matched poses, and [`Summary::of`] the samples. Over
-//! runs, samples are pooled ([`Summary::pooled`]), never averages averaged; [`bootstrap_mean`],
-//! [`mean_interval`], [`welch_t_test`] and [`paired_t_test`] say how sure a mean is, [`Rate`] how sure a
-//! share of runs, and [`spearman`] whether one value falls as another rises.
+//! runs, samples are pooled ([`Summary::pooled`]), never averages averaged.
+//!
+//! Tests and intervals are over blocks ([`Blocked`]): the maps of one draw number with all runs on them
+//! are independent of other draws, the runs and scans of a block are not of each other.
+//! [`Blocked::mean_interval`] and [`Blocked::bootstrap_interval`] say how sure a mean is, [`paired`] and
+//! [`two_sample`] how large and how sure a difference ([`Effect`]), or that there are [`TooFew`] blocks;
+//! [`BlockedRate`] how sure a share of runs. [`holm`] adjusts the p values of a family of tests,
+//! [`spearman`] says whether one value falls as another rises, and [`nees`] compares an error with the
+//! covariance of the estimate.
 //!
 //! Metres and radians throughout. Nothing here changes its inputs, and samples that are no finite
 //! numbers are errors that name the sample.
@@ -28,6 +34,10 @@
 
 mod association;
 mod ate;
+mod blocked;
+mod blocked_rate;
+mod comparison;
+mod consistency;
 mod error;
 mod hypothesis;
 mod interval;
@@ -43,8 +53,12 @@ pub mod tum;
 
 pub use association::{DEFAULT_TOLERANCE_S, Matched, associate};
 pub use ate::{Alignment, Ate, ate};
-pub use error::MetricsError;
-pub use hypothesis::{TTest, paired_t_test, welch_equivalence_p, welch_t_test};
+pub use blocked::Blocked;
+pub use blocked_rate::{BlockedRate, IntervalBasis};
+pub use comparison::{holm, one_sample, paired, two_sample};
+pub use consistency::{inside_ellipsoid_95, nees};
+pub use error::{MetricsError, TooFew};
+pub use hypothesis::{Effect, TTest, paired_t_test, welch_equivalence_p, welch_t_test};
 pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use odometry::OdometryError;
 pub use outcome::{DivergenceSettings, LossSettings, LostEpisode, diverged, lost_episodes};

@@ -1,7 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use crate::MetricsError;
-use crate::error::check_samples;
+use crate::error::{MetricsError, check_samples};
 
 /// When a run counts as diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

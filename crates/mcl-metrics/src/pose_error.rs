@@ -1,8 +1,7 @@
 use mcl_core::{Pose2, wrap_angle};
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::check_poses;
+use crate::error::{MetricsError, check_poses};
 
 /// The ξ of the paper's equation 7 unless another is given.
 pub const DEFAULT_XI: f64 = 0.8;

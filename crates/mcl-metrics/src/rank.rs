@@ -1,8 +1,7 @@
 use serde::Serialize;
 use statrs::statistics::{Data, OrderStatistics, RankTieBreaker};
 
-use crate::MetricsError;
-use crate::error::check_samples;
+use crate::error::{MetricsError, check_samples};
 use crate::student_t::upper_tail;
 
 /// Rank correlation of pairs of values; see [`spearman`].

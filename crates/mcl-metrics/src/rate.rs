@@ -3,9 +3,11 @@ use statrs::distribution::{Beta, ContinuousCDF};
 use statrs::stats_tests::Alternative;
 use statrs::stats_tests::fisher::fishers_exact;
 
-use crate::MetricsError;
+use crate::error::MetricsError;
+use crate::interval::Interval;
 
-/// How often something happened in independent trials: diverged runs of all runs, say.
+/// How often something happened in independent trials. Runs on the same map are not: see
+/// [`BlockedRate`](crate::BlockedRate).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Rate {
     hits: u64,
@@ -52,17 +54,55 @@ impl Rate {
     /// # Errors
     /// When the confidence is not between 0 and 1.
     pub fn upper_bound(&self, confidence: f64) -> Result<f64, MetricsError> {
-        if !(confidence > 0.0 && confidence < 1.0) {
-            let expected = "a number between 0 and 1";
-            return Err(MetricsError::Setting { name: "confidence", found: confidence, expected });
-        }
-        if self.hits == self.trials {
-            return Ok(1.0);
-        }
-        let shapes = ((self.hits + 1) as f64, (self.trials - self.hits) as f64);
-        let beta = Beta::new(shapes.0, shapes.1).expect("shapes of at least 1");
-        Ok(beta.inverse_cdf(confidence))
+        check_confidence(confidence)?;
+        Ok(upper_bound(self.hits as f64, self.trials as f64, confidence))
     }
+
+    /// Where the true rate lies with this confidence: the exact two-sided interval of Clopper & Pearson
+    /// (1934), with equal tails.
+    ///
+    /// # Errors
+    /// When the confidence is not between 0 and 1.
+    ///
+    /// # Example
+    /// ```
+    /// let interval = mcl_metrics::Rate::new(0, 10)?.interval(0.95)?;
+    /// assert_eq!(interval.low, 0.0);
+    /// assert!((interval.high - (1.0 - 0.025f64.powf(0.1))).abs() < 1e-12);
+    /// # Ok::<(), mcl_metrics::MetricsError>(())
+    /// ```
+    pub fn interval(&self, confidence: f64) -> Result<Interval, MetricsError> {
+        clopper_pearson(self.hits as f64, self.trials as f64, confidence)
+    }
+}
+
+/// Of hits from 0 to trials, which need not be whole numbers.
+pub(crate) fn clopper_pearson(
+    hits: f64,
+    trials: f64,
+    confidence: f64,
+) -> Result<Interval, MetricsError> {
+    check_confidence(confidence)?;
+    let one_sided = 0.5 + 0.5 * confidence;
+    Ok(Interval {
+        low: 1.0 - upper_bound(trials - hits, trials, one_sided),
+        high: upper_bound(hits, trials, one_sided),
+    })
+}
+
+fn upper_bound(hits: f64, trials: f64, confidence: f64) -> f64 {
+    if hits >= trials {
+        return 1.0;
+    }
+    let beta = Beta::new(hits + 1.0, trials - hits).expect("positive shapes");
+    beta.inverse_cdf(confidence)
+}
+
+fn check_confidence(found: f64) -> Result<(), MetricsError> {
+    if found > 0.0 && found < 1.0 {
+        return Ok(());
+    }
+    Err(MetricsError::Setting { name: "confidence", found, expected: "a number between 0 and 1" })
 }
 
 /// Fisher's exact test (Fisher 1922), one-sided: p for "the rate of a is greater than that of b".
@@ -118,6 +158,26 @@ mod tests {
             let found = rate.upper_bound(0.99).unwrap();
             assert!((found / expected - 1.0).abs() < 1e-9, "{rate:?}: {found}");
         }
+    }
+
+    /// Source: SciPy 1.17.1, `beta.ppf(0.025, x, n - x + 1)` and `beta.isf(0.025, x + 1, n - x)`; whole
+    /// numbers are also those of `binomtest(x, n).proportion_ci()`.
+    #[test]
+    fn intervals_agree_with_scipy() {
+        for (hits, trials, low, high) in [
+            (0.0, 10.0, 0.0, 0.30849710781876083),
+            (1.0, 10.0, 0.0025285785444617848, 0.4450161170281953),
+            (3.0, 10.0, 0.06673951117773447, 0.6524528500599973),
+            (10.0, 10.0, 0.6915028921812392, 1.0),
+            (3.0, 640.0, 0.0009677203547355173, 0.013637262668160857),
+            (0.5, 7.2, 6.587150100131404e-05, 0.49065305942589915),
+            (9.95, 10.0, 0.6836428666698025, 1.0),
+        ] {
+            let found = clopper_pearson(hits, trials, 0.95).unwrap();
+            assert!((found.low - low).abs() < 1e-12, "{hits} of {trials}: {found:?}");
+            assert!((found.high - high).abs() < 1e-12, "{hits} of {trials}: {found:?}");
+        }
+        assert_eq!(rate(3, 10).interval(0.95), clopper_pearson(3.0, 10.0, 0.95));
     }
 
     #[test]

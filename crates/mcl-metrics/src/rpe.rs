@@ -2,9 +2,8 @@ use std::fmt;
 
 use mcl_core::Pose2;
 
-use crate::MetricsError;
 use crate::ate::{full, rotation, translation};
-use crate::error::check_poses;
+use crate::error::{MetricsError, check_poses};
 
 /// How far apart the two poses of a pair are.
 #[derive(Debug, Clone, Copy, PartialEq)]

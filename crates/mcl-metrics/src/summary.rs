@@ -1,7 +1,6 @@
 use serde::Serialize;
 
-use crate::MetricsError;
-use crate::error::{check_runs, check_samples};
+use crate::error::{MetricsError, check_runs, check_samples};
 
 /// What a set of samples looks like; all but the count and `sse` in the samples' unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -5,10 +5,10 @@ use std::collections::HashSet;
 use mcl_core::{Pose2, Stamp, Trajectory};
 use mcl_metrics::tum::{self, NonPlanar};
 use mcl_metrics::{
-    Alignment, Delta, DivergenceSettings, LossSettings, PairsFrom, RpeSettings, Summary, TTest,
-    WeightedPoseError, associate, ate, bootstrap_mean, diverged, lost_episodes, mean_interval,
-    paired_t_test, pose_errors, rpe, spearman, standard_deviation, welch_equivalence_p,
-    welch_t_test,
+    Alignment, Blocked, Delta, DivergenceSettings, LossSettings, PairsFrom, RpeSettings, Summary,
+    TTest, WeightedPoseError, associate, ate, bootstrap_mean, diverged, lost_episodes,
+    mean_interval, nees, one_sample, paired, paired_t_test, pose_errors, rpe, spearman,
+    standard_deviation, two_sample, welch_equivalence_p, welch_t_test,
 };
 use proptest::prelude::*;
 
@@ -172,6 +172,49 @@ proptest! {
         if let Ok(found) = spearman(&a, &b) {
             prop_assert!(found.rho.abs() <= 1.0, "{found:?}");
             prop_assert!([found.p_less, found.p_greater].iter().all(|p| (0.0..=1.0).contains(p)), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn statistics_over_blocks_are_finite_or_refused(
+        a in samples(),
+        b in samples(),
+        blocks in 1..6u64,
+        margin in setting(),
+    ) {
+        let blocked = |samples: &[f64], with_units: bool| match with_units {
+            true => Blocked::with_units((0..).zip(samples).map(|(i, &x)| (i % blocks, i, x))),
+            false => Blocked::new((0..).zip(samples).map(|(i, &x)| (i % blocks, x))),
+        };
+        for with_units in [true, false] {
+            let (Ok(a), Ok(b)) = (blocked(&a, with_units), blocked(&b, with_units)) else { continue };
+            for test in [paired(&a, &b), two_sample(&a, &b), one_sample(&a)].into_iter().flatten() {
+                check_test(&test)?;
+                if let Ok(p) = test.equivalence_p(margin) {
+                    prop_assert!((0.0..=1.0).contains(&p), "{p}");
+                }
+            }
+            let bootstrap = a.bootstrap_interval(20, mcl_core::Seed::new(1)).ok();
+            for found in [a.mean_interval().ok(), bootstrap].into_iter().flatten() {
+                prop_assert!(finite(&[found.mean, found.interval.low, found.interval.high]), "{found:?}");
+                prop_assert!(found.interval.low <= found.interval.high, "{found:?}");
+            }
+            if let Some(correlation) = a.intraclass_correlation() {
+                prop_assert!(correlation.is_finite() && correlation <= 1.0 + 1e-9, "{correlation}");
+            }
+            if let Ok(logs) = a.map(f64::ln) {
+                prop_assert!(a.values().all(|(_, value)| value > 0.0) && logs.mean().is_finite());
+            }
+        }
+    }
+
+    #[test]
+    fn squared_errors_in_deviations_are_positive_or_refused(
+        error in prop::array::uniform3(number()),
+        covariance in prop::array::uniform3(prop::array::uniform3(number())),
+    ) {
+        if let Some(found) = nees(error, covariance) {
+            prop_assert!(found.is_finite() && found >= 0.0, "{found}");
         }
     }
 

@@ -1,0 +1,123 @@
+//! Whether the covariance of an estimate agrees with its error.
+
+use std::sync::LazyLock;
+
+use nalgebra::{Matrix3, Vector3};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Smallest share of a component's variance that the components before it may leave unexplained; less is
+/// rounding, as in a cloud of collinear particles.
+const SINGULAR_BELOW: f64 = 1e-12;
+
+/// The 0.95 quantile of χ² with three degrees of freedom, 7.81.
+static LIMIT_95: LazyLock<f64> =
+    LazyLock::new(|| ChiSquared::new(3.0).expect("three degrees of freedom").inverse_cdf(0.95));
+
+/// Normalized estimation error squared, eᵀ C⁻¹ e (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): the
+/// squared distance of the reference from the estimate in standard deviations of the estimate. Its
+/// mean is 3 for a consistent estimate of a pose, and larger where the covariance is too small.
+///
+/// `error` is x, y in metres and the heading in radians, wrapped to (−π, π]; `covariance` is of the
+/// estimate, of the same components in the same frame (its lower triangle is read). `None` when the
+/// covariance is not positive definite, up to rounding, or a number is not finite.
+///
+/// # Example
+/// ```
+/// let covariance = [[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0025]];
+/// let nees = mcl_metrics::nees([0.2, -0.1, 0.1], covariance).unwrap();
+/// assert!((nees - (1.0 + 1.0 + 4.0)).abs() < 1e-12);
+/// assert!(mcl_metrics::inside_ellipsoid_95(nees));
+/// assert_eq!(mcl_metrics::nees([0.2, -0.1, 0.1], [[0.0; 3]; 3]), None);
+/// ```
+pub fn nees(error: [f64; 3], covariance: [[f64; 3]; 3]) -> Option<f64> {
+    let covariance = Matrix3::from_fn(|row, column| covariance[row][column]);
+    let factor = covariance.cholesky()?.l();
+    // Squares on the diagonal are the variances that remain when the components before are known.
+    let is_singular = |i| factor[(i, i)].powi(2) <= SINGULAR_BELOW * covariance[(i, i)];
+    if (0..3).any(is_singular) {
+        return None;
+    }
+    let standardized = factor.solve_lower_triangular(&Vector3::from(error))?;
+    Some(standardized.norm_squared()).filter(|nees| nees.is_finite())
+}
+
+/// Whether a reference with this [`nees`] lies in the ellipsoid that holds it with 95 % probability if
+/// the estimate is a Gaussian with its covariance: `nees` is at most the 0.95 quantile of χ² with three
+/// degrees of freedom. Of a consistent estimate, 95 % of all scans.
+pub fn inside_ellipsoid_95(nees: f64) -> bool {
+    nees <= *LIMIT_95
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Source: SciPy 1.17.1, `chi2.ppf(0.95, 3)`.
+    #[test]
+    fn limit_agrees_with_scipy() {
+        assert!((*LIMIT_95 - 7.814727903251179).abs() < 1e-9, "{}", *LIMIT_95);
+        assert!(inside_ellipsoid_95(7.8147) && !inside_ellipsoid_95(7.8148));
+        assert!(!inside_ellipsoid_95(f64::NAN));
+    }
+
+    /// C = [[2, 1, 0], [1, 2, 0], [0, 0, 4]]: C⁻¹ = [[2, −1, 0], [−1, 2, 0], [0, 0, ¾]] / 3.
+    #[test]
+    fn correlated_components_by_hand() {
+        let covariance = [[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 4.0]];
+        for (error, expected) in [
+            ([1.0, 0.0, 0.0], 2.0 / 3.0),
+            ([1.0, 1.0, 0.0], 2.0 / 3.0),
+            ([1.0, -1.0, 0.0], 2.0),
+            ([3.0, 0.0, 2.0], 7.0),
+            ([0.0, 0.0, 0.0], 0.0),
+        ] {
+            let found = nees(error, covariance).unwrap();
+            assert!((found - expected).abs() < 1e-14, "{error:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_covariance_without_an_inverse_has_no_nees() {
+        let diagonal = |d: [f64; 3]| [[d[0], 0.0, 0.0], [0.0, d[1], 0.0], [0.0, 0.0, d[2]]];
+        // Particles on the line y = x/3, as rounding leaves it.
+        let third = 0.1 / 3.0;
+        let line = [[0.1, third, 0.0], [third, third / 3.0 + 1e-17, 0.0], [0.0, 0.0, 0.01]];
+        for covariance in [
+            diagonal([0.0; 3]),
+            diagonal([1.0, 1.0, 0.0]),
+            diagonal([1.0, -1.0, 1.0]),
+            diagonal([1.0, f64::NAN, 1.0]),
+            diagonal([f64::INFINITY, 1.0, 1.0]),
+            line,
+        ] {
+            assert_eq!(nees([0.1; 3], covariance), None, "{covariance:?}");
+        }
+        assert_eq!(nees([f64::NAN, 0.0, 0.0], diagonal([1.0; 3])), None);
+        // Small is not singular: a millimetre, and a micrometre beside it.
+        assert!(nees([1e-3; 3], diagonal([1e-6, 1e-12, 1e-6])).is_some());
+    }
+
+    proptest! {
+        /// Rotating frame, error and covariance changes nothing, and units neither.
+        #[test]
+        fn frames_and_units_do_not_matter(
+            root in prop::array::uniform9(-1.0..1.0f64),
+            error in prop::array::uniform3(-1.0..1.0f64),
+            angle in -3.0..3.0f64,
+            scale in 1e-3..1e3f64,
+        ) {
+            let root = Matrix3::from_row_slice(&root);
+            let covariance = root * root.transpose() + Matrix3::identity() * 0.01;
+            let (sin, cos) = angle.sin_cos();
+            let change = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, scale);
+            let rows = |m: Matrix3<f64>| std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]));
+            let found = nees(error, rows(covariance)).unwrap();
+            let changed = change * Vector3::from(error);
+            let elsewhere =
+                nees(changed.into(), rows(change * covariance * change.transpose())).unwrap();
+            prop_assert!((found - elsewhere).abs() < 1e-9 * (1.0 + found), "{found} {elsewhere}");
+            prop_assert!(found >= 0.0);
+        }
+    }
+}
