@@ -1,7 +1,24 @@
-use mcl_metrics::MetricsError;
+//! What a claim consists of.
+
+use mcl_metrics::{Effect, MetricsError, TooFew, holm};
+use mcl_study::recipe::split::Split;
 use serde::Serialize;
 
-use crate::experiment::Split;
+/// Level of every test, as in the paper.
+pub const ALPHA: f64 = 0.01;
+
+/// All claims about one data set.
+#[derive(Debug, Clone, Serialize)]
+pub struct DatasetClaims {
+    /// Name in the registry, or of the log file.
+    pub name: String,
+    /// The data in words: title, scans and points.
+    pub description: String,
+    /// The claims, in the paper's order.
+    pub claims: Vec<Claim>,
+    /// What could not be decided as a whole, a sentence each.
+    pub notes: Vec<String>,
+}
 
 /// A statement of the paper beside what was measured.
 #[derive(Debug, Clone, Serialize)]
@@ -14,8 +31,9 @@ pub struct Claim {
     pub statement: Statement,
     /// What was measured; of a claim that is not testable, why.
     pub measured: String,
-    /// p value of the test; `None` where exact numbers are compared, or nothing could be tested.
-    pub p: Option<f64>,
+    /// How large the effect is, and how sure.
+    #[serde(flatten)]
+    pub evidence: Evidence,
     /// What comes of it.
     pub verdict: Verdict,
 }
@@ -25,9 +43,9 @@ pub struct Claim {
 pub struct Place {
     /// Name in the registry, or of the log file.
     pub dataset: String,
-    /// Name of the experiment; `None` when there is none to measure the claim on.
+    /// Name of the study; `None` for facts about the data.
     pub experiment: Option<String>,
-    /// Which scans built the maps and which were localized; `None` where that is no question.
+    /// Which scans built the maps and which were localized; `None` where all of them did both.
     pub split: Option<Split>,
 }
 
@@ -87,12 +105,16 @@ pub enum Verdict {
     /// It does not, or not surely enough.
     #[serde(rename = "not reproduced")]
     NotReproduced,
-    /// The saved results cannot tell.
+    /// The saved results cannot decide it.
     #[serde(rename = "not testable")]
     NotTestable,
 }
 
 impl Verdict {
+    /// All of them.
+    pub const ALL: [Verdict; 3] =
+        [Verdict::Reproduced, Verdict::NotReproduced, Verdict::NotTestable];
+
     /// Its name, also in JSON.
     pub fn name(self) -> &'static str {
         match self {
@@ -103,20 +125,95 @@ impl Verdict {
     }
 }
 
+/// How large an effect is, and how sure; nothing where exact numbers are compared.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Evidence {
+    /// p value of the test, adjusted for the number of tests where the strongest of several counts.
+    pub p: Option<f64>,
+    /// The effect in the comparison that decides.
+    pub effect: Option<f64>,
+    /// Lower end of its 95 % confidence interval, not adjusted.
+    pub low: Option<f64>,
+    /// Upper end.
+    pub high: Option<f64>,
+    /// Number of independent blocks (of the smaller side) behind it.
+    pub blocks: Option<usize>,
+    /// What the effect is: which comparison, and in which unit.
+    pub effect_of: Option<String>,
+}
+
+/// A comparison that was tested.
+#[derive(Debug, Clone)]
+pub(super) struct Tested {
+    pub p: f64,
+    pub effect: Effect,
+    /// Which comparison, and in which unit.
+    pub of: String,
+}
+
+impl Tested {
+    /// The comparison with the largest p: a claim about all of them is as sure as that one is.
+    pub fn weakest(tests: Vec<Tested>) -> Option<Tested> {
+        tests.into_iter().max_by(|a, b| a.p.total_cmp(&b.p))
+    }
+
+    /// The comparison with the smallest p, adjusted after Holm: a claim about any of them is as sure as
+    /// that one is.
+    pub fn strongest(tests: Vec<Tested>) -> Option<Tested> {
+        let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
+        let tests = tests.into_iter().zip(adjusted);
+        let (test, p) = tests.min_by(|a, b| a.0.p.total_cmp(&b.0.p))?;
+        Some(Tested { p, ..test })
+    }
+
+    /// The effect as a difference.
+    pub fn difference(self) -> Evidence {
+        self.evidence(|difference| difference)
+    }
+
+    /// The effect of logarithms as a ratio.
+    pub fn ratio(self) -> Evidence {
+        self.evidence(f64::exp)
+    }
+
+    fn evidence(self, shown: fn(f64) -> f64) -> Evidence {
+        let Tested { p, effect, of } = self;
+        Evidence {
+            p: Some(p),
+            effect: Some(shown(effect.mean_difference)),
+            low: Some(shown(effect.interval.low)),
+            high: Some(shown(effect.interval.high)),
+            blocks: effect.blocks.into_iter().min(),
+            effect_of: Some(of),
+        }
+    }
+}
+
+/// How many of the p values of a family are below α after Holm.
+pub(super) fn significant(p_values: &[f64]) -> usize {
+    holm(p_values).into_iter().filter(|&p| p < ALPHA).count()
+}
+
 /// Outcome of a test that could be made.
 pub(super) struct Finding {
     /// Whether the claim holds.
     pub holds: bool,
-    pub p: Option<f64>,
     pub measured: String,
+    pub evidence: Evidence,
 }
 
-/// Why the saved results cannot tell whether a claim holds.
-#[derive(Debug, Clone)]
+/// Why the saved results cannot decide a claim.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Untestable(pub String);
 
 impl From<MetricsError> for Untestable {
     fn from(error: MetricsError) -> Self {
+        Untestable(error.to_string())
+    }
+}
+
+impl From<TooFew> for Untestable {
+    fn from(error: TooFew) -> Self {
         Untestable(error.to_string())
     }
 }
@@ -128,11 +225,15 @@ impl Statement {
         place: &Place,
         test: impl FnOnce() -> Result<Finding, Untestable>,
     ) -> Claim {
-        let (verdict, p, measured) = match test() {
-            Ok(Finding { holds: true, p, measured }) => (Verdict::Reproduced, p, measured),
-            Ok(Finding { holds: false, p, measured }) => (Verdict::NotReproduced, p, measured),
-            Err(Untestable(reason)) => (Verdict::NotTestable, None, reason),
+        let (verdict, measured, evidence) = match test() {
+            Ok(Finding { holds: true, measured, evidence }) => {
+                (Verdict::Reproduced, measured, evidence)
+            }
+            Ok(Finding { holds: false, measured, evidence }) => {
+                (Verdict::NotReproduced, measured, evidence)
+            }
+            Err(Untestable(reason)) => (Verdict::NotTestable, reason, Evidence::default()),
         };
-        Claim { place: place.clone(), statement: self, measured, p, verdict }
+        Claim { place: place.clone(), statement: self, measured, evidence, verdict }
     }
 }

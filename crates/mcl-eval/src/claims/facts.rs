@@ -1,12 +1,12 @@
 //! Numbers of points that the paper gives.
 
-use mcl_maps::MapSize;
-
-use super::claim::{Claim, Finding, Place, Section, Statement, Untestable};
-use crate::experiment::DatasetFacts;
 use mcl_core::text::thousands;
+use mcl_maps::MapSize;
+use mcl_study::data::facts::DataFacts;
 
-pub(super) const CLAIMS: [fn(&DatasetFacts) -> Claim; 3] = [figure_1_size, figure_2_size, points];
+use crate::claims::claim::{Claim, Evidence, Finding, Place, Section, Statement, Untestable};
+
+pub(super) const CLAIMS: [fn(&DataFacts) -> Claim; 3] = [figure_1_size, figure_2_size, points];
 
 const INTEL: &str = "intel-lab";
 const BUILDING_79: &str = "freiburg-079";
@@ -14,7 +14,7 @@ const BUILDING_79: &str = "freiburg-079";
 const PAPER_RANGE: f64 = 10.0;
 const EXACT: &str = "no test, the numbers are exact";
 
-fn figure_1_size(facts: &DatasetFacts) -> Claim {
+fn figure_1_size(facts: &DataFacts) -> Claim {
     // The caption's number; the text says 706,528.
     const POINTS: usize = 706_628;
     const MAP_POINTS: usize = 5_749;
@@ -30,7 +30,7 @@ fn figure_1_size(facts: &DatasetFacts) -> Claim {
         let share = 100.0 * MAP_POINTS as f64 / facts.points as f64;
         Ok(Finding {
             holds: facts.points == POINTS && share < 1.0,
-            p: None,
+            evidence: Evidence::default(),
             measured: format!(
                 "{} points with 0 < r ≤ {} m; 5,749 are {share:.2} % of them. The paper gives two \
                  numbers itself, 706,628 under figure 1 and 706,528 in the text, and no limit of \
@@ -42,7 +42,7 @@ fn figure_1_size(facts: &DatasetFacts) -> Claim {
     })
 }
 
-fn figure_2_size(facts: &DatasetFacts) -> Claim {
+fn figure_2_size(facts: &DataFacts) -> Claim {
     const MAP_POINTS: usize = 389;
     let statement = Statement {
         id: "figure-2-size",
@@ -58,7 +58,7 @@ fn figure_2_size(facts: &DatasetFacts) -> Claim {
         let share = 0.0025 * facts.points as f64;
         Ok(Finding {
             holds: found == MAP_POINTS,
-            p: None,
+            evidence: Evidence::default(),
             measured: format!(
                 "0.25 % of {} points are {share:.2}, rounded down {found}",
                 thousands(facts.points)
@@ -67,7 +67,7 @@ fn figure_2_size(facts: &DatasetFacts) -> Claim {
     })
 }
 
-fn points(facts: &DatasetFacts) -> Claim {
+fn points(facts: &DataFacts) -> Claim {
     const POINTS: usize = 155_648;
     let statement = Statement {
         id: "points",
@@ -83,18 +83,18 @@ fn points(facts: &DatasetFacts) -> Claim {
         }
         Ok(Finding {
             holds: facts.points == POINTS,
-            p: None,
+            evidence: Evidence::default(),
             measured: format!("{} points with 0 < r ≤ 10 m", thousands(facts.points)),
         })
     })
 }
 
-fn place(facts: &DatasetFacts) -> Place {
+fn place(facts: &DataFacts) -> Place {
     Place { dataset: facts.name.clone(), experiment: None, split: None }
 }
 
 /// The statement is about one log only.
-fn require(facts: &DatasetFacts, name: &str) -> Result<(), Untestable> {
+fn require(facts: &DataFacts, name: &str) -> Result<(), Untestable> {
     match facts.name == name {
         true => Ok(()),
         false => Err(Untestable(format!("a statement about {name} only"))),
@@ -103,11 +103,11 @@ fn require(facts: &DatasetFacts, name: &str) -> Result<(), Untestable> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict::{self, *};
     use super::*;
+    use crate::claims::claim::Verdict::{self, *};
 
     fn verdicts(name: &str, points: usize, max_range: f64) -> [Verdict; 3] {
-        let facts = DatasetFacts {
+        let facts = DataFacts {
             name: name.into(),
             title: "A log".into(),
             sha256: "00".into(),

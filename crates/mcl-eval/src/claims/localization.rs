@@ -1,301 +1,346 @@
-//! Section V-B: how well a robot localizes itself, by equation 7's weighted error. How errors are
-//! compared: [`super::paired`].
+//! Section V-B: how well a robot localizes itself, by equation 7's weighted error, and when the filter
+//! loses it for good. How errors are compared: [`super::cells`].
 
-use mcl_metrics::{TTest, paired_t_test};
+use mcl_core::text::{list, number, p_value};
+use mcl_metrics::{Blocked, BlockedRate, one_sample, paired};
 
-use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::paired::{Cell, Sampled, Sizes, compare, log_errors};
-use super::saved::LocalizationResults;
-use super::{ALPHA, mean};
-use crate::experiment::{Builder, MapStrategy};
-use mcl_core::text::{number, p_value};
+use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, Sizes, compare, log_ratios};
+use crate::claims::claim::{
+    ALPHA, Claim, Evidence, Finding, Section, Statement, Tested, Untestable, significant,
+};
 
-pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 5] =
-    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse];
+pub(super) const CLAIMS: [fn(&Sampled) -> Claim; 7] = [
+    improved,
+    most_on_small,
+    gbs_over_rnd,
+    no_gain,
+    slightly_worse,
+    recovers,
+    diverges_below,
+];
+
+const COLUMN: &str = "weighted";
 
 /// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a
 /// tracked robot is off.
 const SAME_ERROR: f64 = 0.05;
 
-fn improved(data: &LocalizationResults) -> Claim {
+fn improved(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "localization-improved",
         section: Section::Localization,
         text: "The localization error is in general smaller on improved maps",
-        test: "paired t test over maps of ln error, all sizes: improved below initial, p: the \
+        test: "paired t test over draws of ln error, all sizes: improved below initial, p: the \
                larger of both initializations; and the mean error is lower in more than half of \
                the cells",
     };
     statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let mut largest_p: f64 = 0.0;
-        let mut ratios = Vec::new();
-        let (mut total, mut lower, mut surely_lower, mut surely_higher) = (0, 0, 0, 0);
-        let mut maps = 0;
-        for builder in Builder::ALL {
-            let [initial, improved] = before_and_after(&runs, builder, &Sizes::ALL)?;
-            let test = compare(&improved, &initial)?;
-            largest_p = largest_p.max(test.p_less);
-            maps = pairs(&test);
-            ratios.push(format!("{} {}", builder.label(false), ratio(test.mean_difference)));
-            for (improved, initial) in improved.iter().zip(&initial) {
-                let test = compare(std::slice::from_ref(improved), std::slice::from_ref(initial))?;
-                total += 1;
-                lower += usize::from(improved.mean_error() < initial.mean_error());
-                surely_lower += usize::from(test.p_less < ALPHA);
-                surely_higher += usize::from(test.p_greater < ALPHA);
+        let mut tests = Vec::new();
+        let mut lower = 0;
+        let (mut p_less, mut p_greater) = (Vec::new(), Vec::new());
+        for [kind, improved] in INITIALIZATIONS {
+            let before = data.cells(kind, &Sizes::ALL)?;
+            let after = data.cells(improved, &Sizes::ALL)?;
+            let effect = one_sample(&log_ratios(&after, &before, COLUMN)?)?;
+            let of = format!("error on {improved} over that on {kind}");
+            tests.push(Tested { p: effect.p_less, effect, of });
+            for (after, before) in after.iter().zip(&before) {
+                let effect = compare(after, before, COLUMN, 1.0)?;
+                lower += usize::from(mean_error(after)? < mean_error(before)?);
+                p_less.push(effect.p_less);
+                p_greater.push(effect.p_greater);
             }
         }
-        Ok(Finding {
-            holds: largest_p < ALPHA && 2 * lower > total,
-            p: Some(largest_p),
-            measured: format!(
-                "ratio of geometric mean errors on {maps} maps: {}; the mean is lower in {lower} \
-                 of {total} cells; cell by cell, {surely_lower} significantly lower, \
-                 {surely_higher} higher",
-                ratios.join(", ")
-            ),
-        })
+        let cells = p_less.len();
+        let measured = format!(
+            "ratio of geometric mean errors: {}; the mean is lower in {lower} of {cells} cells; cell \
+             by cell, {} significantly lower, {} higher",
+            ratios(&tests),
+            significant(&p_less),
+            significant(&p_greater)
+        );
+        let evidence = Tested::weakest(tests).map(Tested::ratio).unwrap_or_default();
+        let holds = evidence.p.is_some_and(|p| p < ALPHA) && 2 * lower > cells;
+        Ok(Finding { holds, measured, evidence })
     })
 }
 
-fn most_on_small(data: &LocalizationResults) -> Claim {
+fn most_on_small(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "localization-most-on-small",
         section: Section::Localization,
         text: "Improved maps gain most where maps are small",
-        test: "paired t test over maps of ln(improved error / initial error): below 1 % lower than \
+        test: "paired t test over draws of ln(improved error / initial error): below 1 % lower than \
                from 1 % on; p: the larger of both initializations",
     };
     statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let (mut largest_p, mut maps): (f64, usize) = (0.0, 0);
-        let mut told = Vec::new();
-        for builder in Builder::ALL {
-            let small = before_and_after(&runs, builder, &Sizes::SMALL)?;
-            let large = before_and_after(&runs, builder, &Sizes::NOT_SMALL)?;
-            let [initial_small, improved_small, initial_large, improved_large] =
-                log_errors([&small[0], &small[1], &large[0], &large[1]])?;
-            let gain = |improved: &[f64], initial: &[f64]| -> Vec<f64> {
-                improved.iter().zip(initial).map(|(improved, initial)| improved - initial).collect()
+        let mut tests = Vec::new();
+        let mut shown = Vec::new();
+        for [kind, improved] in INITIALIZATIONS {
+            let gain = |sizes: &Sizes| -> Result<Blocked, Untestable> {
+                log_ratios(&data.cells(improved, sizes)?, &data.cells(kind, sizes)?, COLUMN)
             };
-            let small = gain(&improved_small, &initial_small);
-            let large = gain(&improved_large, &initial_large);
-            let test = paired_t_test(&small, &large)?;
-            largest_p = largest_p.max(test.p_less);
-            maps = pairs(&test);
-            told.push(format!(
-                "{} {} below 1 %, {} from 1 % on",
-                builder.label(false),
-                ratio(mean(&small)),
-                ratio(mean(&large))
-            ));
+            let (small, large) = (gain(&Sizes::SMALL)?, gain(&Sizes::NOT_SMALL)?);
+            let effect = paired(&small, &large)?;
+            let of = format!("error ratio {improved} over {kind} below 1 % over that from 1 % on");
+            tests.push(Tested { p: effect.p_less, effect, of });
+            let [small, large] = [small, large].map(|gain| number(gain.mean_of_blocks().exp()));
+            shown.push(format!("{kind} {small} below 1 %, {large} from 1 % on"));
         }
+        let evidence = Tested::weakest(tests).map(Tested::ratio).unwrap_or_default();
         Ok(Finding {
-            holds: largest_p < ALPHA,
-            p: Some(largest_p),
-            measured: format!("ratio of geometric mean errors on {maps} maps: {}", told.join("; ")),
+            holds: evidence.p.is_some_and(|p| p < ALPHA),
+            measured: format!("ratio of geometric mean errors: {}", shown.join("; ")),
+            evidence,
         })
     })
 }
 
-fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
+fn gbs_over_rnd(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "localization-gbs-over-rnd",
         section: Section::Localization,
         text: "Small grid-based maps are better to localize on than random ones of the same size",
-        test: "paired t test over maps of ln error, sizes below 1 %: gbs below rnd",
+        test: "paired t test over draws of ln error, sizes below 1 %: gbs below rnd",
     };
     statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let [grid, grid_improved] = before_and_after(&runs, Builder::Grid, &Sizes::SMALL)?;
-        let [random, random_improved] = before_and_after(&runs, Builder::Random, &Sizes::SMALL)?;
-        let test = compare(&grid, &random)?;
-        let after = compare(&grid_improved, &random_improved)?;
-        let diverged = |cells: &[Cell]| -> usize { cells.iter().map(Cell::diverged).sum() };
-        let count: usize = grid.iter().map(|cell| cell.runs.len()).sum();
-        Ok(Finding {
-            holds: test.p_less < ALPHA,
-            p: Some(test.p_less),
-            measured: format!(
-                "ratio of geometric mean errors on {} maps: {}, after fuzzy k-means {} ({}); \
-                 diverged in {} against {} of {count} runs, after fuzzy k-means in {} against {}",
-                pairs(&test),
-                ratio(test.mean_difference),
-                ratio(after.mean_difference),
-                p_value(after.p_less),
-                diverged(&grid),
-                diverged(&random),
-                diverged(&grid_improved),
-                diverged(&random_improved)
-            ),
-        })
+        let small = |kind| data.cells(kind, &Sizes::SMALL);
+        let tested = |grid: &str, random: &str| -> Result<Tested, Untestable> {
+            let effect = one_sample(&log_ratios(&small(grid)?, &small(random)?, COLUMN)?)?;
+            let of = format!("error on {grid} over that on {random}, below 1 %");
+            Ok(Tested { p: effect.p_less, effect, of })
+        };
+        let [[grid, grid_improved], [random, random_improved]] = INITIALIZATIONS;
+        let test = tested(grid, random)?;
+        let after = tested(grid_improved, random_improved)?;
+        let diverged = |kind| -> Result<_, Untestable> { Ok(rate(&small(kind)?)?.of_units()) };
+        let (of_grid, of_random) = (diverged(grid)?, diverged(random)?);
+        let measured = format!(
+            "ratio of geometric mean errors: {}, after fuzzy k-means {} ({}); diverged in {} against \
+             {} of {} runs, after fuzzy k-means in {} against {}",
+            ratio(&test),
+            ratio(&after),
+            p_value(after.p),
+            of_grid.hits(),
+            of_random.hits(),
+            of_grid.trials(),
+            diverged(grid_improved)?.hits(),
+            diverged(random_improved)?.hits()
+        );
+        Ok(Finding { holds: test.p < ALPHA, measured, evidence: test.ratio() })
     })
 }
 
-fn no_gain(data: &LocalizationResults) -> Claim {
+fn no_gain(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "localization-no-gain",
         section: Section::Localization,
         text: "Beyond 1 % more points do not always lower the error",
-        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to the \
                next size: above 95 % of the error before; p: the smallest times the number of steps \
                (Bonferroni)",
     };
     statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let steps = steps_up(&runs)?;
-        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
+        let mut tests = Vec::new();
         let mut without_gain = 0;
-        let mut told: Vec<(f64, String)> = Vec::new();
-        for Step { larger, smaller } in &steps {
-            let test = compare_to(larger, smaller, 1.0 - SAME_ERROR)?;
-            smallest_p = smallest_p.min(test.p_greater);
-            maps = pairs(&test);
-            without_gain += usize::from(test.mean_difference > 0.0);
-            let log_ratio = test.mean_difference + (1.0 - SAME_ERROR).ln();
-            told.push((log_ratio, format!("{} ({})", ratio(log_ratio), larger.name())));
+        for Step { larger, smaller } in steps_up(data)? {
+            let effect = compare(&larger, &smaller, COLUMN, 1.0)?;
+            let limit = compare(&larger, &smaller, COLUMN, 1.0 - SAME_ERROR)?;
+            without_gain += usize::from(limit.mean_difference > 0.0);
+            let of = format!("error on {} over that at {} %", larger.name(), smaller.percent);
+            tests.push(Tested { p: limit.p_greater, effect, of });
         }
-        told.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let p = (smallest_p * steps.len() as f64).min(1.0);
-        let ends = match told.as_slice() {
-            [(_, first), .., (_, last)] => format!("from {first} to {last}"),
-            ends => ends.iter().map(|(_, only)| only.clone()).collect(),
+        tests.sort_by(|a, b| a.effect.mean_difference.total_cmp(&b.effect.mean_difference));
+        let ends = match tests.as_slice() {
+            [first, .., last] => format!("from {} to {}", ratio(first), ratio(last)),
+            ends => ends.iter().map(ratio).collect(),
         };
-        Ok(Finding {
-            holds: p < ALPHA,
-            p: Some(p),
-            measured: format!(
-                "{without_gain} of {} steps gain less than 5 %; ratio of geometric mean errors on \
-                 {maps} maps {ends}",
-                steps.len()
-            ),
-        })
+        let measured = format!(
+            "{without_gain} of {} steps gain less than 5 %; ratio of geometric mean errors {ends}",
+            tests.len()
+        );
+        let evidence = Tested::strongest(tests).map(Tested::ratio).unwrap_or_default();
+        Ok(Finding { holds: evidence.p.is_some_and(|p| p < ALPHA), measured, evidence })
     })
 }
 
-fn slightly_worse(data: &LocalizationResults) -> Claim {
+fn slightly_worse(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "localization-slightly-worse",
         section: Section::Localization,
         text: "Beyond 1 % more points in some cases make localization slightly worse",
-        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
-               next size: above the error before, and the mean error too; p: the smallest times \
-               the number of steps (Bonferroni)",
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to the \
+               next size: above the error before, p: the smallest times the number of steps \
+               (Bonferroni); and after that step the mean error is higher, too",
     };
     statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let steps = steps_up(&runs)?;
-        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
-        let mut higher = Vec::new();
-        for Step { larger, smaller } in &steps {
-            let test = compare_to(larger, smaller, 1.0)?;
-            maps = pairs(&test);
-            let (error, before) = (larger.mean_error(), smaller.mean_error());
-            if error > before {
-                smallest_p = smallest_p.min(test.p_greater);
-                let told = format!(
-                    "{} with {} against {} at {} % ({:+.1} %, {})",
-                    larger.name(),
-                    number(error),
-                    number(before),
-                    smaller.size_percent,
-                    100.0 * (error / before - 1.0),
-                    p_value(test.p_greater)
-                );
-                higher.push((test.p_greater, told));
+        let mut tests = Vec::new();
+        let mut higher = 0;
+        // Of the step with the smallest p.
+        let mut surest: Option<(f64, bool, String)> = None;
+        for Step { larger, smaller } in steps_up(data)? {
+            let effect = compare(&larger, &smaller, COLUMN, 1.0)?;
+            let p = effect.p_greater;
+            let (error, before) = (mean_error(&larger)?, mean_error(&smaller)?);
+            higher += usize::from(error > before);
+            if surest.as_ref().is_none_or(|(smallest, ..)| p < *smallest) {
+                let change = format!("{:+.1} %", 100.0 * (error / before - 1.0)).replace('-', "−");
+                let (error, before) = (number(error), number(before));
+                let (name, size) = (larger.name(), smaller.percent);
+                let shown = format!("{name} with {error} against {before} at {size} % ({change})");
+                surest = Some((p, error > before, shown));
+            }
+            let of = format!("error on {} over that at {} %", larger.name(), smaller.percent);
+            tests.push(Tested { p, effect, of });
+        }
+        let (_, is_higher, shown) = surest.unwrap_or_default();
+        let measured = format!(
+            "the mean error is higher after {higher} of {} steps; the surest is {shown}",
+            tests.len()
+        );
+        let evidence = Tested::strongest(tests).map(Tested::ratio).unwrap_or_default();
+        let holds = is_higher && evidence.p.is_some_and(|p| p < ALPHA);
+        Ok(Finding { holds, measured, evidence })
+    })
+}
+
+fn recovers(data: &Sampled) -> Claim {
+    let statement = Statement {
+        id: "localization-recovers",
+        section: Section::Localization,
+        text: "From 0.25 % of the points on, the filter is never lost for good",
+        test: "no test: holds if no run diverged (ended more than 1 m off)",
+    };
+    statement.decide(&data.place, || {
+        let cells = data.all_cells(&Sizes::NOT_TINY)?.concat();
+        let diverged = rate(&cells)?;
+        let (runs, interval) = (diverged.of_units(), diverged.interval(0.95)?);
+        let mut shown = Vec::new();
+        for cell in &cells {
+            let runs = rate(std::slice::from_ref(cell))?.of_units();
+            if runs.hits() > 0 {
+                shown.push(format!("{} of {} on {}", runs.hits(), runs.trials(), cell.name()));
             }
         }
-        higher.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let surest =
-            higher.first().map_or(String::new(), |(_, told)| format!("; the surest is {told}"));
-        let p = (smallest_p * steps.len() as f64).min(1.0);
+        let shown =
+            if shown.is_empty() { String::new() } else { format!(" ({})", list(&shown)) };
         Ok(Finding {
-            holds: p < ALPHA,
-            p: Some(p),
-            measured: format!(
-                "on {maps} maps the mean error is higher after {} of {} steps{surest}",
-                higher.len(),
-                steps.len()
-            ),
+            holds: runs.hits() == 0,
+            measured: format!("{} of {} runs diverged{shown}", runs.hits(), runs.trials()),
+            evidence: Evidence {
+                p: None,
+                effect: Some(runs.hits() as f64 / runs.trials() as f64),
+                low: Some(interval.low),
+                high: Some(interval.high),
+                blocks: Some(diverged.of_blocks().trials() as usize),
+                effect_of: Some("share of diverged runs".to_owned()),
+            },
         })
     })
 }
 
-/// Two cells of one strategy, neighbours in size.
+fn diverges_below(data: &Sampled) -> Claim {
+    let statement = Statement {
+        id: "localization-diverges-below",
+        section: Section::Localization,
+        text: "Below 0.25 % of the points the filter diverges in some runs",
+        test: "holds if a run diverged; p: paired t test over draws of the share of diverged runs, \
+               higher below 0.25 % than from there on",
+    };
+    statement.decide(&data.place, || {
+        let below = data.all_cells(&Sizes::TINY)?.concat();
+        let runs = rate(&below)?.of_units();
+        let mut measured = format!("{} of {} runs diverged", runs.hits(), runs.trials());
+        // Without larger maps there is nothing to compare with, but runs have diverged or not.
+        let mut evidence = Evidence::default();
+        if let Ok(above) = data.all_cells(&Sizes::NOT_TINY) {
+            let above = above.concat();
+            let effect = paired(&diverged(&below)?, &diverged(&above)?)?;
+            let of = "share of diverged runs below 0.25 % less that from there on".to_owned();
+            evidence = Tested { p: effect.p_greater, effect, of }.difference();
+            let runs = rate(&above)?.of_units();
+            measured += &format!(", from 0.25 % on {} of {}", runs.hits(), runs.trials());
+        }
+        Ok(Finding { holds: runs.hits() > 0, measured, evidence })
+    })
+}
+
+/// Two cells of one kind of map, neighbours in size.
 struct Step<'a> {
     larger: Cell<'a>,
     smaller: Cell<'a>,
 }
 
-/// The steps of all four strategies from 1 % or more to the next size.
-fn steps_up<'a>(runs: &Sampled<'a>) -> Result<Vec<Step<'a>>, Untestable> {
-    runs.all_cells(&Sizes::ABOVE_SMALL)?;
+/// The steps of all four kinds from 1 % or more to the next size.
+fn steps_up<'a>(data: &Sampled<'a>) -> Result<Vec<Step<'a>>, Untestable> {
+    data.all_cells(&Sizes::ABOVE_SMALL)?;
     let mut steps = Vec::new();
-    for strategy in MapStrategy::SAMPLED {
-        let cells = runs.cells(strategy, &Sizes::NOT_SMALL)?;
-        steps.extend(
-            cells.windows(2).map(|pair| Step { larger: pair[1].clone(), smaller: pair[0].clone() }),
-        );
+    for cells in data.all_cells(&Sizes::NOT_SMALL)? {
+        let pairs = cells.windows(2);
+        steps.extend(pairs.map(|pair| Step { larger: pair[1].clone(), smaller: pair[0].clone() }));
     }
-    if steps.is_empty() {
-        return Err(Untestable("there is only one size from 1 % on".to_owned()));
+    match steps.is_empty() {
+        true => Err(Untestable("there is only one size from 1 % on".to_owned())),
+        false => Ok(steps),
     }
-    Ok(steps)
 }
 
-/// Tests ln error in one cell against that in another times a factor, paired by map.
-fn compare_to(cell: &Cell, other: &Cell, factor: f64) -> Result<TTest, Untestable> {
-    let [errors, others] = log_errors([std::slice::from_ref(cell), std::slice::from_ref(other)])?;
-    let limits: Vec<f64> = others.iter().map(|error| error + factor.ln()).collect();
-    Ok(paired_t_test(&errors, &limits)?)
+/// Mean of all runs, as in figure 5.
+fn mean_error(cell: &Cell) -> Result<f64, Untestable> {
+    Ok(cell.values(COLUMN)?.mean())
 }
 
-/// The cells of a builder's maps before and after fuzzy k-means.
-fn before_and_after<'a>(
-    runs: &Sampled<'a>,
-    builder: Builder,
-    of: &Sizes,
-) -> Result<[Vec<Cell<'a>>; 2], Untestable> {
-    let cells = |improved| runs.cells(MapStrategy::of(builder, improved), of);
-    Ok([cells(false)?, cells(true)?])
+/// Of every run on these maps 1 if it diverged and 0 if not, by draw.
+fn diverged(cells: &[Cell]) -> Result<Blocked, Untestable> {
+    let of_cells: Vec<Blocked> =
+        cells.iter().map(|cell| cell.values("diverged")).collect::<Result<_, _>>()?;
+    Ok(Blocked::new(of_cells.iter().flat_map(Blocked::values))?)
 }
 
-/// How many pairs a paired test had: maps with their runs.
-fn pairs(test: &TTest) -> usize {
-    test.degrees_of_freedom as usize + 1
+/// How often runs on these maps diverged.
+fn rate(cells: &[Cell]) -> Result<BlockedRate, Untestable> {
+    Ok(BlockedRate::new(diverged(cells)?.values().map(|(draw, hit)| (draw, hit > 0.0)))?)
 }
 
-fn ratio(log_ratio: f64) -> String {
-    number(log_ratio.exp())
+fn ratio(test: &Tested) -> String {
+    number(test.effect.mean_difference.exp())
+}
+
+/// "gbs 0.87, rnd 0.42"
+fn ratios(tests: &[Tested]) -> String {
+    let names = INITIALIZATIONS.iter().map(|[kind, _]| kind);
+    let named: Vec<String> =
+        names.zip(tests).map(|(kind, test)| format!("{kind} {}", ratio(test))).collect();
+    named.join(", ")
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict::*;
-    use super::super::divergence::{self, diverges_below, recovers};
-    use super::super::planted;
+    use mcl_study::store::results::Results;
+
     use super::*;
+    use crate::claims::claim::Verdict::*;
+    use crate::claims::planted;
 
     const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
 
-    fn is_improved(strategy: MapStrategy) -> bool {
-        matches!(strategy, MapStrategy::GridImproved | MapStrategy::RandomImproved)
+    fn is_improved(kind: &str) -> bool {
+        kind.ends_with("+f-km")
     }
 
-    fn is_random(strategy: MapStrategy) -> bool {
-        matches!(strategy, MapStrategy::Random | MapStrategy::RandomImproved)
+    fn is_random(kind: &str) -> bool {
+        kind.starts_with("rnd")
     }
 
     /// What the paper sees.
-    fn as_in_the_paper() -> LocalizationResults {
-        planted::localization(&SIZES, |strategy, size, run, scatter| {
+    fn as_in_the_paper() -> Results {
+        planted::localization(&SIZES, |kind, size, run, scatter| {
             let small = size < 1.0;
             let mut error = 0.03 * scatter;
             if small {
-                error *= if is_random(strategy) { 6.0 } else { 3.0 };
+                error *= if is_random(kind) { 6.0 } else { 3.0 };
             }
-            if is_improved(strategy) {
+            if is_improved(kind) {
                 error *= if small { 0.5 } else { 0.9 };
             }
             if size == 5.0 {
@@ -309,90 +354,95 @@ mod tests {
         })
     }
 
-    /// All claims of section V-B.
-    fn claims(data: &LocalizationResults) -> Vec<Claim> {
-        CLAIMS.iter().chain(&divergence::CLAIMS).map(|claim| claim(data)).collect()
+    fn decide(claim: fn(&Sampled) -> Claim, results: &Results) -> Claim {
+        claim(&Sampled::of(results, COLUMN, true).unwrap()[0])
     }
 
     #[test]
     fn the_papers_picture_is_reproduced() {
-        let data = as_in_the_paper();
-        for claim in claims(&data) {
+        let results = as_in_the_paper();
+        for claim in CLAIMS.map(|claim| decide(claim, &results)) {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
-        let claim = slightly_worse(&data);
+        let claim = decide(slightly_worse, &results);
         assert!(claim.measured.contains(" 5 % with 0.03"), "{}", claim.measured);
-        let claim = diverges_below(&data);
+        let claim = decide(diverges_below, &results);
         assert_eq!(claim.measured, "4 of 32 runs diverged, from 0.25 % on 0 of 128");
-        // All four of the 160 are among the 32: (32·31·30·29) / (160·159·158·157).
-        assert!((claim.p.unwrap() - 863_040.0 / 631_064_640.0).abs() < 1e-9, "{:?}", claim.p);
+        // Shares of 0, 0, ½ and 0 on four draws: t = 1 with three degrees of freedom.
+        let angle = std::f64::consts::FRAC_PI_6;
+        let p = 0.5 - (angle + angle.sin() * angle.cos()) / std::f64::consts::PI;
+        assert!((claim.evidence.p.unwrap() - p).abs() < 1e-12, "{claim:?}");
+        assert!((claim.evidence.effect.unwrap() - 0.125).abs() < 1e-12, "{claim:?}");
+        assert_eq!(claim.evidence.blocks, Some(4));
     }
 
     #[test]
     fn its_opposite_is_not() {
         // Improved maps are worse, most of all small ones; random beats grid-based; more points are
         // always better; the filter is lost on large maps only.
-        let data = planted::localization(&SIZES, |strategy, size, run, scatter| {
+        let results = planted::localization(&SIZES, |kind, size, run, scatter| {
             let mut error = 0.3 / size.sqrt() * scatter;
-            if is_improved(strategy) {
+            if is_improved(kind) {
                 error *= if size < 1.0 { 2.0 } else { 1.2 };
             }
-            if is_random(strategy) {
+            if is_random(kind) {
                 error *= 0.5;
             }
-            if size == 1.0 && strategy == MapStrategy::Grid && run < 4 {
+            if size == 1.0 && kind == "gbs" && run < 4 {
                 error = 5.0;
             }
             error.min(if size < 1.0 { 0.99 } else { 9.0 })
         });
-        for claim in claims(&data) {
+        for claim in CLAIMS.map(|claim| decide(claim, &results)) {
             assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
         }
-        let claim = recovers(&data);
-        assert!(claim.measured.contains("4 of 128 runs diverged (4 of 8 on gbs 1 %)"), "{claim:?}");
+        let claim = decide(recovers, &results);
+        assert_eq!(claim.measured, "4 of 128 runs diverged (4 of 8 on gbs 1 %)");
+        assert_eq!((claim.evidence.effect, claim.evidence.blocks), (Some(4.0 / 128.0), Some(4)));
+        // As sure as four trials are, not 128.
+        assert!(claim.evidence.high.unwrap() > 0.5, "{claim:?}");
     }
 
     #[test]
     fn chance_is_no_difference() {
-        let data = planted::localization(&SIZES, |_, _, _, scatter| 0.03 * scatter);
+        let results = planted::localization(&SIZES, |_, _, _, scatter| 0.03 * scatter);
         for claim in [improved, most_on_small, gbs_over_rnd, slightly_worse] {
-            assert_eq!(claim(&data).verdict, NotReproduced);
+            assert_eq!(decide(claim, &results).verdict, NotReproduced);
         }
         // The same error at all sizes surely is no gain of 5 %.
-        assert_eq!(no_gain(&data).verdict, Reproduced);
+        assert_eq!(decide(no_gain, &results).verdict, Reproduced);
     }
 
     #[test]
     fn what_is_missing_is_named() {
-        let reason = |claim: Claim| {
-            assert_eq!((claim.verdict, claim.p), (NotTestable, None), "{claim:?}");
+        let reason = |claim: fn(&Sampled) -> Claim, results: &Results| {
+            let claim = decide(claim, results);
+            assert_eq!((claim.verdict, claim.evidence.p), (NotTestable, None), "{claim:?}");
             claim.measured
         };
         let large = planted::localization(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
-        assert_eq!(reason(most_on_small(&large)), "there are no maps below 1 %, only of 1, 2 %");
-        assert_eq!(reason(gbs_over_rnd(&large)), "there are no maps below 1 %, only of 1, 2 %");
-        assert_eq!(
-            reason(diverges_below(&large)),
-            "there are no maps below 0.25 %, only of 1, 2 %"
-        );
-        assert_eq!(recovers(&large).verdict, Reproduced);
+        assert_eq!(reason(most_on_small, &large), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(reason(gbs_over_rnd, &large), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(reason(diverges_below, &large), "there are no maps below 0.25 %, only of 1, 2 %");
+        assert_eq!(decide(recovers, &large).verdict, Reproduced);
         let small = planted::localization(&[0.1], |_, _, _, scatter| 2.0 * scatter);
-        assert_eq!(reason(recovers(&small)), "there are no maps from 0.25 % on, only of 0.1 %");
-        assert_eq!(reason(no_gain(&small)), "there are no maps above 1 %, only of 0.1 %");
-        assert_eq!(reason(slightly_worse(&small)), "there are no maps above 1 %, only of 0.1 %");
-        assert_eq!((diverges_below(&small).verdict, diverges_below(&small).p), (Reproduced, None));
+        assert_eq!(reason(recovers, &small), "there are no maps from 0.25 % on, only of 0.1 %");
+        assert_eq!(reason(no_gain, &small), "there are no maps above 1 %, only of 0.1 %");
+        assert_eq!(reason(slightly_worse, &small), "there are no maps above 1 %, only of 0.1 %");
+        let below = decide(diverges_below, &small);
+        assert_eq!((below.verdict, below.evidence.p), (Reproduced, None));
 
-        let mut data = as_in_the_paper();
-        data.rows.as_mut().unwrap().retain(|row| row.strategy != MapStrategy::RandomImproved);
-        assert_eq!(reason(improved(&data)), "there is no run on rnd+f-km 0.1 %");
-        assert_eq!(reason(recovers(&data)), "there is no run on rnd+f-km 0.5 %");
-        let mut data = as_in_the_paper();
-        data.rows.as_mut().unwrap().retain(|row| row.size_percent != 1.0);
-        assert_eq!(reason(no_gain(&data)), "there is no run on gbs 1 %");
-        let mut data = as_in_the_paper();
-        data.rows = Err(Untestable("nothing was run".into()));
-        for claim in claims(&data) {
-            assert_eq!(reason(claim), "nothing was run");
+        let mut results = as_in_the_paper();
+        planted::edit(&mut results, |row| row.text("map") != "rnd+f-km");
+        assert_eq!(reason(improved, &results), "there is no row of rnd+f-km 0.1 %");
+        assert_eq!(reason(recovers, &results), "there is no row of rnd+f-km 0.5 %");
+        let mut results = as_in_the_paper();
+        planted::edit(&mut results, |row| row.number("size_percent") != 1.0);
+        assert_eq!(reason(no_gain, &results), "there is no row of gbs 1 %");
+        let mut results = as_in_the_paper();
+        results.done = 0;
+        for claim in CLAIMS {
+            assert_eq!(reason(claim, &results), "0 of 80 trials are there");
         }
     }
 }

@@ -1,15 +1,19 @@
 //! Section IV: how grid-based sampling chooses points.
 
 use mcl_core::{NearestNeighbors, PointMap};
+use mcl_maps::files::read_map;
+use mcl_study::store::results::Results;
+use mcl_study::table::Value;
 
-use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::saved::LikelihoodResults;
-use crate::experiment::Builder;
+use crate::claims::cells::{Sampled, Sizes};
+use crate::claims::claim::{Claim, Evidence, Finding, Section, Statement, Untestable};
 
-pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 3] =
-    [even_spread, size_not_exact, cost_of_grid];
+pub(super) const CLAIMS: [fn(&Sampled) -> Claim; 3] = [even_spread, size_not_exact, cost_of_grid];
 
-fn even_spread(data: &LikelihoodResults) -> Claim {
+/// The picture of a random and a grid-based map of the same size.
+const FIGURE_2: &str = "figure2-sampling";
+
+fn even_spread(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "even-spread",
         section: Section::InitialMap,
@@ -19,23 +23,35 @@ fn even_spread(data: &LikelihoodResults) -> Claim {
                point vary less (coefficient of variation)",
     };
     statement.decide(&data.place, || {
-        let maps = data.maps.as_ref().map_err(Untestable::clone)?;
-        let grid = spread(&maps.grid)?;
-        let random = spread(&maps.random)?;
+        data.cells("gbs", &Sizes::ALL)?;
+        let [grid, random] = [figure_2(data.results, "gbs")?, figure_2(data.results, "rnd")?];
+        let (of_grid, of_random) = (spread(&grid)?, spread(&random)?);
         Ok(Finding {
-            holds: grid < random,
-            p: None,
+            holds: of_grid < of_random,
+            evidence: Evidence::default(),
             measured: format!(
-                "coefficient of variation {grid:.2} of the grid-based map ({} points), {random:.2} \
-                 of the random one ({})",
-                maps.grid.len(),
-                maps.random.len()
+                "coefficient of variation {of_grid:.2} of the grid-based map ({} points), \
+                 {of_random:.2} of the random one ({})",
+                grid.len(),
+                random.len()
             ),
         })
     })
 }
 
-fn size_not_exact(data: &LikelihoodResults) -> Claim {
+/// The map of a kind in the picture.
+fn figure_2(results: &Results, kind: &str) -> Result<PointMap<2>, Untestable> {
+    let pictures = results.study.views.pictures.iter().zip(&results.pictured);
+    let shown = pictures.filter(|(picture, _)| picture.name == FIGURE_2).flat_map(|(_, maps)| maps);
+    let is_of_kind = |(column, value): &(String, Value)| {
+        column == "map" && value.text().is_some_and(|text| text == kind)
+    };
+    let map = shown.flatten().find(|map| map.cells.iter().any(is_of_kind));
+    let missing = || Untestable("the maps of figure 2 are not saved".to_owned());
+    read_map(&map.ok_or_else(missing)?.map).map_err(|error| Untestable(format!("{error:#}")))
+}
+
+fn size_not_exact(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "size-not-exact",
         section: Section::InitialMap,
@@ -44,36 +60,41 @@ fn size_not_exact(data: &LikelihoodResults) -> Claim {
                the number of points that was asked for",
     };
     statement.decide(&data.place, || {
-        let maps: Vec<_> = data.rows()?.iter().filter(|row| row.builder == Builder::Grid).collect();
-        if maps.is_empty() {
-            return Err(Untestable("no grid-based map".to_owned()));
+        let (mut maps, mut exact) = (0, 0);
+        // Relative miss, points that were found, points that were asked for.
+        let mut furthest = (0.0, 0.0, 0.0);
+        for cell in data.cells("gbs", &Sizes::ALL)? {
+            let (found, requested) = (cell.values("map_points")?, cell.values("requested_points")?);
+            for (&(_, found), &(_, requested)) in
+                found.block_means().iter().zip(requested.block_means())
+            {
+                maps += 1;
+                exact += usize::from(found == requested);
+                let miss = found / requested - 1.0;
+                if miss.abs() > f64::abs(furthest.0) {
+                    furthest = (miss, found, requested);
+                }
+            }
         }
-        let missed: Vec<_> =
-            maps.iter().filter(|row| row.initial_points != row.requested_points).collect();
-        let furthest = missed
-            .iter()
-            .max_by_key(|row| row.requested_points.abs_diff(row.initial_points))
-            .map_or(String::new(), |row| {
-                let (found, requested) = (row.initial_points, row.requested_points);
-                let percent = 100.0 * (found as f64 / requested as f64 - 1.0);
-                format!(
-                    "; the furthest has {found} instead of {requested} points ({percent:+.2} %)"
-                )
-                .replace('-', "−")
-            });
+        let furthest = match furthest {
+            (miss, found, requested) if miss != 0.0 => format!(
+                "; the furthest has {found} instead of {requested} points ({:+.2} %)",
+                100.0 * miss
+            )
+            .replace('-', "−"),
+            _ => String::new(),
+        };
         Ok(Finding {
-            holds: !missed.is_empty(),
-            p: None,
+            holds: exact < maps,
+            evidence: Evidence::default(),
             measured: format!(
-                "bisection of the cell size met {} of {} requests exactly{furthest}",
-                maps.len() - missed.len(),
-                maps.len()
+                "bisection of the cell size met {exact} of {maps} requests exactly{furthest}"
             ),
         })
     })
 }
 
-fn cost_of_grid(data: &LikelihoodResults) -> Claim {
+fn cost_of_grid(data: &Sampled) -> Claim {
     let statement = Statement {
         id: "cost-of-grid",
         section: Section::InitialMap,
@@ -82,6 +103,7 @@ fn cost_of_grid(data: &LikelihoodResults) -> Claim {
         test: "no test",
     };
     statement.decide(&data.place, || {
+        data.cells("gbs", &Sizes::ALL)?;
         let reason = "saved times are of a search over many grids; `make bench` times one";
         Err(Untestable(reason.to_owned()))
     })
@@ -131,10 +153,11 @@ fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict;
-    use super::super::planted;
     use super::*;
-    use crate::results::ComparisonMaps;
+    use crate::claims::claim::Verdict;
+    use crate::claims::planted;
+    use mcl_maps::files::{Encoding, write_map};
+    use mcl_study::store::results::Pictured;
 
     /// On a lattice, and with half of the points crowded into a corner.
     fn maps() -> [PointMap<2>; 2] {
@@ -163,40 +186,64 @@ mod tests {
         assert_eq!(nearest_other_distances(&twins).unwrap(), [0.0, 0.0]);
     }
 
+    fn decide(claim: fn(&Sampled) -> Claim, results: &Results) -> Claim {
+        claim(&Sampled::of(results, "log_likelihood", false).unwrap()[0])
+    }
+
     #[test]
     fn the_lattice_is_even() {
         let [random, grid] = maps();
         assert!(spread(&grid).unwrap() < 1e-12);
-        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
-        assert_eq!(even_spread(&data).verdict, Verdict::NotTestable);
-        data.maps = Ok(ComparisonMaps { random: random.clone(), grid: grid.clone() });
-        assert_eq!(even_spread(&data).verdict, Verdict::Reproduced);
-        data.maps = Ok(ComparisonMaps { random: grid, grid: random });
-        assert_eq!(even_spread(&data).verdict, Verdict::NotReproduced);
+        let folder = tempfile::tempdir().unwrap();
+        let mut results = planted::study(
+            "measures = [\"likelihood\"]\n[[trials]]\nmap = [\"gbs\", \"gbs+f-km\", \"rnd\", \
+             \"rnd+f-km\"]\nsize = 1\n[[views.pictures]]\nname = \"figure2-sampling\"\nmaps = [{ map = \
+             \"rnd\", size = 1 }, { map = \"gbs\", size = 1 }]\n",
+            |row| row.set("log_likelihood", -5.0),
+        );
+        results.pictured = vec![vec![None, None]];
+        let claim = decide(even_spread, &results);
+        assert_eq!(claim.verdict, Verdict::NotTestable);
+        assert_eq!(claim.measured, "the maps of figure 2 are not saved");
+        for (maps, verdict) in
+            [([&random, &grid], Verdict::Reproduced), ([&grid, &random], Verdict::NotReproduced)]
+        {
+            let shown = ["rnd", "gbs"].into_iter().zip(maps).map(|(kind, points)| {
+                let map = folder.path().join(format!("{kind}.ply"));
+                write_map(&map, points, Encoding::Binary).unwrap();
+                let cells = vec![("map".to_owned(), kind.into())];
+                Some(Pictured { cells, map, paths: None })
+            });
+            results.pictured = vec![shown.collect()];
+            assert_eq!(decide(even_spread, &results).verdict, verdict);
+        }
+        std::fs::write(folder.path().join("gbs.ply"), "no map").unwrap();
+        let claim = decide(even_spread, &results);
+        assert_eq!(claim.verdict, Verdict::NotTestable);
+        assert!(claim.measured.contains("gbs.ply"), "{}", claim.measured);
     }
 
     #[test]
-    fn a_size_that_is_missed_is_told() {
-        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
-        let claim = size_not_exact(&data);
+    fn a_size_that_is_missed_is_reported() {
+        let mut results = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
+        let claim = decide(size_not_exact, &results);
         assert_eq!(claim.verdict, Verdict::NotReproduced);
         assert!(claim.measured.contains("5 of 5"), "{}", claim.measured);
-        let rows = data.rows.as_mut().unwrap();
-        let row = rows.iter_mut().find(|row| row.builder == Builder::Grid).unwrap();
-        row.initial_points = row.requested_points - 5;
-        let claim = size_not_exact(&data);
+        planted::edit(&mut results, |row| {
+            if row.text("map") == "gbs" && row.number("draw") == 2.0 {
+                row.set("map_points", 95u32);
+            }
+            true
+        });
+        let claim = decide(size_not_exact, &results);
         assert_eq!(claim.verdict, Verdict::Reproduced);
         assert!(
             claim.measured.contains("95 instead of 100 points (−5.00 %)"),
             "{}",
             claim.measured
         );
-        rows_of_random_only(&mut data);
-        assert_eq!(size_not_exact(&data).verdict, Verdict::NotTestable);
-        assert_eq!(cost_of_grid(&data).verdict, Verdict::NotTestable);
-    }
-
-    fn rows_of_random_only(data: &mut LikelihoodResults) {
-        data.rows.as_mut().unwrap().retain(|row| row.builder == Builder::Random);
+        planted::edit(&mut results, |row| row.text("map").starts_with("rnd"));
+        assert_eq!(decide(size_not_exact, &results).verdict, Verdict::NotTestable);
+        assert_eq!(decide(cost_of_grid, &results).verdict, Verdict::NotTestable);
     }
 }
