@@ -6,9 +6,8 @@
 // Both end the program when nobody can be told; see `progress::tell` and `cli::output::print`.
 #![cfg_attr(not(test), warn(clippy::print_stderr, clippy::print_stdout))]
 
-pub mod auto;
-pub mod claims;
+//pub mod claims;
 pub mod cli;
-pub mod experiment;
+pub mod compare;
+pub mod figures;
 pub mod progress;
-pub mod results;

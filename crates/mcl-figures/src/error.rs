@@ -31,6 +31,21 @@ pub enum FigureError {
         /// Its ends.
         range: [f64; 2],
     },
+    /// A panel's cells do not fit its axes.
+    #[error(
+        "{}: panel \"{}\" holds {found} cells: expected {} × {}, one for each pair of labels",
+        stem.display(), printable(title), expected[0], expected[1]
+    )]
+    Cells {
+        /// The figure.
+        stem: PathBuf,
+        /// The title of the panel.
+        title: String,
+        /// How many cells it has.
+        found: usize,
+        /// How many labels its x and its y axis have.
+        expected: [usize; 2],
+    },
     /// The ending of a file names no format.
     #[error("{}: the ending says no format of figures, expected .svg or .png", path.display())]
     Ending {

@@ -9,19 +9,19 @@ use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
-use plotters::element::{PathElement, Rectangle};
-use plotters::style::TextStyle;
+use plotters::element::{BitMapElement, PathElement, Rectangle};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, RGBColor, TextStyle};
 use plotters_backend::DrawingErrorKind;
 
-use crate::axis::Axis;
+use crate::axis::{Axis, Scale};
 use crate::canvas::{Canvas, CanvasError};
 use crate::elements::{Clipped, symbol};
 use crate::error::FigureError;
 use crate::save::save;
-use crate::style::{CurveStyle, FAINT_GRID, FRAME, GRID, LINE, stroke};
+use crate::style::{CurveStyle, FAINT_GRID, FRAME, GRID, HATCH, LINE, shade_color, stroke};
 use crate::text::{self, LINE_HEIGHT, TEXT, fitted, text_size, wrap};
-use crate::units::{WIDTH, svg_units, units};
+use crate::units::{PIXELS_PER_UNIT, WIDTH, svg_units, units};
 
 /// Around the page (SVG units).
 pub(crate) const MARGIN: f64 = 12.0;
@@ -29,6 +29,8 @@ pub(crate) const MARGIN: f64 = 12.0;
 pub(crate) const INNER: f64 = WIDTH - 2.0 * MARGIN;
 /// Between a title and its chart; its last line has room of its own below.
 pub(crate) const TITLE_GAP: f64 = 2.0;
+/// Width and height of the scale of colours.
+pub(crate) const COLOR_SCALE: [f64; 2] = [300.0, 12.0];
 const TICK: f64 = 4.0;
 
 /// Why plotters could not draw.
@@ -120,6 +122,39 @@ impl Page {
         Ok(())
     }
 
+    /// Draws the scale of colours and, if wanted, what hatched cells mean.
+    pub(crate) fn color_scale(
+        &mut self,
+        label: &str,
+        colors: &Axis,
+        with_hatching: bool,
+    ) -> Result<(), DrawError> {
+        const GAP: f64 = 24.0;
+        let [width, height] = COLOR_SCALE;
+        let row = self.take(4.0 + height + bottom_room(label)).margin(units(4.0), 0, 0, 0);
+        self.take(8.0);
+        let indent = 0.5 * (INNER - width);
+        let area = row.margin(0, 0, units(indent), units(indent));
+        let flat = Axis::over([0.0, 1.0], Scale::Linear);
+        let chart = draw_axes(&area, 0.0, [colors.clone(), flat], [label, ""], false)?;
+        let size = COLOR_SCALE.map(|length| (length * f64::from(PIXELS_PER_UNIT)) as u32);
+        let line = (0..size[0]).flat_map(|x| {
+            let color = shade_color((f64::from(x) + 0.5) / f64::from(size[0]));
+            [color.0, color.1, color.2]
+        });
+        let pixels = line.collect::<Vec<u8>>().repeat(size[1] as usize);
+        let picture = BitMapElement::with_owned_buffer((0, 0), size.into(), pixels);
+        area.draw(&picture.ok_or(DrawError::LayoutError)?)?;
+        draw_frame(&chart)?;
+        if with_hatching {
+            let left = indent + width + GAP;
+            fill(&row, [left, 0.0, left + GAP, height], None)?;
+            let style = text::plain().pos(Pos::new(HPos::Left, VPos::Center));
+            row.draw_text("no value", &style, (units(left + GAP + 6.0), units(0.5 * height)))?;
+        }
+        Ok(())
+    }
+
     /// Draws the caption, each of its paragraphs wrapped.
     pub(crate) fn caption(&mut self, paragraphs: &[String]) -> Result<(), DrawError> {
         let style = text::caption();
@@ -152,6 +187,27 @@ pub(crate) fn draw_lines(
 ) -> Result<(), DrawError> {
     for (index, line) in lines.iter().enumerate() {
         area.draw_text(line, style, (0, units(height(&lines[..index], style))))?;
+    }
+    Ok(())
+}
+
+/// Fills a box (left, top, right, bottom in SVG units), or hatches it.
+pub(crate) fn fill(
+    area: &Area,
+    [left, top, right, bottom]: [f64; 4],
+    color: Option<RGBColor>,
+) -> Result<(), DrawError> {
+    const STEP: f64 = 6.0;
+    let corners = [(units(left), units(top)), (units(right), units(bottom))];
+    area.draw(&Rectangle::new(corners, color.unwrap_or(FAINT_GRID).filled()))?;
+    if color.is_none() {
+        // Lines of the same x + y in all boxes, so that they go on in the next.
+        let ends = [left + top, right + bottom].map(|sum| (sum / STEP).ceil() as i32);
+        for sum in (ends[0]..ends[1]).map(|line| f64::from(line) * STEP) {
+            let line = [left.max(sum - bottom), right.min(sum - top)];
+            let line = line.map(|x| (units(x), units(sum - x)));
+            area.draw(&PathElement::new(line.to_vec(), stroke(HATCH, 0.8)))?;
+        }
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use resvg::tiny_skia::{
     StrokeDash, Transform,
 };
 
-use crate::style::{CurveStyle, LINE};
+use crate::style::{CurveStyle, LINE, shade_color};
 use crate::units::PIXELS_PER_UNIT;
 
 /// A place in SVG units from the corner of a window, y downwards.
@@ -21,27 +21,6 @@ const BYTES_PER_PIXEL: usize = 16;
 const FAINTEST: f32 = 0.38;
 /// Share of the pixels with points that may be fully dark.
 const DARKEST_SHARE: f64 = 0.02;
-
-/// Colours from low to high: a few of *viridis* (van der Walt and Smith, 2015), which lightens evenly
-/// and which colour-blind readers can tell apart. Its brightest yellow is left out: it would vanish on white.
-const SHADES: [[f64; 3]; 5] = [
-    [68.0, 1.0, 84.0],
-    [59.0, 82.0, 139.0],
-    [33.0, 145.0, 140.0],
-    [94.0, 201.0, 98.0],
-    [223.0, 200.0, 30.0],
-];
-
-/// The colour of a shade from 0 to 1.
-fn shade_color(shade: f64) -> [u8; 3] {
-    let place = shade.clamp(0.0, 1.0) * (SHADES.len() - 1) as f64;
-    let index = (place as usize).min(SHADES.len() - 2);
-    let part = place - index as f64;
-    std::array::from_fn(|channel| {
-        let [from, to] = [SHADES[index][channel], SHADES[index + 1][channel]];
-        (from + part * (to - from)).round() as u8
-    })
-}
 
 /// A transparent picture of a window.
 pub(crate) struct Raster {
@@ -92,8 +71,8 @@ impl Raster {
         let radius = 1.9 * (300.0 / points.len().max(300) as f32).powf(0.2);
         let mut paint = Paint { anti_alias: true, ..Paint::default() };
         for (&[x, y], &shade) in points.iter().zip(shades) {
-            let [red, green, blue] = shade_color(shade);
-            paint.set_color_rgba8(red, green, blue, u8::MAX);
+            let color = shade_color(shade);
+            paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
             let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
             if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
                 let untouched = Transform::identity();

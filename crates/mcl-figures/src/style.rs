@@ -1,6 +1,6 @@
 //! Colours, dashes and markers that stay apart for colour-blind readers and in greyscale.
 
-use plotters::style::{Color, RGBColor, ShapeStyle};
+use plotters::style::{BLACK, Color, RGBColor, ShapeStyle, WHITE};
 
 use crate::units::units;
 
@@ -20,7 +20,37 @@ pub(crate) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 pub(crate) const CAPTION: RGBColor = RGBColor(0x44, 0x44, 0x44);
 pub(crate) const FRAME: RGBColor = RGBColor(0x55, 0x55, 0x55);
 pub(crate) const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
+pub(crate) const HATCH: RGBColor = RGBColor(0xB8, 0xB8, 0xB8);
 pub(crate) const FAINT_GRID: RGBColor = RGBColor(0xF3, 0xF3, 0xF3);
+
+/// Colours from low to high: a few of *viridis* (van der Walt and Smith, 2015), which lightens evenly
+/// and which colour-blind readers can tell apart. Its brightest yellow is left out: it would vanish on white.
+const SHADES: [[f64; 3]; 5] = [
+    [68.0, 1.0, 84.0],
+    [59.0, 82.0, 139.0],
+    [33.0, 145.0, 140.0],
+    [94.0, 201.0, 98.0],
+    [223.0, 200.0, 30.0],
+];
+
+/// The colour of a shade from 0 to 1.
+pub(crate) fn shade_color(shade: f64) -> RGBColor {
+    let place = shade.clamp(0.0, 1.0) * (SHADES.len() - 1) as f64;
+    let index = (place as usize).min(SHADES.len() - 2);
+    let part = place - index as f64;
+    let [red, green, blue] = std::array::from_fn(|channel| {
+        let [from, to] = [SHADES[index][channel], SHADES[index + 1][channel]];
+        (from + part * (to - from)).round() as u8
+    });
+    RGBColor(red, green, blue)
+}
+
+/// What can be read on a colour: white or black, at a contrast of at least 4.5 (WCAG 2).
+pub(crate) fn readable_on(color: RGBColor) -> RGBColor {
+    let linear = |channel: u8| (f64::from(channel) / 255.0).powf(2.2);
+    let luminance = 0.2126 * linear(color.0) + 0.7152 * linear(color.1) + 0.0722 * linear(color.2);
+    if luminance < 0.18 { WHITE } else { BLACK }
+}
 
 /// Width of curves and paths (SVG units).
 pub(crate) const LINE: f64 = 1.7;

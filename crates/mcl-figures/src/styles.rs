@@ -19,8 +19,9 @@ const KNOWN: [(&str, usize, Marker); 6] = [
 /// Labels that agree up to the first `+` are a family, with one marker and one colour. Its plain
 /// curve ("gbs") is dashed if there are refined ones, the first refined one ("gbs+f-km") is solid.
 /// Each further one ("gbs+best") has a colour of its own, and is dotted or dash-dotted. The suite's
-/// kinds of maps look the same in every figure; others have the first colours and markers that are
-/// left, in the order of `labels`. Equal labels have equal styles. Colours repeat beyond seven.
+/// kinds of maps have the same colours and markers in every figure, other families the first that
+/// are left, in the order of `labels`. Equal labels have equal styles. There are seven colours and
+/// six markers; beyond, they repeat.
 pub fn styles<S: AsRef<str>>(labels: &[S]) -> Vec<CurveStyle> {
     let labels: Vec<&str> = labels.iter().map(AsRef::as_ref).collect();
     let known = KNOWN.iter().filter(|known| labels.iter().any(|label| family(label) == known.0));
@@ -46,7 +47,7 @@ pub fn styles<S: AsRef<str>>(labels: &[S]) -> Vec<CurveStyle> {
         styles.entry(label).or_insert_with(|| {
             let (mut color, marker) = families[family_of];
             let mut dash = Dash::Solid;
-            if label == family_of && labels.iter().any(|other| refined(other)) {
+            if label == family_of && labels.iter().any(refined) {
                 dash = Dash::Dashed;
             } else if label != family_of && place > 0 {
                 color = free(0..PALETTE.len(), &colors);

@@ -33,6 +33,11 @@ fn curves(figure: &CurveFigure) -> Result<Drawn, FigureError> {
     draw_curves(&folder.path().join("figure"), figure).map(load)
 }
 
+fn heat(figure: &HeatFigure) -> Result<Drawn, FigureError> {
+    let folder = tempfile::tempdir().unwrap();
+    draw_heat(&folder.path().join("figure"), figure).map(load)
+}
+
 impl Drawn {
     fn texts(&self) -> Vec<String> {
         let document = usvg::roxmltree::Document::parse(&self.svg).unwrap();
@@ -70,6 +75,18 @@ impl Drawn {
         darkest
     }
 
+    fn assert_blank_margins(&self) {
+        for y in 0..self.png.height() {
+            for x in (0..30).chain(2250..2280) {
+                assert_eq!(
+                    self.png.pixel(x, y).unwrap().green(),
+                    255,
+                    "ink in the margin at {x}, {y}"
+                );
+            }
+        }
+    }
+
     /// Number of pixels of about a colour.
     fn count(&self, [red, green, blue]: [u8; 3]) -> usize {
         let near = |a: u8, b: u8| a.abs_diff(b) < 12;
@@ -87,6 +104,22 @@ fn panel<'a>(title: &str, points: &'a [[f64; 2]]) -> CloudPanel<'a> {
 fn cloud_figure(panels: Vec<CloudPanel>) -> CloudFigure {
     let caption = vec!["Simulated office, σ = 0.05 m.".into()];
     CloudFigure { panels, arrangement: Arrangement::Stacked, labels: CloudLabels::PLANE, caption }
+}
+
+/// A map of `columns`, with a cell for each value and its text.
+fn heat_figure(columns: usize, cells: &[Option<(f64, &str)>]) -> HeatFigure {
+    let names = |count: usize, axis: &str| (0..count).map(|i| format!("{axis}{i}")).collect();
+    let cell = |&(value, text): &(f64, &str)| HeatCell { value, text: text.to_owned() };
+    let panel = HeatPanel {
+        title: "a map of settings".into(),
+        x_label: "σ [m]".into(),
+        y_label: "map size [%]".into(),
+        x: names(columns, "x"),
+        y: names(cells.len() / columns.max(1), "y"),
+        cells: cells.iter().map(|content| content.as_ref().map(cell)).collect(),
+    };
+    let caption = vec!["Simulated office, 20 runs.".into()];
+    HeatFigure { panels: vec![panel], log: false, label: "error [m]".into(), caption }
 }
 
 fn point(x: f64, mean: f64) -> CurvePoint {
@@ -284,6 +317,111 @@ fn odd_curves_are_drawn_or_refused() {
 }
 
 #[test]
+fn heat_has_colours_and_texts_in_their_places() {
+    let cells = [(1.0, "least"), (2.0, "right"), (3.0, "above"), (4.0, "most")];
+    let figure = heat_figure(2, &cells.map(Some));
+    let drawn = heat(&figure).unwrap();
+    let document = usvg::roxmltree::Document::parse(&drawn.svg).unwrap();
+    let find = |text: &str| {
+        let mut nodes = document.descendants().filter(|node| node.has_tag_name("text"));
+        nodes.find(|node| node.text().is_some_and(|found| found.trim() == text)).expect(text)
+    };
+    let place = |text: &str| {
+        ["x", "y"].map(|name| find(text).attribute(name).unwrap().parse::<f64>().unwrap())
+    };
+    let [least, right, above, most] = cells.map(|(_, text)| place(text));
+    assert!(least[0] < right[0] && least[1] == right[1], "x grows to the right");
+    assert!(least[0] == above[0] && least[1] > above[1], "y grows upwards");
+    assert_eq!([place("x1")[0], place("x0")[0]], [right[0], least[0]]);
+    assert!((place("y1")[1] - most[1]).abs() < 2.0);
+    for (text, color, fill) in
+        [("least", [68, 1, 84], "#FFFFFF"), ("most", [223, 200, 30], "#000000")]
+    {
+        assert_eq!(find(text).attribute("fill"), Some(fill), "legible on its colour");
+        let [x, y] = place(text).map(|place| (place * 3.0) as u32);
+        let pixel = drawn.png.pixel(x - 70, y).unwrap();
+        assert_eq!([pixel.red(), pixel.green(), pixel.blue()], color);
+    }
+    let texts = drawn.texts();
+    for once in
+        ["a map of settings", "σ [m]", "map size [%]", "error [m]", "Simulated office, 20 runs."]
+    {
+        assert_eq!(texts.iter().filter(|text| *text == once).count(), 1, "{once} in {texts:?}");
+    }
+    assert!(!texts.contains(&"no value".to_owned()));
+    assert!(drawn.bytes == heat(&figure).unwrap().bytes);
+}
+
+#[test]
+fn heat_follows_the_logarithm_if_asked() {
+    let mut figure = heat_figure(3, &[Some((1.0, "")), Some((10.0, "")), Some((100.0, ""))]);
+    let middle = |figure: &HeatFigure| heat(figure).unwrap().count([33, 145, 140]);
+    let linear = middle(&figure);
+    figure.log = true;
+    assert!(middle(&figure) > linear + 5000, "10 is the middle between 1 and 100");
+}
+
+#[test]
+fn heat_says_what_has_no_value_and_no_room() {
+    let endless = "W".repeat(10_000);
+    let cells = [Some((2.0, "fine")), None, Some((NAN, "lost")), Some((1.0, endless.as_str()))];
+    let drawn = heat(&heat_figure(2, &cells)).unwrap();
+    let texts = drawn.texts();
+    for text in [
+        "no value",
+        "fine",
+        "lost",
+        "Without a colour: 1 value not on its scale.",
+        "Left out: 1 text too large for a cell.",
+    ] {
+        assert!(texts.iter().any(|found| found == text), "{text} in {texts:?}");
+    }
+    assert!(!drawn.svg.contains("WWW"));
+    // The hatching, in the cell and in the legend.
+    assert!(drawn.count([0xB8; 3]) > 300);
+}
+
+#[test]
+fn odd_heat_maps_are_drawn_or_refused() {
+    let odd: [&[f64]; 7] = [
+        &[1.0],
+        &[0.0; 4],
+        &[-1e199, 1e199],
+        &[5e-324, 1e-300],
+        &[7.0, 7.0 + 1e-15],
+        &[1.0, f64::INFINITY, f64::NEG_INFINITY, NAN, 1e300],
+        &[3.0; 1000],
+    ];
+    for values in odd {
+        let cells: Vec<_> = values.iter().map(|&value| Some((value, "x"))).collect();
+        for columns in [1, values.len()] {
+            for log in [false, true] {
+                let figure = HeatFigure { log, ..heat_figure(columns, &cells) };
+                match heat(&figure) {
+                    Ok(drawn) => {
+                        assert!(!drawn.svg.contains("NaN") && !drawn.svg.contains("inf"));
+                        drawn.assert_blank_margins();
+                    }
+                    Err(error) => assert!(log && values == [0.0; 4], "{error}"),
+                }
+            }
+        }
+    }
+    let nothing = HeatFigure { panels: vec![], ..heat_figure(0, &[]) };
+    for figure in
+        [nothing, heat_figure(0, &[]), heat_figure(1, &[None]), heat_figure(1, &[Some((NAN, "a"))])]
+    {
+        let error = heat(&figure).err().expect("nothing to draw");
+        assert!(matches!(error, FigureError::NothingToDraw { .. }), "{error}");
+    }
+    let error = heat(&heat_figure(2, &[Some((1.0, "")); 3])).err().expect("a cell is missing");
+    assert!(error.to_string().contains("holds 3 cells: expected 2 × 1"), "{error}");
+    let mut figure = heat_figure(1, &[Some((1.0, ""))]);
+    figure.panels.extend(heat_figure(0, &[]).panels);
+    assert!(heat(&figure).unwrap().texts().contains(&"no data here".to_owned()));
+}
+
+#[test]
 fn what_is_left_out_is_said_and_an_empty_panel_says_so() {
     let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, NAN)]]);
     let mut beyond = figure.panels[0].clone();
@@ -321,19 +459,20 @@ fn names_from_data_are_shown_as_they_are_and_stay_on_the_page() {
     }
     let mut cloud = cloud_figure(vec![panel(&name, &[[0.0, 0.0], [9.0, 3.0]])]);
     cloud.caption = vec![name.clone()];
-    for drawn in [curves(&figure).unwrap(), clouds(&cloud).unwrap()] {
+    let mut map = heat_figure(1, &[Some((1.0, "")), None]);
+    let panel = &mut map.panels[0];
+    for text in [&mut map.label, &mut panel.title, &mut panel.x_label, &mut panel.y_label] {
+        *text = name.clone();
+    }
+    (panel.x[0], panel.y[0]) = (name.clone(), name.clone());
+    for drawn in [curves(&figure).unwrap(), clouds(&cloud).unwrap(), heat(&map).unwrap()] {
         let texts = drawn.texts();
         let names: Vec<_> = texts.iter().filter(|text| text.contains("log")).collect();
-        assert!(names.len() >= 2, "{texts:?}");
+        assert!(names.iter().any(|text| text.contains(r"\u{1b}[2JWW")), "{names:?}");
         for text in names {
-            assert!(text.starts_with(r"\u{202e}log\u{1b}[2JWW") && text.ends_with("W…"), "{text}");
+            assert!(text.starts_with(r"\u{202e}log") && text.ends_with('…'), "{text}");
         }
-        let margin = 30;
-        for y in 0..drawn.png.height() {
-            for x in (0..margin).chain(2280 - margin..2280) {
-                assert_eq!(drawn.png.pixel(x, y).unwrap().green(), 255, "ink in the margin");
-            }
-        }
+        drawn.assert_blank_margins();
     }
 }
 

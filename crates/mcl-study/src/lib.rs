@@ -9,6 +9,7 @@ pub mod auto;
 pub mod data;
 pub mod measure;
 pub mod recipe;
+pub mod run;
 pub mod store;
 pub mod study;
 pub mod table;

@@ -52,7 +52,7 @@ pub enum Command {
         override_usage = "mcl-eval evaluate [OPTIONS]\n                --reference <REF> <EST>..."
     )]
     Evaluate(EvaluateArgs),
-    /// Run an experiment; an interrupted run goes on where it stopped.
+    /// Run a study; an interrupted run goes on where it stopped.
     Run(RunArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
@@ -248,10 +248,10 @@ pub struct EvaluateArgs {
 
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Definition of the experiment.
-    #[arg(value_name = "EXPERIMENT.toml")]
-    pub experiment: PathBuf,
-    /// Run on this data set or log; may be given several times [default: those of the definition
+    /// The study: what is compared, on what, and how it is shown.
+    #[arg(value_name = "STUDY.toml")]
+    pub study: PathBuf,
+    /// Run on this data set or log; may be given several times [default: those of the study
     /// that are at hand].
     #[arg(long = "dataset", value_name = "NAME|PATH")]
     pub datasets: Vec<String>,
@@ -262,12 +262,15 @@ pub struct RunArgs {
     pub topics: TopicArgs,
     #[command(flatten)]
     pub cloud: CloudArgs,
-    /// Folder that holds <experiment>/<data set>/.
+    /// Folder that holds <study>/<data set>/.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
-    /// Forget the rows of an earlier run.
+    /// Remove the rows of earlier runs first.
     #[arg(long)]
     pub fresh: bool,
+    /// List the trials and what they will take, and run none.
+    #[arg(long)]
+    pub list: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -275,7 +278,7 @@ pub struct RunArgs {
 
 #[derive(Debug, Args)]
 pub struct PlotArgs {
-    /// Folder that holds <experiment>/<data set>/.
+    /// Folder that holds <study>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
 }
@@ -295,7 +298,7 @@ pub struct CompareArgs {
 
 #[derive(Debug, Args)]
 pub struct ClaimsArgs {
-    /// Folder that holds <experiment>/<data set>/.
+    /// Folder that holds <study>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
     /// Write the tables into this file, too, as Markdown.

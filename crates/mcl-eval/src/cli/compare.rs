@@ -3,8 +3,8 @@ use anyhow::{Result, bail};
 use super::Outcome;
 use super::args::CompareArgs;
 use super::output::print;
+use crate::compare::compare;
 use crate::progress::tell;
-use crate::results::compare;
 
 /// Compares results with those of an earlier run, and fails where they differ.
 pub fn run(args: &CompareArgs) -> Result<Outcome> {

@@ -1,11 +1,13 @@
+use std::sync::Arc;
+
 use anyhow::{Result, bail};
 use mcl_core::{Point, PointMap, Seed};
-use mcl_filter::FilterSettings;
+use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
-    BuiltMap, FkmSettings, GridOffset, InitialMap, MapError, MapSettings, MapSize, PointSet,
-    RefineSettings, Refinement, build_map, initial_map, mixture_log_likelihood,
+    BuiltMap, FkmSettings, GridOffset, InitialMap, MapSettings, MapSize, PointSet, RefineSettings,
+    Refinement, build_map, initial_map, mixture_log_likelihood,
 };
 use serde::Serialize;
 
@@ -13,14 +15,17 @@ use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{print, refuse, tell_data_losses};
-use crate::auto::{
-    Chosen, Criterion, RaceSettings, Rating, SIGMA_RANGE, Try, folds_of, size_by_localization,
-};
-use crate::experiment::{HeldOut, LocalizationData, Split};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
+use mcl_study::auto::{
+    Arena, Chosen, RaceSettings, Rating, SIGMA_RANGE, Try, size_by_localization,
+};
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::{DataSource, LogSource};
+use mcl_study::recipe::criterion::Criterion;
+use mcl_study::recipe::map::random_offset;
+use mcl_study::recipe::run::RunRecipe;
+use mcl_study::trial::division::{Division, StudyData};
 
 #[derive(Serialize)]
 struct Built {
@@ -60,25 +65,24 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     check_options(&args.output, args.resolution, None);
     mcl_maps::files::check_writable(&args.output)?;
     let name = &args.data.log.log;
-    let source = DataSource::open(name, &args.data.options(), false)?;
+    let data = StudyData::new(DataSource::open(name, &args.data.options(), false)?);
+    let source = &data.source;
     let built = match source.points()? {
         Points::Planar(points) => {
             let offset = match args.offset {
                 None => GridOffset::ORIGIN,
+                Some(Offset::Random) => random_offset(args.seed),
                 Some(Offset::Planar(offset)) => GridOffset::Metres(offset),
                 Some(Offset::Spatial(_)) => {
                     refuse("--offset has three numbers, expected two (X,Y)")
                 }
             };
-            let log = match &source {
-                DataSource::Log(log) => Some(log),
-                DataSource::Cloud(_) => None,
-            };
-            build_planar(points, offset, log, args, global)?
+            build_planar(points, offset, &data, args, global)?
         }
         Points::Spatial(points) => {
             let offset = match args.offset {
                 None => GridOffset::ORIGIN,
+                Some(Offset::Random) => random_offset(args.seed),
                 Some(Offset::Spatial(offset)) => GridOffset::Metres(offset),
                 Some(Offset::Planar(_)) => {
                     refuse("--offset has two numbers, expected three (X,Y,Z) in three dimensions")
@@ -95,7 +99,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
         }
     };
     print(args.json, &built, |built| text(built, args))?;
-    Ok(tell_data_losses(name, &source))
+    Ok(tell_data_losses(name, source))
 }
 
 /// A point map of points in space.
@@ -117,19 +121,23 @@ fn build_spatial(
 fn build_planar(
     points: Vec<Point<2>>,
     offset: GridOffset<2>,
-    log: Option<&LogSource>,
+    opened: &StudyData,
     args: &MapArgs,
     global: &Global,
 ) -> Result<Built> {
     let data = PointSet::new(points)?;
+    let log = match &opened.source {
+        DataSource::Log(log) => Some(log),
+        DataSource::Cloud(_) => None,
+    };
     let (wanted, choices) = match (args.size, args.auto_by, log) {
         (Some(Auto::Auto), Criterion::Localization, Some(log)) => {
             let sigma = given_sigma(args);
-            let chosen = raced_size(log, offset, sigma, args, global)?;
+            let chosen = raced_size(opened, log, offset, sigma, args, global)?;
             let size = Some(MapSize::Points(chosen.value as usize));
             (Wanted { size, sigma }, [Some(chosen), None])
         }
-        (_, _, Some(log)) => choose(&data, Some(&|| folds_of(log)), offset, args, global)?,
+        (_, _, Some(_)) => choose(&data, Some(&|| opened.folds()), offset, args, global)?,
         (_, _, None) => choose(&data, None, offset, args, global)?,
     };
     let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
@@ -163,18 +171,22 @@ struct Fitted<const D: usize> {
 
 /// The size that localization decides.
 fn raced_size(
+    data: &StudyData,
     log: &LogSource,
     offset: GridOffset<2>,
     sigma: f64,
     args: &MapArgs,
     global: &Global,
 ) -> Result<Chosen> {
-    let data = LocalizationData::new(Split::Same, &log.name, &log.recording, log.max_range)?;
-    let filter = FilterSettings::default().with_max_range(log.max_range)?;
+    let division = data.divided(None, None)?;
+    // The noise of the localization study.
+    let odometry_noise = OdometryNoise { xy: 0.01, theta: 0.01 };
+    let recipe = RunRecipe { filter: FilterSettings::default(), odometry_noise, run: 0 };
+    let arena = Arena { log, division: division.planar()?, recipe: &recipe, seed: 1 };
     let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
     let bar = progress::spinner("size", global.quiet);
     let settings = RaceSettings::default();
-    let chosen = size_by_localization(&data, &filter, &settings, sigma, &build, |race| {
+    let chosen = size_by_localization(&arena, &settings, sigma, &build, |race| {
         bar.set_message(format!("{} points: {:?}", race.map_points, race.verdict));
     });
     bar.finish_and_clear();
@@ -184,7 +196,7 @@ fn raced_size(
 /// What the data chooses where the arguments say so: for points without scans no folds are to be had.
 fn choose<const D: usize>(
     data: &PointSet<D>,
-    folds: Option<&dyn Fn() -> Result<Vec<HeldOut<D>>>>,
+    folds: Option<&dyn Fn() -> Result<Vec<Arc<Division<D>>>>>,
     offset: GridOffset<D>,
     args: &MapArgs,
     global: &Global,
@@ -258,7 +270,7 @@ fn build_at<const D: usize>(
     size: Option<MapSize>,
     sigma: f64,
     args: &MapArgs,
-) -> Result<PointMap<D>, MapError> {
+) -> Result<PointMap<D>> {
     let wanted = Wanted { size, sigma };
     let initial = initial_settings(args, offset, wanted);
     let refinement = refine_settings(args, wanted);

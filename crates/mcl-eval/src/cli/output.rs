@@ -1,10 +1,12 @@
 //! What commands print: results on stdout, what was lost on stderr.
 
 use std::io::{self, Write};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
+use mcl_core::files::write_atomically;
 use mcl_datasets::log::ReadReport;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
@@ -28,6 +30,17 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
     writeln!(stdout, "{}", text.trim_end())
         .and_then(|()| stdout.flush())
         .context("cannot write to standard output")
+}
+
+/// Writes rows as CSV with a header, whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_rows<R: Serialize>(path: &Path, rows: &[R]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    rows.iter().try_for_each(|row| writer.serialize(row))?;
+    write_atomically(path, &writer.into_inner()?)
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Prints the text of `--help` or `--version`, in colours if stdout is a terminal.

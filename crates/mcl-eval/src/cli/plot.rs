@@ -1,25 +1,37 @@
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use mcl_study::store::results::{Found, read_all};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
+use super::output::told_once;
+use crate::figures;
 use crate::progress::tell;
-use crate::results;
 
-/// Draws the figures of every result folder below the root that has rows.
+/// Writes the tables and draws the figures of every result folder below the root that has rows.
 pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
-    let (folders, without_rows): (Vec<_>, Vec<_>) =
-        results::folders(&args.root)?.into_iter().partition(|folder| results::has_rows(folder));
-    for folder in without_rows {
-        tell!("leaving out {}: it has no rows; run its experiment first", folder.display());
+    let Found { results, without_rows, damaged } = read_all(&args.root)?;
+    for (folder, error) in &damaged {
+        tell!("error: leaving out {}: {}", folder.display(), told_once(error));
     }
-    for folder in folders {
-        let drawn = results::draw_figures(&folder)
-            .with_context(|| format!("cannot draw the figures of {}", folder.display()))?;
+    if results.is_empty() {
+        bail!("{}: no result folder with rows; run a study first", args.root.display());
+    }
+    if !without_rows.is_empty() && !global.quiet {
+        tell!("{} result folders have no rows and are left out", without_rows.len());
+    }
+    let mut complete = damaged.is_empty();
+    for results in &results {
+        let folder = results.folder.display();
+        complete &= results.is_complete() && results.damage.is_empty();
+        results.write_trials()?;
+        figures::write_tables(results)?;
+        let drawn = figures::draw(results)
+            .with_context(|| format!("cannot draw the figures of {folder}"))?;
         if !global.quiet {
             for path in drawn {
                 tell!("{}", path.display());
             }
         }
     }
-    Ok(Outcome::Done)
+    Ok(Outcome::of(complete))
 }

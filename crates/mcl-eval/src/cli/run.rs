@@ -1,25 +1,34 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use mcl_core::files::hold;
+use mcl_core::text::printable;
 use mcl_datasets::registry::{Registry, Source, is_plain_name};
+use mcl_study::data::facts::DataFacts;
+use mcl_study::data::source::{DataSource, SourceOptions};
+use mcl_study::run::{Event, Ran, run_study};
+use mcl_study::store::identity::{Build, Identity};
+use mcl_study::store::parts::Parts;
+use mcl_study::store::results::Results;
+use mcl_study::study::definition::Study;
+use mcl_study::trial::cost::Costs;
+use mcl_study::trial::division::StudyData;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs};
 use super::output::{print, tell_data_losses, told_once};
-use crate::experiment::{Experiment, RankedSetting, TrialOutcome, pause_saving};
-use crate::progress::tell;
-use crate::results::{self, RunOptions};
-use mcl_study::data::source::{DataSource, SourceOptions};
+use crate::figures;
+use crate::progress::{self, tell};
 
 #[derive(Serialize)]
-struct Ran {
+struct Told {
     trials: usize,
     done: usize,
     failed: usize,
     /// Where the results of each data set are.
     folders: Vec<PathBuf>,
-    /// Data sets that the experiment could not be run on.
+    /// Data sets that the study could not be run on.
     lost: Vec<Lost>,
 }
 
@@ -29,17 +38,85 @@ struct Lost {
     reason: String,
 }
 
+/// A trial that would be run.
+#[derive(Serialize)]
+struct Listed {
+    dataset: String,
+    trial: String,
+    runs: usize,
+    is_done: bool,
+    /// Processor time that it will take.
+    seconds: f64,
+}
+
 /// Exit code of a program that Ctrl-C ended: 128 + SIGINT.
 const INTERRUPTED: i32 = 130;
 
+/// Runs a study, summarizes its rows and draws its figures.
 pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
-    end_on_interrupt(&args.output)?;
-    let experiment = Experiment::read(&args.experiment)?;
-    let name = experiment_name(&args.experiment)?;
+    let study = Study::read(&args.study)?;
+    let name = study_name(&args.study)?;
     let names = match args.datasets.is_empty() {
         false => args.datasets.clone(),
-        true => at_hand(&experiment, global)?,
+        true => at_hand(&study, global)?,
     };
+    if args.list {
+        return list(args, &study, &name, &names);
+    }
+    end_on_interrupt(&args.output)?;
+    let mut complete = true;
+    let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
+    let mut all: Vec<Results> = Vec::new();
+    for dataset in &names {
+        let source = open(args, &study, dataset)?;
+        complete &= tell_data_losses(dataset, &source) == Outcome::Done;
+        let folder = args.output.join(&name).join(source.name());
+        if told.folders.contains(&folder) {
+            bail!("{dataset}: the results of another log of this name are in {}", folder.display());
+        }
+        let ran = run_on(&study, &name, source, &folder, args.fresh, global)
+            .with_context(|| format!("study {name} on {dataset}"));
+        match ran {
+            Ok(Ran { results, failed }) => {
+                told.trials += results.asked;
+                told.done += results.done;
+                told.failed += failed.len();
+                complete &= results.damage.is_empty() && results.is_complete();
+                told.folders.push(folder);
+                all.push(results);
+            }
+            // What cannot be written for one data set cannot be written for the others.
+            Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
+            Err(error) => {
+                let reason = told_once(&error);
+                tell!("error: {}; going on with the other data sets", printable(&reason));
+                told.lost.push(Lost { dataset: dataset.clone(), reason });
+            }
+        }
+    }
+    if told.folders.is_empty() {
+        bail!("study {name} has results on none of {} data sets", names.len());
+    }
+    if let Some(path) = figures::write_ranking(&args.output.join(&name), &all)?
+        && !global.quiet
+    {
+        tell!("settings ranked over the data sets: {}", path.display());
+    }
+    complete &= told.failed == 0 && told.lost.is_empty();
+    print(args.json, &told, |told| {
+        let mut text = format!("{} trials done, {} failed", told.done, told.failed);
+        for Lost { dataset, .. } in &told.lost {
+            text += &format!("\n{}: lost, see above", printable(dataset));
+        }
+        for folder in &told.folders {
+            text += &format!("\n{}", printable(&folder.display().to_string()));
+        }
+        text
+    })?;
+    Ok(Outcome::of(complete))
+}
+
+fn open(args: &RunArgs, study: &Study, dataset: &str) -> Result<DataSource> {
     let options = SourceOptions {
         max_range: args.max_range,
         topics: args.topics.choice(),
@@ -47,61 +124,109 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         dimensions: args.cloud.dimensions.map(usize::from),
         ..SourceOptions::default()
     };
-    let mut total = TrialOutcome { done: 0, failed: 0 };
-    let mut complete = true;
-    let mut folders: Vec<PathBuf> = Vec::new();
-    let mut lost = Vec::new();
-    for dataset in &names {
-        let source = DataSource::open(dataset, &options, false)?;
-        complete &= tell_data_losses(dataset, &source) == Outcome::Done;
-        let folder = args.output.join(&name).join(source.name());
-        if folders.contains(&folder) {
-            bail!("{dataset}: the results of another log of this name are in {}", folder.display());
-        }
-        let run = RunOptions { fresh: args.fresh, quiet: global.quiet };
-        let outcome = results::run_experiment(&experiment, &name, &source, &folder, &run)
-            .with_context(|| format!("experiment {name} on {dataset}"));
-        match outcome {
-            Ok(outcome) => {
-                total.done += outcome.done;
-                total.failed += outcome.failed;
-                folders.push(folder);
+    let source = DataSource::open(dataset, &options, false)?;
+    let scans = study.listed(source.name()).and_then(|listed| listed.scans);
+    Ok(match (scans, source) {
+        (Some(scans), DataSource::Log(log)) => DataSource::Log(log.first_scans(scans)),
+        (_, source) => source,
+    })
+}
+
+/// Runs the study on one data set, with a progress bar.
+fn run_on(
+    study: &Study,
+    name: &str,
+    source: DataSource,
+    folder: &Path,
+    fresh: bool,
+    global: &Global,
+) -> Result<Ran> {
+    // In parts of the whole, so that the time left follows the work and not the number of trials.
+    const PARTS: f64 = 1e6;
+    let dataset = printable(source.name()).into_owned();
+    let data = StudyData::new(source);
+    let bar = progress::bar(PARTS as u64, &dataset, global.quiet);
+    let mut reasons: Vec<String> = Vec::new();
+    let ran = run_study(study, name, &data, folder, fresh, |event| match event {
+        Event::Started { done, asked, damage } => {
+            for damage in damage {
+                bar.suspend(|| tell!("warning: {}", printable(damage)));
             }
-            // What cannot be written for one data set cannot be written for the others.
-            Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
-            Err(error) => {
-                let reason = told_once(&error);
-                tell!("error: {reason}; going on with the other data sets");
-                lost.push(Lost { dataset: dataset.clone(), reason });
+            if done > 0 && !global.quiet {
+                bar.suspend(|| tell!("{dataset}: {done} of {asked} trials are there already"));
             }
         }
+        Event::Ended { ended: (ended, all), share, failed } => {
+            bar.set_position((PARTS * share) as u64);
+            bar.set_message(format!("{ended}/{all} trials"));
+            // Often all fail for the same reason; it is said once.
+            if let Some(failed) = failed
+                && !reasons.contains(&failed.reason)
+            {
+                let (trial, reason) = (&failed.trial, printable(&failed.reason));
+                bar.suspend(|| tell!("{dataset}: trial {trial} failed: {reason}"));
+                reasons.push(failed.reason.clone());
+            }
+        }
+    });
+    bar.finish_and_clear();
+    let ran = ran?;
+    // Figures take memory, too, and are drawn from files.
+    drop(data);
+    let Results { done, asked, .. } = ran.results;
+    if done < asked {
+        tell!("{dataset}: {done} of {asked} trials have rows; the same command runs the others");
     }
-    if folders.is_empty() {
-        bail!("experiment {name} has results on none of {} data sets", names.len());
-    }
-    if let Experiment::Sensitivity(definition) = &experiment
-        && let Some(ranking) = results::write_ranking(definition, &args.output.join(&name))?
-        && !global.quiet
-    {
-        tell!("settings ranked over {}: {}", ranking.datasets.join(", "), ranking.path.display());
-        for (sweep, rank) in ranking.best {
-            tell!("{}", describe_best(&sweep, &rank));
+    figures::write_tables(&ran.results)?;
+    figures::draw(&ran.results)?;
+    Ok(ran)
+}
+
+/// What would be run, and what it would cost.
+fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Result<Outcome> {
+    let mut listed = Vec::new();
+    let mut measured = false;
+    for dataset in datasets {
+        let source = open(args, study, dataset)?;
+        let identity = Identity { build: Build::this(), data: DataFacts::of(&source)? };
+        let plan = study.plan(&identity.data.name)?;
+        let folder = args.output.join(name).join(&identity.data.name);
+        let parts = match args.fresh {
+            true => Parts::default(),
+            false => Parts::read(&folder, &identity)?,
+        };
+        let costs = Costs::measured(identity.data.points, &plan.trials, &parts);
+        measured |= costs.are_measured();
+        for trial in &plan.trials {
+            let identities = trial.identities(&study.measures)?;
+            listed.push(Listed {
+                dataset: identity.data.name.clone(),
+                trial: trial.to_string(),
+                runs: trial.runs.len(),
+                is_done: identities.iter().all(|identity| parts.has(identity)),
+                seconds: costs.of(trial),
+            });
         }
     }
-    complete &= total.failed == 0 && lost.is_empty();
-    let TrialOutcome { done, failed } = total;
-    let ran = Ran { trials: done + failed, done, failed, folders, lost };
-    print(args.json, &ran, |ran| {
-        let mut text = format!("{} trials done, {} failed", ran.done, ran.failed);
-        for Lost { dataset, .. } in &ran.lost {
-            text += &format!("\n{dataset}: lost, see above");
+    print(args.json, &listed, |listed| {
+        let mut text = String::new();
+        for Listed { dataset, trial, runs, is_done, seconds } in listed {
+            let state = if *is_done { "done" } else { &format!("{seconds:.2} s") };
+            let runs = if *runs == 0 { String::new() } else { format!(", runs: {runs}") };
+            text += &format!("{}: {trial}{runs}: {state}\n", printable(dataset));
         }
-        for folder in &ran.folders {
-            text += &format!("\n{}", folder.display());
-        }
+        let pending = || listed.iter().filter(|trial| !trial.is_done);
+        let seconds: f64 = pending().map(|trial| trial.seconds).sum();
+        text += &format!(
+            "{} trials, {} to be run: about {:.1} minutes of processor time, {}",
+            listed.len(),
+            pending().count(),
+            seconds / 60.0,
+            if measured { "from what trials took that are done" } else { "from built-in costs" }
+        );
         text
     })?;
-    Ok(Outcome::of(complete))
+    Ok(Outcome::Done)
 }
 
 /// Whether files could not be read or written.
@@ -109,11 +234,11 @@ fn is_of_files(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| cause.is::<std::io::Error>())
 }
 
-/// Ends the program on Ctrl-C, but not in the middle of a row.
+/// Ends the program on Ctrl-C, but not while a file is written.
 fn end_on_interrupt(output: &Path) -> Result<()> {
     let output = output.display().to_string();
     ctrlc::set_handler(move || {
-        let _saving = pause_saving();
+        let _held = hold();
         tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
              goes on from there"
@@ -123,30 +248,11 @@ fn end_on_interrupt(output: &Path) -> Result<()> {
     .context("cannot listen to Ctrl-C")
 }
 
-/// "tracking: best with σ_hit 0.3 m, z_rand 0.1, …: mean weighted error 0.0273 (0 of 12 runs diverged)".
-fn describe_best(sweep: &str, rank: &RankedSetting) -> String {
-    let setting = rank.setting;
-    let [a1, a2, a3, a4] = setting.alpha();
-    format!(
-        "{sweep}: best with σ_hit {} m, z_rand {}, α {a1}, {a2}, {a3}, {a4}, exponent {}, {} proposal, noise \
-         {} m and {} rad: mean weighted error {:.4} ({} of {} runs diverged)",
-        setting.sigma_hit,
-        setting.z_rand,
-        setting.likelihood_exponent,
-        setting.proposal,
-        setting.noise_xy,
-        setting.noise_theta,
-        rank.score,
-        rank.diverged,
-        rank.runs
-    )
-}
-
-/// The data sets of the definition that are at hand; says how to get the others.
-fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
+/// The data sets of the study that are at hand; says how to get the others.
+fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let registry = Registry::from_environment()?;
     let mut names = Vec::new();
-    for name in experiment.dataset_names() {
+    for name in study.dataset_names() {
         let dataset = registry.get(name)?;
         let present = matches!(dataset.source, Source::Simulated { .. });
         match registry.locate(dataset) {
@@ -159,13 +265,13 @@ fn at_hand(experiment: &Experiment, global: &Global) -> Result<Vec<String>> {
         }
     }
     if names.is_empty() {
-        bail!("none of the experiment's data sets is at hand; `mcl-eval datasets fetch` gets them");
+        bail!("none of the study's data sets is at hand; `mcl-eval datasets fetch` gets them");
     }
     Ok(names)
 }
 
-/// The experiment's name: that of its file, without the ending.
-fn experiment_name(path: &Path) -> Result<String> {
+/// The study's name: that of its file, without the ending.
+fn study_name(path: &Path) -> Result<String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     if !is_plain_name(&stem) {
         bail!(

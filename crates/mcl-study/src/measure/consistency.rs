@@ -1,8 +1,7 @@
 //! Whether the filter knows how sure it may be.
 
 use anyhow::Result;
-use mcl_metrics::PoseError;
-use mcl_metrics::consistency::{inside_ellipsoid_95, nees};
+use mcl_metrics::{PoseError, inside_ellipsoid_95, nees};
 
 use super::{RunContext, RunMeasure};
 use crate::table::Value;

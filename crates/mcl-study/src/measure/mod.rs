@@ -4,6 +4,7 @@
 //! study lists measures by name. What cannot be known of a map is empty, never zero.
 
 pub mod bytes;
+pub mod consistency;
 pub mod criteria;
 pub mod likelihood;
 pub mod size;
@@ -24,7 +25,7 @@ pub const OF_MAPS: [&MapMeasure; 4] =
     [&size::SIZE, &likelihood::LIKELIHOOD, &criteria::CRITERIA, &bytes::BYTES];
 
 /// The measures of runs. The first is always taken.
-pub const OF_RUNS: [&RunMeasure; 1] = [&tracking::TRACKING];
+pub const OF_RUNS: [&RunMeasure; 2] = [&tracking::TRACKING, &consistency::CONSISTENCY];
 
 /// A map, and what a measure may look at.
 pub struct MapContext<'a, const D: usize> {

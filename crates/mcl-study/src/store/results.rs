@@ -1,10 +1,45 @@
 //! What a result folder `<root>/<study>/<data set>/` holds of a study.
+//!
+//! ```text
+//! manifest.json  build and data that the rows depend on
+//! study.toml     what was asked for
+//! parts/         rows as trials ended, a file per process: what all else is made from
+//! shown/         maps and paths that pictures show
+//! trials.csv     the rows that the study asks for
+//! timings.csv    processor time of the parts of each trial; differs between runs, as parts/ does
+//! failures.csv   trials that failed, and why; only if there are any
+//! summary.csv, tests.csv, figures/   the study's views
+//! ```
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mcl_core::files::{remove, write_atomically};
+use serde::{Deserialize, Serialize};
 
 use crate::data::facts::DataFacts;
+use crate::store::identity::Identity;
+use crate::store::parts::{Parts, has_parts};
 use crate::study::definition::Study;
-use crate::table::{Cells, Table};
+use crate::study::plan::{ENTRIES, Plan};
+use crate::table::{Cells, Table, Value};
+
+/// The manifest of a result folder.
+pub const MANIFEST: &str = "manifest.json";
+/// The study of a result folder.
+pub const STUDY: &str = "study.toml";
+/// The rows that the study asks for.
+pub const TRIALS: &str = "trials.csv";
+/// Processor times.
+pub const TIMINGS: &str = "timings.csv";
+/// Trials that failed.
+pub const FAILURES: &str = "failures.csv";
+/// Folder of the files that pictures show.
+pub const SHOWN: &str = "shown";
+/// A file of a result folder that is read whole at most (bytes).
+const MAX_BYTES: u64 = 4 << 20;
 
 /// The rows of a study on a data set: those that the study asks for and no others that lie there.
 #[derive(Clone)]
@@ -17,7 +52,7 @@ pub struct Results {
     pub study: Study,
     /// What the data was.
     pub facts: DataFacts,
-    /// The rows, sorted, with the columns of [`Plan::columns`](crate::study::plan::Plan::columns).
+    /// The rows, sorted, with the columns of [`Plan::columns`].
     pub table: Table,
     /// Trials that have all their rows.
     pub done: usize,
@@ -26,6 +61,8 @@ pub struct Results {
     /// The rows of the maps (and runs) that pictures show, by picture and map as the study lists them;
     /// `None` where one is missing. Each has the [`SHOWN`] files beside it.
     pub pictured: Vec<Vec<Option<Pictured>>>,
+    /// What of the saved rows was damaged, a line each.
+    pub damage: Vec<String>,
 }
 
 /// A map that a picture shows.
@@ -39,12 +76,272 @@ pub struct Pictured {
     pub paths: Option<[PathBuf; 2]>,
 }
 
-/// Folder of the files that pictures show.
-pub const SHOWN: &str = "shown";
+/// What `manifest.json` says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Name of the study: that of its file without the ending.
+    pub study: String,
+    /// What the rows depend on, apart from their recipes.
+    pub identity: Identity,
+}
+
+impl Manifest {
+    /// Reads the text of a manifest.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub fn parse(text: &str) -> Result<Self> {
+        Ok(serde_json::from_str(text)?)
+    }
+
+    /// Its text.
+    ///
+    /// # Errors
+    /// When it cannot be written as JSON.
+    pub fn to_text(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    /// Of a result folder; `None` where there is none.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is none of this version's.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        let path = folder.join(MANIFEST);
+        let Some(text) = read_text(&path)? else { return Ok(None) };
+        let manifest = Self::parse(&text).with_context(|| {
+            format!("{}: no manifest of this version; --fresh starts anew", path.display())
+        })?;
+        Ok(Some(manifest))
+    }
+}
+
+/// The text of a small file; `None` where there is none. A pipe in its place is refused, for it would
+/// be waited for.
+fn read_text(path: &Path) -> Result<Option<String>> {
+    let cannot = || format!("cannot read {}", path.display());
+    let metadata = match fs::metadata(path) {
+        Ok(metadata) => metadata,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error).with_context(cannot),
+    };
+    if !metadata.is_file() || metadata.len() > MAX_BYTES {
+        bail!("{}: expected a file of at most {MAX_BYTES} bytes", path.display());
+    }
+    fs::read_to_string(path).map(Some).with_context(cannot)
+}
 
 impl Results {
     /// Whether every trial has its rows.
     pub fn is_complete(&self) -> bool {
         self.done == self.asked
     }
+
+    /// Reads a result folder; `None` where it has no rows, as those that are committed with the program.
+    ///
+    /// # Errors
+    /// When a file is missing, cannot be read, or holds rows of another identity than the manifest's.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        if !has_parts(folder) {
+            return Ok(None);
+        }
+        let in_folder = || folder.display().to_string();
+        let Some(Manifest { study: name, identity }) =
+            Manifest::read(folder).with_context(in_folder)?
+        else {
+            bail!("{} has rows but no {MANIFEST}; --fresh starts anew", folder.display());
+        };
+        let path = folder.join(STUDY);
+        let Some(text) = read_text(&path)? else {
+            bail!("{} has rows but no {STUDY}; run the study again", folder.display());
+        };
+        let study = Study::parse(&text).with_context(|| format!("in {}", path.display()))?;
+        let parts = Parts::read(folder, &identity).with_context(in_folder)?;
+        Self::of(folder, &name, study, identity.data, &parts).map(Some)
+    }
+
+    /// Of rows that were read: those that the study asks for.
+    ///
+    /// # Errors
+    /// When recipes cannot be written as JSON.
+    pub fn of(
+        folder: &Path,
+        name: &str,
+        study: Study,
+        facts: DataFacts,
+        parts: &Parts,
+    ) -> Result<Self> {
+        let plan = study.plan(&facts.name)?;
+        let columns = plan.columns(&study.measures)?;
+        let mut table = Table::new(columns.iter().cloned());
+        for (identity, entries) in plan.identities(&study.measures)? {
+            let Some(cells) = parts.row(&identity) else { continue };
+            let mut row = vec![Value::Empty; columns.len()];
+            for (column, value) in cells {
+                if let Some(place) = table.column(column) {
+                    row[place] = value.clone();
+                }
+            }
+            if let Some(place) = table.column(ENTRIES) {
+                row[place] = entries.as_str().into();
+            }
+            table.push(row);
+        }
+        table.sort();
+        let mut done = 0;
+        for trial in &plan.trials {
+            let identities = trial.identities(&study.measures)?;
+            done += usize::from(identities.iter().all(|identity| parts.has(identity)));
+        }
+        let pictured = pictured(folder, &study, &facts.name, parts)?;
+        let (name, folder, asked) = (name.to_owned(), folder.to_owned(), plan.trials.len());
+        let damage = parts.damage.clone();
+        Ok(Results { folder, name, study, facts, table, done, asked, pictured, damage })
+    }
+
+    /// Writes `trials.csv`.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_trials(&self) -> Result<()> {
+        save(&self.folder.join(TRIALS), &self.table.to_csv()?)
+    }
+
+    /// The plan of the study on the data set.
+    ///
+    /// # Errors
+    /// As [`Study::plan`].
+    pub fn plan(&self) -> Result<Plan> {
+        self.study.plan(&self.facts.name)
+    }
+}
+
+/// The maps and paths that pictures show, as far as they are there.
+fn pictured(
+    folder: &Path,
+    study: &Study,
+    dataset: &str,
+    parts: &Parts,
+) -> Result<Vec<Vec<Option<Pictured>>>> {
+    let of_map = |map: &toml::Table, run: Option<u32>| -> Result<Option<Pictured>> {
+        let trial = study.pictured(dataset, map, run)?;
+        let identities = trial.identities(&study.measures)?;
+        let Some(identity) = identities.first() else { return Ok(None) };
+        let Some(row) = parts.row(identity) else { return Ok(None) };
+        let shown = Shown::of(folder, identity);
+        let cells = row.map(|(column, value)| (column.to_owned(), value.clone())).collect();
+        let paths = run.map(|_| [shown.reference.clone(), shown.estimate.clone()]);
+        if !shown.is_there(run.is_some()) {
+            return Ok(None);
+        }
+        Ok(Some(Pictured { cells, map: shown.map, paths }))
+    };
+    let pictures = study.views.pictures.iter();
+    pictures
+        .map(|picture| picture.maps.iter().map(|map| of_map(map, picture.run)).collect())
+        .collect()
+}
+
+/// The files of a map that a picture shows, named after the identity of its row, so that a picture never
+/// shows another map than it says.
+pub struct Shown {
+    /// Its points.
+    pub map: PathBuf,
+    /// Reference path of the run on it.
+    pub reference: PathBuf,
+    /// Its estimate.
+    pub estimate: PathBuf,
+}
+
+impl Shown {
+    /// Of a row's identity.
+    pub fn of(folder: &Path, identity: &str) -> Self {
+        let path = |ending: &str| folder.join(SHOWN).join(format!("{identity}{ending}"));
+        Shown {
+            map: path(".ply"),
+            reference: path("-reference.tum"),
+            estimate: path("-estimate.tum"),
+        }
+    }
+
+    /// Whether they are there; those of a path only where one is shown.
+    pub fn is_there(&self, with_paths: bool) -> bool {
+        self.map.is_file() && (!with_paths || (self.reference.is_file() && self.estimate.is_file()))
+    }
+}
+
+/// Writes a file, whole or not at all.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn save(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomically(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a table as CSV; removes the file of an earlier one where there are no rows.
+///
+/// # Errors
+/// When it cannot be written or removed.
+pub fn save_table(path: &Path, table: &Table) -> Result<()> {
+    if table.is_empty() {
+        return remove(path).with_context(|| format!("cannot remove {}", path.display()));
+    }
+    save(path, &table.to_csv()?)
+}
+
+/// What lies below a root of results.
+#[derive(Default)]
+pub struct Found {
+    /// Folders with rows.
+    pub results: Vec<Results>,
+    /// Result folders without rows, such as those that are committed.
+    pub without_rows: Vec<PathBuf>,
+    /// Folders that could not be read, and why.
+    pub damaged: Vec<(PathBuf, anyhow::Error)>,
+}
+
+/// Reads the result folders `<study>/<data set>/` below a root, sorted. One that cannot be read stops no
+/// other.
+///
+/// # Errors
+/// When the root cannot be read, or holds no result folder.
+pub fn read_all(root: &Path) -> Result<Found> {
+    let mut found = Found::default();
+    for folder in folders(root)? {
+        match Results::read(&folder) {
+            Ok(Some(results)) => found.results.push(results),
+            Ok(None) => found.without_rows.push(folder),
+            Err(error) => found.damaged.push((folder, error)),
+        }
+    }
+    Ok(found)
+}
+
+/// The result folders below a root, sorted: all `<study>/<data set>/` with a manifest.
+///
+/// # Errors
+/// When a folder cannot be read, or there are none.
+pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
+    let subfolders = |folder: &Path| -> Result<Vec<PathBuf>> {
+        let entries =
+            fs::read_dir(folder)
+                .and_then(Iterator::collect::<std::io::Result<Vec<_>>>)
+                .with_context(|| format!("cannot look for results in {}", folder.display()))?;
+        Ok(entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_dir()).collect())
+    };
+    let mut found = HashSet::new();
+    for study in subfolders(root)? {
+        found.extend(subfolders(&study)?.into_iter().filter(|path| path.join(MANIFEST).exists()));
+    }
+    if found.is_empty() {
+        bail!(
+            "{}: no results, expected <study>/<data set>/{MANIFEST} below it; \
+             `mcl-eval run likelihood` makes some",
+            root.display()
+        );
+    }
+    let mut found: Vec<PathBuf> = found.into_iter().collect();
+    found.sort();
+    Ok(found)
 }

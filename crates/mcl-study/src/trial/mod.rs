@@ -1,5 +1,6 @@
 //! Trials: a map and the runs on it.
 
+pub mod cost;
 pub mod division;
 pub mod map;
 pub mod maps;

@@ -1,10 +1,11 @@
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use mcl_maps::MapSize;
 
 use super::{DataArgs, non_negative, number, numbers, positive};
-use crate::auto::Criterion;
+use mcl_study::recipe::criterion::Criterion;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Init {
@@ -70,15 +71,16 @@ pub struct MapArgs {
     #[arg(long, value_name = "K|P%|auto", conflicts_with = "cell")]
     pub size: Option<Auto<MapSize>>,
     /// What decides an automatic size or sigma.
-    #[arg(long, value_name = "CRITERION", default_value = "held-out")]
+    #[arg(long, value_name = "CRITERION", default_value = "held-out", value_parser = criterion())]
     pub auto_by: Criterion,
     /// Edge length of a grid cell in metres.
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub cell: Option<f64>,
-    /// A corner of a grid cell in metres; in three dimensions X,Y,Z [default: 0,0].
-    #[arg(long, value_name = "X,Y", value_parser = offset, allow_hyphen_values = true)]
+    /// A corner of a grid cell in metres, in three dimensions X,Y,Z; or random: drawn from the seed, as
+    /// studies do, whose rows give the seed of each map [default: 0,0].
+    #[arg(long, value_name = "X,Y|random", value_parser = offset, allow_hyphen_values = true)]
     pub offset: Option<Offset>,
-    /// Seed of a random map, and of what a refinement draws.
+    /// Seed of a random map or offset, and of what a refinement draws.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
     /// Improve the map.
@@ -125,11 +127,32 @@ pub struct MapArgs {
 pub enum Offset {
     Planar([f64; 2]),
     Spatial([f64; 3]),
+    /// Drawn from the seed.
+    Random,
 }
 
 fn offset(text: &str) -> Result<Offset, String> {
     match text.matches(',').count() {
+        0 if text == "random" => Ok(Offset::Random),
         2 => numbers(text).map(Offset::Spatial),
         _ => numbers(text).map(Offset::Planar),
     }
+}
+
+/// Names of criteria, each with what it means.
+fn criterion() -> impl TypedValueParser<Value = Criterion> {
+    let value = |criterion: Criterion| {
+        PossibleValue::new(criterion.name()).help(match criterion {
+            Criterion::HeldOut => "The likelihood of blocks of scans left out in turn",
+            Criterion::Bic => "The Bayesian information criterion (size)",
+            Criterion::Mdl => "The description length of data and map (size)",
+            Criterion::Localization => {
+                "The smallest map that localizes within 5 % of all points (size; takes minutes)"
+            }
+            Criterion::Likelihood => {
+                "The likelihood of the points that the map is built from, as EM would estimate it (sigma)"
+            }
+        })
+    };
+    PossibleValuesParser::new(Criterion::ALL.map(value)).try_map(|name| name.parse())
 }

@@ -16,7 +16,7 @@ use super::Outcome;
 use super::args::{AlignTo, EvaluateArgs, Global};
 use super::errors::{ErrorFigures, ErrorSamples, Figures};
 use super::output::print;
-use crate::experiment::write_rows;
+use crate::cli::output::write_rows;
 use crate::progress::tell;
 use mcl_figures::check_figure_ending;
 use trajectory::Source;

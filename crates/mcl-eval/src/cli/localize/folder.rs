@@ -11,7 +11,7 @@ use super::figures::Localization;
 use crate::cli::Outcome;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::ErrorSamples;
-use crate::experiment::write_rows;
+use crate::cli::output::write_rows;
 use crate::progress::tell;
 use mcl_study::data::source::{self, LogSource};
 

@@ -23,7 +23,7 @@ use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
-use mcl_study::thread_time;
+use mcl_study::trial::stopwatch;
 use replay::{ReplayFile, Scene};
 
 /// A run of the filter, as far as the figures need it.
@@ -194,13 +194,13 @@ fn one_run(
     let scans: Vec<usize> = (0..recording.scans.len()).collect();
     let replay = Replay { recording, increments: &increments, scans: &scans };
     let mut recorded = Duration::ZERO;
-    let started = thread_time::now();
+    let started = stopwatch::now();
     let run = localize_with(&replay, distances, settings, start, seed, |step| {
         let Some(recorder) = &mut recorder else { return anyhow::Ok(()) };
-        let started = thread_time::now();
+        let started = stopwatch::now();
         recorder.step(&step)?;
-        recorded += thread_time::now() - started;
+        recorded += stopwatch::now() - started;
         Ok(())
     })?;
-    Ok((run, thread_time::now() - started - recorded))
+    Ok((run, stopwatch::now() - started - recorded))
 }

@@ -6,7 +6,7 @@ use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_core::files::temporary_beside;
+use mcl_core::files::Output;
 use mcl_core::{PointMap, Pose2, Recording, Stamp};
 use mcl_datasets::bag::planar::{
     float64, laser_scan, point_cloud, pose_array, pose_stamped, pose_with_covariance, transforms,
@@ -20,7 +20,6 @@ use mcl_datasets::bag::{
 };
 use mcl_filter::Step;
 use mcl_metrics::{PoseError, WeightedPoseError};
-use tempfile::NamedTempFile;
 
 /// Name of the metadata record that says which run it was.
 const METADATA_NAME: &str = "mcl-eval localize";
@@ -31,7 +30,7 @@ const PAUSE: u64 = 1_000_000;
 /// A bag that is written as the run goes. It is whole, under its name, when [`ReplayFile::finish`] has
 /// returned; until then, and for good after an error, the name stands for what it stood for before.
 pub struct ReplayFile<'a> {
-    recorder: Recorder<'a, BufWriter<NamedTempFile>>,
+    recorder: Recorder<'a, BufWriter<Output>>,
     path: PathBuf,
 }
 
@@ -48,7 +47,7 @@ impl<'a> ReplayFile<'a> {
         {
             bail!("{}: it is the log itself; give the replay another name", told());
         }
-        let file = temporary_beside(path).with_context(told)?;
+        let file = Output::create(path).with_context(told)?;
         let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(told)?;
         Ok(ReplayFile { recorder, path: path.to_owned() })
     }
@@ -66,10 +65,7 @@ impl<'a> ReplayFile<'a> {
         let told = || format!("cannot write the replay {}", self.path.display());
         let buffer = self.recorder.bag.finish().with_context(told)?;
         let file = buffer.into_inner().map_err(|error| error.into_error()).with_context(told)?;
-        // Otherwise a power cut could leave the name without the bytes.
-        file.as_file().sync_all().with_context(told)?;
-        file.persist(&self.path).with_context(told)?;
-        Ok(())
+        file.commit().with_context(told)
     }
 }
 

@@ -1,10 +1,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use csv::StringRecord;
 
-use super::{LOCK, TIMINGS};
+use mcl_study::store::parts::PARTS;
+use mcl_study::store::results::TIMINGS;
 
 /// Differences described; further ones are only counted.
 const DETAILS: usize = 20;
@@ -42,10 +43,13 @@ pub fn compare(found: &Path, expected: &Path, tolerance: f64) -> Result<Comparis
     let mut files = Vec::new();
     list(expected, &mut files)?;
     files.sort();
+    if files.is_empty() {
+        bail!("{}: there is no file of results to compare with", expected.display());
+    }
     for path in files {
         let name = path.strip_prefix(expected).expect("the path begins with the folder");
         let base = name.file_name().unwrap_or_default();
-        if base == TIMINGS || base == LOCK {
+        if base == TIMINGS {
             continue;
         }
         let again = found.join(name);
@@ -76,14 +80,17 @@ pub fn compare(found: &Path, expected: &Path, tolerance: f64) -> Result<Comparis
     Ok(comparison)
 }
 
-/// All files below a folder.
+/// All files below a folder but rows as they were saved, which lie in as many files as there were runs.
+/// Links to folders are not followed: they may lead in a circle.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     let cannot = || format!("cannot look for results in {}", folder.display());
     for entry in fs::read_dir(folder).with_context(cannot)? {
-        let path = entry.with_context(cannot)?.path();
-        match path.is_dir() {
-            true => list(&path, files)?,
-            false => files.push(path),
+        let entry = entry.with_context(cannot)?;
+        let kind = entry.file_type().with_context(cannot)?;
+        match (kind.is_dir(), entry.path()) {
+            (true, path) if path.file_name() != Some(PARTS.as_ref()) => list(&path, files)?,
+            (false, path) if path.is_file() => files.push(path),
+            _ => {}
         }
     }
     Ok(())

@@ -1,0 +1,36 @@
+use std::fs::{File, Metadata};
+use std::io;
+use std::path::Path;
+
+/// What tells a file apart from all others, whatever its names: device and number of the file on Unix, the
+/// canonical path elsewhere.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Identity {
+    #[cfg(unix)]
+    device_and_number: (u64, u64),
+    #[cfg(not(unix))]
+    path: std::path::PathBuf,
+}
+
+impl Identity {
+    /// Of the file that a path leads to, through links.
+    pub(crate) fn of_path(path: &Path) -> io::Result<Self> {
+        Self::of(&std::fs::metadata(path)?, path)
+    }
+
+    /// Of an open file; `path` is where it was opened.
+    pub(crate) fn of_open(file: &File, path: &Path) -> io::Result<Self> {
+        Self::of(&file.metadata()?, path)
+    }
+
+    #[cfg(unix)]
+    fn of(metadata: &Metadata, _: &Path) -> io::Result<Self> {
+        use std::os::unix::fs::MetadataExt;
+        Ok(Identity { device_and_number: (metadata.dev(), metadata.ino()) })
+    }
+
+    #[cfg(not(unix))]
+    fn of(_: &Metadata, path: &Path) -> io::Result<Self> {
+        Ok(Identity { path: std::fs::canonicalize(path)? })
+    }
+}

@@ -1,0 +1,66 @@
+//! The file layer: whatever the suite writes goes through here.
+//!
+//! - **Whole or not there.** A file is written as a temporary neighbour ([`Output`], [`write_atomically`]),
+//!   which takes its name in one step once it is whole.
+//! - **Never through a link, never in place of something else.** A link, folder, FIFO, socket or device where
+//!   a file is to be written is refused with an error that says what stands there.
+//! - **Never over an input.** [`prepare`] compares files, not names, before anything is computed.
+//! - **Rows** go into a [`Journal`], a file that a single process appends to. Others only read it
+//!   ([`journal_lines`]), so that no lock is needed.
+//! - **Leftovers** of killed processes are known by their names, and removed ([`remove_leftovers`]) once no
+//!   process writes them any more.
+//! - **Tests decide where it ends.** With the feature `fault-injection`, every operation can fail, be torn or
+//!   be the last one (the module `fault`).
+//!
+//! # Example
+//! ```
+//! use mcl_core::files::{Journal, JournalLine, journal_lines, prepare, write_atomically};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let folder = tempfile::tempdir()?;
+//! # let folder = folder.path();
+//! let (log, map) = (folder.join("office.log"), folder.join("map.csv"));
+//! std::fs::write(&log, "...")?;
+//! assert!(prepare(&[&log], &[&log]).is_err()); // An input is no output.
+//! prepare(&[&map], &[&log])?;
+//! write_atomically(&map, b"x,y\n0,1\n")?;
+//!
+//! let mut journal = Journal::create(folder, "rows")?;
+//! journal.append(br#"{"trial":1}"#)?;
+//! let lines = journal_lines(journal.path(), 1 << 20)?.collect::<Result<Vec<_>, _>>()?;
+//! assert_eq!(lines, [JournalLine::Whole(br#"{"trial":1}"#.to_vec())]);
+//! # Ok(())
+//! # }
+//! ```
+
+#[cfg(feature = "fault-injection")]
+pub mod fault;
+#[cfg(not(feature = "fault-injection"))]
+mod fault {
+    //! Nothing is injected: every operation is carried out as it is.
+    use std::io;
+    use std::path::Path;
+
+    pub(super) use super::operation::Operation;
+
+    pub(super) fn next(_: Operation, _: &Path, bytes: usize) -> io::Result<usize> {
+        Ok(bytes)
+    }
+}
+mod folder;
+mod hold;
+mod identity;
+mod journal;
+mod operation;
+mod output;
+mod own_file;
+mod prepare;
+mod temporary;
+
+pub use folder::{create_folder, remove, remove_folder, sync_folder};
+pub use hold::{Held, hold};
+pub use journal::{Journal, JournalLine, JournalLines, journal_lines, journals};
+pub use output::{Output, write_atomically};
+pub use own_file::{OwnFile, open};
+pub use prepare::prepare;
+pub use temporary::{is_leftover, remove_leftovers};

@@ -1,0 +1,258 @@
+//! Rows as they are kept: every process that runs trials appends to a file of its own, and reads those
+//! of all others. No file is ever changed by anybody but the process that made it, so that no lock is
+//! needed. What was cut off or damaged is not there, and is computed again.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use mcl_core::files::{Journal, JournalLine, create_folder, journal_lines, journals};
+use serde::{Deserialize, Serialize};
+
+use crate::store::identity::Identity;
+use crate::table::{Cells, Value};
+
+/// Folder of the files of rows, below a result folder.
+pub const PARTS: &str = "parts";
+const PREFIX: &str = "rows";
+/// A line at most (bytes): a trial of [`MAX_ROWS`](crate::study) rows would not fit, but such a trial has
+/// no end either.
+const MAX_LINE: usize = 256 << 20;
+
+/// A line of a file of rows.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+enum Line {
+    /// The first: what all rows of the file depend on.
+    Identity(Box<Identity>),
+    /// Rows of a trial that ended.
+    Trial(Saved),
+    /// A trial that failed.
+    Failed(FailedTrial),
+}
+
+/// Rows of a trial that ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Saved {
+    /// The trial in words.
+    pub trial: String,
+    /// The columns of the rows.
+    pub columns: Vec<String>,
+    /// Rows with their identities.
+    pub rows: Vec<(String, Vec<Value>)>,
+    /// Processor time of the trial's parts, in seconds.
+    pub seconds: Vec<(String, f64)>,
+}
+
+/// A trial that failed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FailedTrial {
+    /// The trial in words.
+    pub trial: String,
+    /// Why it failed.
+    pub reason: String,
+}
+
+impl Saved {
+    /// Of rows that share their columns.
+    pub fn new(trial: String, rows: Vec<(String, Cells)>, seconds: Vec<(String, f64)>) -> Self {
+        let columns = rows.first().map_or(Vec::new(), |(_, cells)| {
+            cells.iter().map(|(column, _)| column.clone()).collect()
+        });
+        let values = |cells: Cells| cells.into_iter().map(|(_, value)| value).collect();
+        let rows = rows.into_iter().map(|(identity, cells)| (identity, values(cells))).collect();
+        Saved { trial, columns, rows, seconds }
+    }
+}
+
+/// The file of rows of this process, made with the first trial that ends.
+pub struct OwnPart<'a> {
+    folder: &'a Path,
+    identity: &'a Identity,
+    journal: Option<Journal>,
+}
+
+impl<'a> OwnPart<'a> {
+    /// For a result folder.
+    pub fn new(folder: &'a Path, identity: &'a Identity) -> Self {
+        OwnPart { folder, identity, journal: None }
+    }
+
+    /// Saves the rows of a trial: when this returns they are on the disk.
+    ///
+    /// # Errors
+    /// When they cannot be written, or the folder was removed or replaced.
+    pub fn save(&mut self, saved: Saved) -> Result<()> {
+        self.append(&Line::Trial(saved))
+    }
+
+    /// Saves that a trial failed.
+    ///
+    /// # Errors
+    /// As [`OwnPart::save`].
+    pub fn save_failure(&mut self, failed: FailedTrial) -> Result<()> {
+        self.append(&Line::Failed(failed))
+    }
+
+    fn append(&mut self, line: &Line) -> Result<()> {
+        let parts = self.folder.join(PARTS);
+        let cannot = || format!("cannot save rows in {}", parts.display());
+        let journal = match &mut self.journal {
+            Some(journal) => journal,
+            None => {
+                create_folder(&parts).with_context(cannot)?;
+                let mut journal = Journal::create(&parts, PREFIX).with_context(cannot)?;
+                let first = serde_json::to_vec(&Line::Identity(Box::new(self.identity.clone())))?;
+                journal.append(&first).with_context(cannot)?;
+                self.journal.insert(journal)
+            }
+        };
+        journal.append(&serde_json::to_vec(line)?).with_context(cannot)
+    }
+}
+
+/// Everything that lies in the files of rows of a result folder.
+#[derive(Debug, Default)]
+pub struct Parts {
+    /// Values of rows by their identity, each with the columns that its trial has.
+    rows: HashMap<String, KeptRow>,
+    /// Columns of trials; most trials share them.
+    columns: Vec<Vec<String>>,
+    /// Processor times by trial.
+    pub seconds: Vec<(String, Vec<(String, f64)>)>,
+    /// Trials that failed, in the order in which they did.
+    pub failed: Vec<FailedTrial>,
+    /// What was damaged, a line each.
+    pub damage: Vec<String>,
+}
+
+#[derive(Debug)]
+struct KeptRow {
+    columns: usize,
+    values: Vec<Value>,
+    /// The file, and the number of the line in it.
+    place: (PathBuf, usize),
+}
+
+impl Parts {
+    /// Reads the rows of all processes, which have to be of one identity. What a killed process or a
+    /// broken disk left damaged is not there.
+    ///
+    /// # Errors
+    /// When a file cannot be read, rows are of another identity (with the first difference), or two rows
+    /// of one identity differ (with both places).
+    pub fn read(folder: &Path, identity: &Identity) -> Result<Self> {
+        let mut parts = Parts::default();
+        let paths = journals(&folder.join(PARTS), PREFIX)
+            .with_context(|| format!("cannot read {}", folder.join(PARTS).display()))?;
+        for path in paths {
+            parts.read_part(&path, identity).with_context(|| format!("in {}", path.display()))?;
+        }
+        Ok(parts)
+    }
+
+    fn read_part(&mut self, path: &Path, identity: &Identity) -> Result<()> {
+        let mut is_of_this = None;
+        for (number, line) in (1..).zip(journal_lines(path, MAX_LINE)?) {
+            let damaged = |what: &str| format!("{} line {number}: {what}", path.display());
+            let line = match line {
+                Ok(JournalLine::Whole(line)) => line,
+                // Cut off by the end of its process, or still being written by another one.
+                Ok(JournalLine::Torn { .. }) => break,
+                Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
+                    self.damage.push(damaged("too long, its trial is run again"));
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
+            match (serde_json::from_slice::<Line>(&line), &is_of_this) {
+                (Ok(Line::Identity(found)), None) => {
+                    is_of_this = Some(identity.check_same(&found));
+                }
+                (Ok(Line::Trial(saved)), Some(Ok(()))) => {
+                    self.add(saved, path, number)?;
+                }
+                (Ok(Line::Failed(failed)), Some(Ok(()))) => self.failed.push(failed),
+                (Ok(Line::Trial(_)), Some(Err(difference))) => {
+                    bail!(
+                        "the rows there {difference}; --fresh removes them and starts anew, -o \
+                         writes elsewhere"
+                    );
+                }
+                (Ok(Line::Failed(_)), Some(Err(_))) => {}
+                (_, None) => {
+                    // Whose rows these are cannot be known.
+                    self.damage
+                        .push(damaged("no identity of rows; what follows is computed again"));
+                    break;
+                }
+                _ => self.damage.push(damaged("damaged, its trial is run again")),
+            }
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, saved: Saved, path: &Path, line: usize) -> Result<()> {
+        let Saved { trial, columns, rows, seconds } = saved;
+        let known = self.columns.iter().position(|known| *known == columns);
+        let columns = known.unwrap_or_else(|| {
+            self.columns.push(columns);
+            self.columns.len() - 1
+        });
+        for (identity, values) in rows {
+            if values.len() != self.columns[columns].len() {
+                let place = format!("{} line {line}", path.display());
+                self.damage.push(format!("{place}: damaged, its trial is run again"));
+                return Ok(());
+            }
+            match self.rows.entry(identity) {
+                Entry::Vacant(entry) => {
+                    entry.insert(KeptRow { columns, values, place: (path.to_owned(), line) });
+                }
+                // Two processes may run the same trial; what comes out is the same.
+                Entry::Occupied(entry) => {
+                    let kept = entry.get();
+                    if kept.columns == columns && kept.values == values {
+                        continue;
+                    }
+                    let columns = &self.columns[columns];
+                    let differs = columns.iter().zip(kept.values.iter().zip(&values));
+                    let first = differs.into_iter().find(|(_, (a, b))| a != b);
+                    let (column, a, b) = first.map_or(
+                        ("the columns", String::new(), String::new()),
+                        |(column, (a, b))| (column.as_str(), a.to_string(), b.to_string()),
+                    );
+                    bail!(
+                        "line {line} and {} line {} hold the same row of trial {trial} with \
+                         different values: {column} is {b:?} and {a:?}; one of the files is damaged: \
+                         remove it, or start anew with --fresh",
+                        kept.place.0.display(),
+                        kept.place.1
+                    );
+                }
+            }
+        }
+        self.seconds.push((trial, seconds));
+        Ok(())
+    }
+
+    /// Whether there is a row.
+    pub fn has(&self, identity: &str) -> bool {
+        self.rows.contains_key(identity)
+    }
+
+    /// The values of a row by column.
+    pub fn row(&self, identity: &str) -> Option<impl Iterator<Item = (&str, &Value)>> {
+        let row = self.rows.get(identity)?;
+        Some(self.columns[row.columns].iter().map(String::as_str).zip(&row.values))
+    }
+}
+
+/// Whether a result folder has files of rows. Those committed with the program have not.
+pub fn has_parts(folder: &Path) -> bool {
+    fs::read_dir(folder.join(PARTS)).is_ok_and(|mut entries| entries.next().is_some())
+}
