@@ -229,12 +229,7 @@ pub(super) fn log_ratios(a: &[Cell], b: &[Cell], column: &str) -> Result<Blocked
 }
 
 /// Tests ln of a column in one cell against that in another times a factor, paired by draw and run.
-pub(super) fn compare(
-    a: &Cell,
-    b: &Cell,
-    column: &str,
-    factor: f64,
-) -> Result<Effect, Untestable> {
+pub(super) fn compare(a: &Cell, b: &Cell, column: &str, factor: f64) -> Result<Effect, Untestable> {
     let limits = b.logs(column)?.map(|log| log + factor.ln())?;
     paired(&a.logs(column)?, &limits).map_err(|error| a.because(error))
 }
@@ -312,10 +307,7 @@ mod tests {
         );
         let zero = against_gbs("rnd+f-km");
         assert!(zero.starts_with("rnd+f-km 1 %: block 3, unit 3: the value 0"), "{zero}");
-        assert_eq!(
-            against_gbs("gbs+f-km"),
-            "gbs+f-km 1 %: weighted of draw 3, run 3 is not known"
-        );
+        assert_eq!(against_gbs("gbs+f-km"), "gbs+f-km 1 %: weighted of draw 3, run 3 is not known");
         assert!(reason(log_ratios(&[], &[], WEIGHTED)).contains("0 independent blocks"));
         planted::edit(&mut results, |row| row.number("draw") == 0.0);
         let data = first(&results);

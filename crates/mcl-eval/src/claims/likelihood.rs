@@ -179,7 +179,8 @@ fn strategy_above_10(data: &Sampled) -> Claim {
             tests.len()
         );
         let holds = tests.iter().all(|test| test.p < ALPHA);
-        let in_nats = |test| Tested { of: format!("nats per point between {}", test.of), ..test };
+        let in_nats =
+            |test: Tested| Tested { of: format!("nats per point between {}", test.of), ..test };
         let evidence = Tested::weakest(tests).map(|test| in_nats(test).difference());
         Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
     })

@@ -9,15 +9,8 @@ use crate::claims::claim::{
     ALPHA, Claim, Evidence, Finding, Section, Statement, Tested, Untestable, significant,
 };
 
-pub(super) const CLAIMS: [fn(&Sampled) -> Claim; 7] = [
-    improved,
-    most_on_small,
-    gbs_over_rnd,
-    no_gain,
-    slightly_worse,
-    recovers,
-    diverges_below,
-];
+pub(super) const CLAIMS: [fn(&Sampled) -> Claim; 7] =
+    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse, recovers, diverges_below];
 
 const COLUMN: &str = "weighted";
 
@@ -105,7 +98,7 @@ fn gbs_over_rnd(data: &Sampled) -> Claim {
     };
     statement.decide(&data.place, || {
         let small = |kind| data.cells(kind, &Sizes::SMALL);
-        let tested = |grid: &str, random: &str| -> Result<Tested, Untestable> {
+        let tested = |grid, random| -> Result<Tested, Untestable> {
             let effect = one_sample(&log_ratios(&small(grid)?, &small(random)?, COLUMN)?)?;
             let of = format!("error on {grid} over that on {random}, below 1 %");
             Ok(Tested { p: effect.p_less, effect, of })
@@ -222,8 +215,7 @@ fn recovers(data: &Sampled) -> Claim {
                 shown.push(format!("{} of {} on {}", runs.hits(), runs.trials(), cell.name()));
             }
         }
-        let shown =
-            if shown.is_empty() { String::new() } else { format!(" ({})", list(&shown)) };
+        let shown = if shown.is_empty() { String::new() } else { format!(" ({})", list(&shown)) };
         Ok(Finding {
             holds: runs.hits() == 0,
             measured: format!("{} of {} runs diverged{shown}", runs.hits(), runs.trials()),
@@ -423,7 +415,10 @@ mod tests {
         let large = planted::localization(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
         assert_eq!(reason(most_on_small, &large), "there are no maps below 1 %, only of 1, 2 %");
         assert_eq!(reason(gbs_over_rnd, &large), "there are no maps below 1 %, only of 1, 2 %");
-        assert_eq!(reason(diverges_below, &large), "there are no maps below 0.25 %, only of 1, 2 %");
+        assert_eq!(
+            reason(diverges_below, &large),
+            "there are no maps below 0.25 %, only of 1, 2 %"
+        );
         assert_eq!(decide(recovers, &large).verdict, Reproduced);
         let small = planted::localization(&[0.1], |_, _, _, scatter| 2.0 * scatter);
         assert_eq!(reason(recovers, &small), "there are no maps from 0.25 % on, only of 0.1 %");

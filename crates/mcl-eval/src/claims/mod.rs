@@ -56,22 +56,11 @@ pub fn without_results(results: &[Results], decided: &[DatasetClaims]) -> Vec<St
 fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     let facts = &results.first()?.facts;
     let mut notes = Vec::new();
-    let mut sampled = |column: &str, with_runs: bool| -> Vec<Vec<Sampled>> {
-        let of_study = |results: &&'_ Results| match Sampled::of(results, column, with_runs) {
-            Ok(sampled) => Some(sampled).filter(|sampled| !sampled.is_empty()),
-            Err(error) => {
-                let note = format!("Study {} is not compared with the paper: {error}.", results.name);
-                if !notes.contains(&note) {
-                    notes.push(note);
-                }
-                None
-            }
-        };
-        results.iter().filter_map(of_study).collect()
-    };
-    let of_likelihood = sampled("log_likelihood", false);
-    let of_localization = sampled("weighted", true);
-    for (found, what) in [(&of_likelihood, "the likelihood (V-A)"), (&of_localization, "localization (V-B)")] {
+    let of_likelihood = sampled(results, "log_likelihood", false, &mut notes);
+    let of_localization = sampled(results, "weighted", true, &mut notes);
+    for (found, what) in
+        [(&of_likelihood, "the likelihood (V-A)"), (&of_localization, "localization (V-B)")]
+    {
         if found.is_empty() {
             notes.push(format!("No study says anything on {what}."));
         }
@@ -93,10 +82,32 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     Some(DatasetClaims { name, description, claims, notes })
 }
 
+/// The splits of every study that has a column; why one is not compared is noted.
+fn sampled<'a>(
+    results: &[&'a Results],
+    column: &str,
+    with_runs: bool,
+    notes: &mut Vec<String>,
+) -> Vec<Vec<Sampled<'a>>> {
+    let mut found = Vec::new();
+    for results in results {
+        match Sampled::of(results, column, with_runs) {
+            Ok(splits) if splits.is_empty() => {}
+            Ok(splits) => found.push(splits),
+            Err(error) => {
+                notes.push(format!(
+                    "Study {} is not compared with the paper: {error}.",
+                    results.name
+                ));
+            }
+        }
+    }
+    notes.dedup();
+    found
+}
+
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::claim::Verdict::*;
     use super::*;
 

@@ -64,7 +64,8 @@ pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
         skipped_records: 0,
     };
     let asked = plan.trials.len();
-    let name = if plan.rows() > asked || text.contains("runs") { "localization" } else { "likelihood" };
+    let name =
+        if plan.rows() > asked || text.contains("runs") { "localization" } else { "likelihood" };
     let table = Table::of_cells(rows.into_iter().map(|row| row.0));
     Results {
         folder: PathBuf::new(),
@@ -75,6 +76,7 @@ pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
         done: asked,
         asked,
         pictured: Vec::new(),
+        damage: Vec::new(),
     }
 }
 
@@ -102,8 +104,7 @@ pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, 
 /// divergences.
 pub(super) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
     let mut rng = Seed::new(1).derive("scatter").rng();
-    let text =
-        format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
+    let text = format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
     study(&text, |row| {
         let (size, run) = (row.number("size_percent"), row.number("run") as u32);
         let weighted = truth(row.text("map"), size, run, rng.random_range(0.99..1.01));

@@ -288,7 +288,9 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("office, split alternate: 0 reproduced, 0 not reproduced, 1 not testable")
+            text.contains(
+                "office, split alternate: 0 reproduced, 0 not reproduced, 1 not testable"
+            )
         );
         assert!(text.contains("V-B, alternate: Improved"), "{text}");
     }
@@ -328,8 +330,10 @@ mod tests {
         datasets[0].claims[2].statement.id = "b";
         datasets[0].claims[2].place.experiment = Some(hostile.into());
         let missing = [hostile.to_owned()];
-        for text in
-            [60, 100].map(|width| text(&datasets, &missing, width)).iter().chain([&markdown(&datasets, &missing)])
+        for text in [60, 100]
+            .map(|width| text(&datasets, &missing, width))
+            .iter()
+            .chain([&markdown(&datasets, &missing)])
         {
             let acts = |c: char| c != '\n' && (c.is_control() || c == '\u{202e}');
             assert!(!text.contains(acts), "{text}");
