@@ -149,13 +149,17 @@ impl<'a> Sampled<'a> {
         Sampled { place, results, sizes, cells }
     }
 
-    /// The cells of a kind of map at these sizes, at least one, sizes ascending. On half a study nothing
-    /// is decided.
-    pub fn cells(&self, kind: &str, of: &Sizes) -> Result<Vec<Cell<'a>>, Untestable> {
+    /// Whether all trials have their rows: nothing is decided on half a study.
+    pub fn complete(&self) -> Result<(), Untestable> {
         let Results { done, asked, .. } = self.results;
-        if done < asked {
-            return Err(Untestable(format!("{done} of {} are there", counted(*asked, "trial"))));
+        match done == asked {
+            true => Ok(()),
+            false => Err(Untestable(format!("{done} of {} are there", counted(*asked, "trial")))),
         }
+    }
+
+    /// The cells of a kind of map at these sizes, at least one, sizes ascending.
+    pub fn cells(&self, kind: &str, of: &Sizes) -> Result<Vec<Cell<'a>>, Untestable> {
         let cells: Vec<Cell> = self
             .cells
             .iter()

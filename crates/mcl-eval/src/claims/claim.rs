@@ -54,8 +54,8 @@ pub struct Place {
 pub struct Statement {
     /// Name of the claim, the same in every version of the program.
     pub id: &'static str,
-    /// Where the paper says it.
-    pub section: Section,
+    /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
+    pub section: &'static str,
     /// What it says.
     #[serde(rename = "statement")]
     pub text: &'static str,
@@ -63,50 +63,15 @@ pub struct Statement {
     pub test: &'static str,
 }
 
-/// Section of the paper, in its order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub enum Section {
-    /// Introduction.
-    #[serde(rename = "I")]
-    Introduction,
-    /// Generating the initial map.
-    #[serde(rename = "IV")]
-    InitialMap,
-    /// Experimental results.
-    #[serde(rename = "V")]
-    Results,
-    /// Likelihood maximization.
-    #[serde(rename = "V-A")]
-    Likelihood,
-    /// Localization using sample-based maps.
-    #[serde(rename = "V-B")]
-    Localization,
-}
-
-impl Section {
-    /// Its number in the paper.
-    pub fn number(self) -> &'static str {
-        match self {
-            Section::Introduction => "I",
-            Section::InitialMap => "IV",
-            Section::Results => "V",
-            Section::Likelihood => "V-A",
-            Section::Localization => "V-B",
-        }
-    }
-}
-
 /// What comes of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(into = "&'static str")]
 pub enum Verdict {
     /// It holds for what was measured.
-    #[serde(rename = "reproduced")]
     Reproduced,
     /// It does not, or not surely enough.
-    #[serde(rename = "not reproduced")]
     NotReproduced,
     /// The saved results cannot decide it.
-    #[serde(rename = "not testable")]
     NotTestable,
 }
 
@@ -114,10 +79,12 @@ impl Verdict {
     /// All of them.
     pub const ALL: [Verdict; 3] =
         [Verdict::Reproduced, Verdict::NotReproduced, Verdict::NotTestable];
+}
 
-    /// Its name, also in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
+/// The name, also in JSON.
+impl From<Verdict> for &'static str {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
             Verdict::Reproduced => "reproduced",
             Verdict::NotReproduced => "not reproduced",
             Verdict::NotTestable => "not testable",
@@ -138,7 +105,7 @@ pub struct Evidence {
     pub high: Option<f64>,
     /// Number of independent blocks (of the smaller side) behind it.
     pub blocks: Option<usize>,
-    /// What the effect is: which comparison, and in which unit.
+    /// What the effect is: its unit, and which comparison.
     pub effect_of: Option<String>,
 }
 
@@ -147,51 +114,51 @@ pub struct Evidence {
 pub(super) struct Tested {
     pub p: f64,
     pub effect: Effect,
-    /// Which comparison, and in which unit.
+    /// Which comparison.
     pub of: String,
 }
 
 impl Tested {
     /// The comparison with the largest p: a claim about all of them is as sure as that one is.
-    pub fn weakest(tests: Vec<Tested>) -> Option<Tested> {
-        tests.into_iter().max_by(|a, b| a.p.total_cmp(&b.p))
+    pub fn weakest(tests: &[Tested]) -> Option<&Tested> {
+        tests.iter().max_by(|a, b| a.p.total_cmp(&b.p))
     }
 
-    /// The comparison with the smallest p, adjusted after Holm: a claim about any of them is as sure as
-    /// that one is.
-    pub fn strongest(tests: Vec<Tested>) -> Option<Tested> {
+    /// The comparison with the smallest p, adjusted after Holm (times the number of comparisons): a claim
+    /// about any of them is as sure as that one is.
+    pub fn strongest(tests: &[Tested]) -> Option<Tested> {
         let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
-        let tests = tests.into_iter().zip(adjusted);
+        let tests = tests.iter().zip(adjusted);
         let (test, p) = tests.min_by(|a, b| a.0.p.total_cmp(&b.0.p))?;
-        Some(Tested { p, ..test })
+        Some(Tested { p, ..test.clone() })
     }
 
-    /// The effect as a difference.
-    pub fn difference(self) -> Evidence {
-        self.evidence(|difference| difference)
+    /// The evidence of a difference in this unit.
+    pub fn difference(&self, unit: &str) -> Evidence {
+        self.evidence(unit, |difference| difference)
     }
 
-    /// The effect of logarithms as a ratio.
-    pub fn ratio(self) -> Evidence {
-        self.evidence(f64::exp)
+    /// The evidence of a difference of logarithms, as a ratio of this.
+    pub fn ratio(&self, of: &str) -> Evidence {
+        self.evidence(of, f64::exp)
     }
 
-    fn evidence(self, shown: fn(f64) -> f64) -> Evidence {
+    fn evidence(&self, unit: &str, shown: fn(f64) -> f64) -> Evidence {
         let Tested { p, effect, of } = self;
         Evidence {
-            p: Some(p),
+            p: Some(*p),
             effect: Some(shown(effect.mean_difference)),
             low: Some(shown(effect.interval.low)),
             high: Some(shown(effect.interval.high)),
             blocks: effect.blocks.into_iter().min(),
-            effect_of: Some(of),
+            effect_of: Some(format!("{unit} {of}")),
         }
     }
 }
 
 /// How many of the p values of a family are below α after Holm.
-pub(super) fn significant(p_values: &[f64]) -> usize {
-    holm(p_values).into_iter().filter(|&p| p < ALPHA).count()
+pub(super) fn significant(p_values: impl Iterator<Item = f64>) -> usize {
+    holm(&p_values.collect::<Vec<f64>>()).into_iter().filter(|&p| p < ALPHA).count()
 }
 
 /// Outcome of a test that could be made.
@@ -218,22 +185,18 @@ impl From<TooFew> for Untestable {
     }
 }
 
-impl Statement {
-    /// The claim, decided by a test where one can be made.
-    pub(super) fn decide(
-        self,
-        place: &Place,
-        test: impl FnOnce() -> Result<Finding, Untestable>,
-    ) -> Claim {
-        let (verdict, measured, evidence) = match test() {
+/// What comes of the test of a statement.
+pub(super) type Outcome = Result<Finding, Untestable>;
+
+impl Claim {
+    pub(super) fn new(place: Place, statement: Statement, outcome: Outcome) -> Self {
+        let (verdict, measured, evidence) = match outcome {
             Ok(Finding { holds: true, measured, evidence }) => {
                 (Verdict::Reproduced, measured, evidence)
             }
-            Ok(Finding { holds: false, measured, evidence }) => {
-                (Verdict::NotReproduced, measured, evidence)
-            }
+            Ok(Finding { measured, evidence, .. }) => (Verdict::NotReproduced, measured, evidence),
             Err(Untestable(reason)) => (Verdict::NotTestable, reason, Evidence::default()),
         };
-        Claim { place: place.clone(), statement: self, measured, evidence, verdict }
+        Claim { place, statement, measured, evidence, verdict }
     }
 }

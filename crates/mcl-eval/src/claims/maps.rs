@@ -6,107 +6,94 @@ use mcl_study::store::results::Results;
 use mcl_study::table::Value;
 
 use crate::claims::cells::{Sampled, Sizes};
-use crate::claims::claim::{Claim, Evidence, Finding, Section, Statement, Untestable};
+use crate::claims::claim::{Evidence, Finding, Outcome, Statement, Untestable};
 
-pub(super) const CLAIMS: [fn(&Sampled) -> Claim; 3] = [even_spread, size_not_exact, cost_of_grid];
+pub(super) const CLAIMS: [(Statement, fn(&Sampled) -> Outcome); 3] = [
+    (
+        Statement {
+            id: "even-spread",
+            section: "IV",
+            text: "Grid-based maps spread their points more evenly than random maps of the same size \
+                   (figure 2)",
+            test: "no test, one map of each kind: the distances from map points to their nearest map \
+                   point vary less (coefficient of variation)",
+        },
+        even_spread,
+    ),
+    (
+        Statement {
+            id: "size-not-exact",
+            section: "IV",
+            text: "The number of points of a grid-based map cannot be asked for exactly",
+            test: "no test: holds if a map of the experiment, whose cell size is searched for, has \
+                   not the number of points that was asked for",
+        },
+        size_not_exact,
+    ),
+    (
+        Statement {
+            id: "cost-of-grid",
+            section: "IV",
+            text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
+                   each of K cells",
+            test: "no test",
+        },
+        |_| {
+            let reason = "saved times are of a search over many grids; `make bench` times one";
+            Err(Untestable(reason.to_owned()))
+        },
+    ),
+];
 
 /// The picture of a random and a grid-based map of the same size.
 const FIGURE_2: &str = "figure2-sampling";
 
-fn even_spread(data: &Sampled) -> Claim {
-    let statement = Statement {
-        id: "even-spread",
-        section: Section::InitialMap,
-        text: "Grid-based maps spread their points more evenly than random maps of the same size \
-               (figure 2)",
-        test: "no test, one map of each kind: the distances from map points to their nearest map \
-               point vary less (coefficient of variation)",
-    };
-    statement.decide(&data.place, || {
-        data.cells("gbs", &Sizes::ALL)?;
-        let [grid, random] = [figure_2(data.results, "gbs")?, figure_2(data.results, "rnd")?];
-        let (of_grid, of_random) = (spread(&grid)?, spread(&random)?);
-        Ok(Finding {
-            holds: of_grid < of_random,
-            evidence: Evidence::default(),
-            measured: format!(
-                "coefficient of variation {of_grid:.2} of the grid-based map ({} points), \
-                 {of_random:.2} of the random one ({})",
-                grid.len(),
-                random.len()
-            ),
-        })
-    })
+fn even_spread(data: &Sampled) -> Outcome {
+    let [grid, random] = [figure_2(data.results, "gbs")?, figure_2(data.results, "rnd")?];
+    let (of_grid, of_random) = (spread(&grid)?, spread(&random)?);
+    let measured = format!(
+        "coefficient of variation {of_grid:.2} of the grid-based map ({} points), {of_random:.2} of \
+         the random one ({})",
+        grid.len(),
+        random.len()
+    );
+    Ok(Finding { holds: of_grid < of_random, measured, evidence: Evidence::default() })
 }
 
 /// The map of a kind in the picture.
 fn figure_2(results: &Results, kind: &str) -> Result<PointMap<2>, Untestable> {
     let pictures = results.study.views.pictures.iter().zip(&results.pictured);
     let shown = pictures.filter(|(picture, _)| picture.name == FIGURE_2).flat_map(|(_, maps)| maps);
-    let is_of_kind = |(column, value): &(String, Value)| {
-        column == "map" && value.text().is_some_and(|text| text == kind)
-    };
-    let map = shown.flatten().find(|map| map.cells.iter().any(is_of_kind));
+    let is_kind = |cell: &(String, Value)| cell.0 == "map" && cell.1.text() == Some(kind);
+    let map = shown.flatten().find(|map| map.cells.iter().any(is_kind));
     let missing = || Untestable("the maps of figure 2 are not saved".to_owned());
     read_map(&map.ok_or_else(missing)?.map).map_err(|error| Untestable(format!("{error:#}")))
 }
 
-fn size_not_exact(data: &Sampled) -> Claim {
-    let statement = Statement {
-        id: "size-not-exact",
-        section: Section::InitialMap,
-        text: "The number of points of a grid-based map cannot be asked for exactly",
-        test: "no test: holds if a map of the experiment, whose cell size is searched for, has not \
-               the number of points that was asked for",
-    };
-    statement.decide(&data.place, || {
-        let (mut maps, mut exact) = (0, 0);
-        // Relative miss, points that were found, points that were asked for.
-        let mut furthest = (0.0, 0.0, 0.0);
-        for cell in data.cells("gbs", &Sizes::ALL)? {
-            let (found, requested) = (cell.values("map_points")?, cell.values("requested_points")?);
-            for (&(_, found), &(_, requested)) in
-                found.block_means().iter().zip(requested.block_means())
-            {
-                maps += 1;
-                exact += usize::from(found == requested);
-                let miss = found / requested - 1.0;
-                if miss.abs() > f64::abs(furthest.0) {
-                    furthest = (miss, found, requested);
-                }
+fn size_not_exact(data: &Sampled) -> Outcome {
+    let (mut maps, mut exact) = (0, 0);
+    // Relative miss, points that were found, points that were asked for.
+    let mut furthest = (0.0, 0.0, 0.0);
+    for cell in data.cells("gbs", &Sizes::ALL)? {
+        let (found, requested) = (cell.values("map_points")?, cell.values("requested_points")?);
+        for (&(_, found), &(_, requested)) in
+            found.block_means().iter().zip(requested.block_means())
+        {
+            maps += 1;
+            exact += usize::from(found == requested);
+            let miss = found / requested - 1.0;
+            if miss.abs() > f64::abs(furthest.0) {
+                furthest = (miss, found, requested);
             }
         }
-        let furthest = match furthest {
-            (miss, found, requested) if miss != 0.0 => format!(
-                "; the furthest has {found} instead of {requested} points ({:+.2} %)",
-                100.0 * miss
-            )
-            .replace('-', "−"),
-            _ => String::new(),
-        };
-        Ok(Finding {
-            holds: exact < maps,
-            evidence: Evidence::default(),
-            measured: format!(
-                "bisection of the cell size met {exact} of {maps} requests exactly{furthest}"
-            ),
-        })
-    })
-}
-
-fn cost_of_grid(data: &Sampled) -> Claim {
-    let statement = Statement {
-        id: "cost-of-grid",
-        section: Section::InitialMap,
-        text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
-               each of K cells",
-        test: "no test",
-    };
-    statement.decide(&data.place, || {
-        data.cells("gbs", &Sizes::ALL)?;
-        let reason = "saved times are of a search over many grids; `make bench` times one";
-        Err(Untestable(reason.to_owned()))
-    })
+    }
+    let mut measured = format!("bisection of the cell size met {exact} of {maps} requests exactly");
+    if exact < maps {
+        let (miss, found, requested) = furthest;
+        let miss = format!("{:+.2}", 100.0 * miss).replace('-', "−");
+        measured += &format!("; the furthest has {found} instead of {requested} points ({miss} %)");
+    }
+    Ok(Finding { holds: exact < maps, measured, evidence: Evidence::default() })
 }
 
 /// Coefficient of variation of the distances from each point to the nearest other one: 0 on a
@@ -153,11 +140,11 @@ fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::claims::claim::Verdict;
-    use crate::claims::planted;
     use mcl_maps::files::{Encoding, write_map};
     use mcl_study::store::results::Pictured;
+
+    use super::*;
+    use crate::claims::planted;
 
     /// On a lattice, and with half of the points crowded into a corner.
     fn maps() -> [PointMap<2>; 2] {
@@ -168,6 +155,10 @@ mod tests {
             .enumerate()
             .map(|(i, &[x, y])| if i % 2 == 0 { [x, y] } else { [0.01 * x, 0.01 * y] });
         [PointMap::new(crowded.collect()).unwrap(), PointMap::new(lattice.clone()).unwrap()]
+    }
+
+    fn outcome(claim: fn(&Sampled) -> Outcome, results: &Results) -> Outcome {
+        claim(&Sampled::of(results, "log_likelihood", false).unwrap()[0])
     }
 
     #[test]
@@ -186,64 +177,43 @@ mod tests {
         assert_eq!(nearest_other_distances(&twins).unwrap(), [0.0, 0.0]);
     }
 
-    fn decide(claim: fn(&Sampled) -> Claim, results: &Results) -> Claim {
-        claim(&Sampled::of(results, "log_likelihood", false).unwrap()[0])
-    }
-
     #[test]
     fn the_lattice_is_even() {
         let [random, grid] = maps();
         assert!(spread(&grid).unwrap() < 1e-12);
         let folder = tempfile::tempdir().unwrap();
-        let mut results = planted::study(
-            "measures = [\"likelihood\"]\n[[trials]]\nmap = [\"gbs\", \"gbs+f-km\", \"rnd\", \
-             \"rnd+f-km\"]\nsize = 1\n[[views.pictures]]\nname = \"figure2-sampling\"\nmaps = [{ map = \
-             \"rnd\", size = 1 }, { map = \"gbs\", size = 1 }]\n",
-            |row| row.set("log_likelihood", -5.0),
-        );
-        results.pictured = vec![vec![None, None]];
-        let claim = decide(even_spread, &results);
-        assert_eq!(claim.verdict, Verdict::NotTestable);
-        assert_eq!(claim.measured, "the maps of figure 2 are not saved");
-        for (maps, verdict) in
-            [([&random, &grid], Verdict::Reproduced), ([&grid, &random], Verdict::NotReproduced)]
-        {
+        let mut results = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
+        let missing = || Some("the maps of figure 2 are not saved".to_owned());
+        assert_eq!(outcome(even_spread, &results).err().map(|reason| reason.0), missing());
+        for (maps, holds) in [([&random, &grid], true), ([&grid, &random], false)] {
             let shown = ["rnd", "gbs"].into_iter().zip(maps).map(|(kind, points)| {
                 let map = folder.path().join(format!("{kind}.ply"));
                 write_map(&map, points, Encoding::Binary).unwrap();
-                let cells = vec![("map".to_owned(), kind.into())];
-                Some(Pictured { cells, map, paths: None })
+                Some(Pictured { cells: vec![("map".to_owned(), kind.into())], map, paths: None })
             });
             results.pictured = vec![shown.collect()];
-            assert_eq!(decide(even_spread, &results).verdict, verdict);
+            assert_eq!(outcome(even_spread, &results).ok().unwrap().holds, holds);
         }
         std::fs::write(folder.path().join("gbs.ply"), "no map").unwrap();
-        let claim = decide(even_spread, &results);
-        assert_eq!(claim.verdict, Verdict::NotTestable);
-        assert!(claim.measured.contains("gbs.ply"), "{}", claim.measured);
+        let reason = outcome(even_spread, &results).err().unwrap().0;
+        assert!(reason.contains("gbs.ply"), "{reason}");
     }
 
     #[test]
     fn a_size_that_is_missed_is_reported() {
         let mut results = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
-        let claim = decide(size_not_exact, &results);
-        assert_eq!(claim.verdict, Verdict::NotReproduced);
-        assert!(claim.measured.contains("5 of 5"), "{}", claim.measured);
+        let finding = outcome(size_not_exact, &results).ok().unwrap();
+        assert!(!finding.holds && finding.measured.contains("5 of 5"), "{}", finding.measured);
         planted::edit(&mut results, |row| {
             if row.text("map") == "gbs" && row.number("draw") == 2.0 {
                 row.set("map_points", 95u32);
             }
             true
         });
-        let claim = decide(size_not_exact, &results);
-        assert_eq!(claim.verdict, Verdict::Reproduced);
-        assert!(
-            claim.measured.contains("95 instead of 100 points (−5.00 %)"),
-            "{}",
-            claim.measured
-        );
+        let finding = outcome(size_not_exact, &results).ok().unwrap();
+        let missed = finding.measured.contains("95 instead of 100 points (−5.00 %)");
+        assert!(finding.holds && missed, "{}", finding.measured);
         planted::edit(&mut results, |row| row.text("map").starts_with("rnd"));
-        assert_eq!(decide(size_not_exact, &results).verdict, Verdict::NotTestable);
-        assert_eq!(decide(cost_of_grid, &results).verdict, Verdict::NotTestable);
+        assert!(outcome(size_not_exact, &results).is_err());
     }
 }

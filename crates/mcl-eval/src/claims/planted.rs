@@ -37,7 +37,7 @@ impl PlantedRow {
 }
 
 /// A complete study of this text on the office, each row filled by a function.
-pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
+pub(super) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
     let study = Study::parse(&format!("seed = 1\n{text}")).unwrap();
     let plan = study.plan("office").unwrap();
     let mut rows = Vec::new();
@@ -53,7 +53,23 @@ pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
         }
     }
     rows.iter_mut().for_each(fill);
-    let facts = DataFacts {
+    let asked = plan.trials.len();
+    Results {
+        folder: PathBuf::new(),
+        name: name.into(),
+        study,
+        facts: office_facts(),
+        table: Table::of_cells(rows.into_iter().map(|row| row.0)),
+        done: asked,
+        asked,
+        pictured: Vec::new(),
+        damage: Vec::new(),
+    }
+}
+
+/// What the data of planted studies is.
+pub(super) fn office_facts() -> DataFacts {
+    DataFacts {
         name: "office".into(),
         title: "Simulated office".into(),
         sha256: "00".into(),
@@ -62,21 +78,6 @@ pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
         max_range: Some(10.0),
         points: 10_000,
         skipped_records: 0,
-    };
-    let asked = plan.trials.len();
-    let name =
-        if plan.rows() > asked || text.contains("runs") { "localization" } else { "likelihood" };
-    let table = Table::of_cells(rows.into_iter().map(|row| row.0));
-    Results {
-        folder: PathBuf::new(),
-        name: name.into(),
-        study,
-        facts,
-        table,
-        done: asked,
-        asked,
-        pictured: Vec::new(),
-        damage: Vec::new(),
     }
 }
 
@@ -86,9 +87,11 @@ pub(super) fn study(text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
 pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, f64)) -> Results {
     let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
     let text = format!(
-        "measures = [\"likelihood\"]\n[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 5\n"
+        "measures = [\"likelihood\"]\n[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 5\n\
+         [[views.pictures]]\nname = \"figure2-sampling\"\nmaps = [{{ map = \"rnd\", size = 1 }}, \
+         {{ map = \"gbs\", size = 1 }}]\n"
     );
-    study(&text, |row| {
+    study("likelihood", &text, |row| {
         let size = row.number("size_percent");
         let is_random = row.text("map").starts_with("rnd");
         let (initial, improved) = truth(is_random, size, scatter[row.number("draw") as usize]);
@@ -105,7 +108,7 @@ pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, 
 pub(super) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
     let mut rng = Seed::new(1).derive("scatter").rng();
     let text = format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
-    study(&text, |row| {
+    study("localization", &text, |row| {
         let (size, run) = (row.number("size_percent"), row.number("run") as u32);
         let weighted = truth(row.text("map"), size, run, rng.random_range(0.99..1.01));
         row.set("weighted", weighted);
@@ -120,8 +123,8 @@ pub(super) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool
     results.table = Table::of_cells(rows.into_iter().map(|row| row.0));
 }
 
-/// Has every run as many times, under numbers of their own.
-pub(super) fn repeat_runs(results: &mut Results, times: u32) {
+/// The study with every run as many times, under numbers of their own.
+pub(super) fn with_repeated_runs(results: &Results, times: u32) -> Results {
     let rows = rows(results);
     let repeated = (0..times).flat_map(|time| {
         rows.iter().cloned().map(move |mut row| {
@@ -129,7 +132,7 @@ pub(super) fn repeat_runs(results: &mut Results, times: u32) {
             row.0
         })
     });
-    results.table = Table::of_cells(repeated);
+    Results { table: Table::of_cells(repeated), ..results.clone() }
 }
 
 fn rows(results: &Results) -> Vec<PlantedRow> {
