@@ -1,0 +1,328 @@
+//! The charts of a study, as its file declares them.
+
+use anyhow::Result;
+
+use crate::store::results::Results;
+use crate::study::settings::text_of;
+use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
+use crate::table::Value;
+use crate::view::caption::{caption, of_all_points, split_of, value};
+use crate::view::chart::{ChartData, Panel, PanelAxis, Point};
+use crate::view::estimate::{Estimate, Estimates, is_yes_or_no};
+use crate::view::groups::{Group, order};
+use crate::view::labels::{axis_label, name_and_unit};
+use crate::view::layout::{Layout, distinct};
+
+/// The charts of `[[views.charts]]` that have a point on this data set.
+///
+/// # Errors
+/// When a value cannot be computed with.
+pub fn charts(results: &Results) -> Result<Vec<ChartData>> {
+    let estimates = Estimates::of(results)?;
+    let mut charts = Vec::new();
+    for chart in &results.study.views.charts {
+        let shown: Vec<&Group<'_>> = estimates.groups.of_entry(chart.of.as_deref()).collect();
+        let layout = Layout::of(chart, &estimates.groups, &shown);
+        for (name, shown) in figures(chart, &layout, &estimates, &shown) {
+            let drawing = Drawing { chart, layout: &layout, estimates: &estimates, shown };
+            let data = drawing.draw(name)?;
+            charts.extend((!data.panels.is_empty()).then_some(data));
+        }
+    }
+    Ok(charts)
+}
+
+/// The groups of every figure of a chart, by the figure's name.
+fn figures<'g, 'r>(
+    chart: &Chart,
+    layout: &Layout,
+    estimates: &Estimates<'r>,
+    shown: &[&'g Group<'r>],
+) -> Vec<(String, Vec<&'g Group<'r>>)> {
+    let mut figures: Vec<(String, Vec<&Group<'_>>)> = Vec::new();
+    for &group in shown {
+        let name = layout.figures.iter().fold(chart.name.clone(), |name, &place| {
+            let setting = &estimates.groups.settings[place].name;
+            name.replace(&format!("{{{setting}}}"), &file_part(&group.text(place)))
+        });
+        match figures.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, groups)) => groups.push(group),
+            None => figures.push((name, vec![group])),
+        }
+    }
+    figures
+}
+
+/// A value as part of a file's name.
+fn file_part(value: &str) -> String {
+    let part = |c: char| if c.is_ascii_alphanumeric() || ".+-".contains(c) { c } else { '_' };
+    match value.is_empty() {
+        true => "none".to_owned(),
+        false => value.chars().map(part).collect(),
+    }
+}
+
+/// A figure of a chart.
+struct Drawing<'d, 'r> {
+    chart: &'d Chart,
+    layout: &'d Layout,
+    estimates: &'d Estimates<'r>,
+    shown: Vec<&'d Group<'r>>,
+}
+
+/// What is on all points, by the title of the panel.
+type OnAllPoints = Vec<(String, f64, Option<[f64; 2]>)>;
+
+impl Drawing<'_, '_> {
+    fn draw(&self, name: String) -> Result<ChartData> {
+        let whole = [Part::default()];
+        let parts = if self.chart.parts.is_empty() { &whole[..] } else { &self.chart.parts };
+        let mut panels = Vec::new();
+        let mut on_all_points = OnAllPoints::new();
+        for (number, part) in parts.iter().enumerate() {
+            for values in self.values_of(&self.layout.panels) {
+                for y in &self.chart.y.column {
+                    let panel = self.panel(number, part, &values, y, &mut on_all_points)?;
+                    panels.extend((!panel.points.is_empty()).then_some(panel));
+                }
+            }
+        }
+        let points: Vec<&Point> = panels.iter().flat_map(|panel| &panel.points).collect();
+        let Estimates { groups, .. } = self.estimates;
+        let mut told = caption(groups.results, groups, &self.shown, &points);
+        for (panel, mean, interval) in &on_all_points {
+            told += &format!(" {}.", of_all_points(panel, *mean, *interval));
+        }
+        let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
+        let caption = own.into_iter().chain([told]).collect();
+        Ok(ChartData { name, kind: self.chart.kind, panels, caption })
+    }
+
+    /// Combinations of values of settings among the groups, ascending.
+    fn values_of(&self, places: &[usize]) -> Vec<Vec<Vec<Value>>> {
+        let values = |group: &&Group<'_>| -> Vec<Vec<Value>> {
+            places.iter().map(|&place| group.values(place).to_vec()).collect()
+        };
+        let mut all: Vec<Vec<Vec<Value>>> = self.shown.iter().map(values).collect();
+        all.sort_by(|a, b| order(a, b));
+        all.dedup_by(|a, b| order(a, b).is_eq());
+        all
+    }
+
+    fn panel(
+        &self,
+        number: usize,
+        part: &Part,
+        values: &[Vec<Value>],
+        y: &str,
+        on_all_points: &mut OnAllPoints,
+    ) -> Result<Panel> {
+        let of_panel = self.title_of(&self.layout.panels, values);
+        let own: Vec<&Group<'_>> = self
+            .shown
+            .iter()
+            .filter(|group| self.has(group, &self.layout.panels, values))
+            .copied()
+            .collect();
+        let (mut labels, mut points) = (Vec::new(), Vec::new());
+        for curve in self.values_of(&self.layout.curves) {
+            for (place, x) in self.layout.x.iter().enumerate() {
+                let mut found = Vec::new();
+                for &group in &own {
+                    if !self.has(group, &self.layout.curves, &curve) {
+                        continue;
+                    }
+                    let Some(estimate) = self.estimates.mean(group, y)? else { continue };
+                    if self.is_reference(group, x) {
+                        let interval = estimate.interval.map(|i| [i.low, i.high]);
+                        let told = (of_panel.clone(), estimate.mean, interval);
+                        if !on_all_points.contains(&told) {
+                            on_all_points.push(told);
+                        }
+                        continue;
+                    }
+                    let (Some(x), true) = (self.x(group, x)?, self.is_in(group, part)?) else {
+                        continue;
+                    };
+                    let Some(mut point) = self.point(group, x, y, estimate)? else { continue };
+                    point.curve = labels.len();
+                    found.push(point);
+                }
+                if !found.is_empty() {
+                    found.sort_by(|a, b| a.x.total_cmp(&b.x));
+                    self.relate(&mut found);
+                    points.extend(found);
+                    let further = (place > 0).then(|| format!("+{}", name_and_unit(x).0));
+                    labels.push(self.curve_label(&curve, y) + &further.unwrap_or_default());
+                }
+            }
+        }
+        let titles = [part.title.clone(), of_panel];
+        let titles: Vec<String> = titles.into_iter().filter(|title| !title.is_empty()).collect();
+        let x_scale = match self.layout.x_scale {
+            Scale::Places => Scale::Places,
+            scale => part.x.unwrap_or(scale),
+        };
+        let x = self.chart.x.as_ref();
+        let first = self.layout.x.first().map_or("", String::as_str);
+        let curves = self.layout.curves.iter();
+        let curves = curves.map(|&place| axis_label(&self.estimates.groups.settings[place].name));
+        Ok(Panel {
+            title: titles.join(": "),
+            part: number,
+            x: PanelAxis { label: label_of(x, first), scale: x_scale, places: self.places(first) },
+            y: PanelAxis {
+                label: label_of(Some(&self.chart.y), y),
+                scale: part.y.unwrap_or(self.chart.y.scale),
+                places: Vec::new(),
+            },
+            curves: match self.chart.kind {
+                ChartKind::Curves => String::new(),
+                ChartKind::Heat => curves.collect::<Vec<_>>().join(", "),
+            },
+            labels,
+            points,
+        })
+    }
+
+    fn has(&self, group: &Group<'_>, places: &[usize], values: &[Vec<Value>]) -> bool {
+        let own: Vec<Vec<Value>> =
+            places.iter().map(|&place| group.values(place).to_vec()).collect();
+        order(&own, values).is_eq()
+    }
+
+    /// "gbs+f-km, 1 %, σ_hit = 0.3 m".
+    fn title_of(&self, places: &[usize], values: &[Vec<Value>]) -> String {
+        let title = |(&place, values): (&usize, &Vec<Value>)| {
+            let setting = self.estimates.groups.settings[place].name.as_str();
+            let text = text_of(values);
+            match setting {
+                _ if values.iter().all(Value::is_empty) => None,
+                "map" | "dataset" => Some(text),
+                "size_percent" => Some(format!("{text} %")),
+                "split" => Some(split_of(&text).map_or(text, |split| split.describe().to_owned())),
+                _ => Some(value(setting, &text)),
+            }
+        };
+        let titles: Vec<String> = places.iter().zip(values).filter_map(title).collect();
+        titles.join(", ")
+    }
+
+    fn curve_label(&self, curve: &[Vec<Value>], y: &str) -> String {
+        let label = self.title_of(&self.layout.curves, curve);
+        match (&self.chart.kind, &self.layout.curves[..]) {
+            // What rows of cells are stands beside them.
+            (ChartKind::Heat, [_]) => text_of(&curve[0]),
+            _ if label.is_empty() => name_and_unit(y).0.to_owned(),
+            _ => label,
+        }
+    }
+
+    /// Whether a group is named in the caption instead of the chart: all points have but one size, far
+    /// from all others.
+    fn is_reference(&self, group: &Group<'_>, x: &str) -> bool {
+        let is_alone = || self.shown.iter().all(|g| self.estimates.groups.has_all_points(g));
+        let is_size = ["real_percent", "size_percent"].contains(&x);
+        is_size && self.estimates.groups.has_all_points(group) && !is_alone()
+    }
+
+    fn is_in(&self, group: &Group<'_>, part: &Part) -> Result<bool> {
+        let Some([least, most]) = part.sizes else { return Ok(true) };
+        let place = self.estimates.groups.place("size_percent");
+        let size = match place.and_then(|place| group.number(place)) {
+            Some(requested) => Some(requested),
+            None => self.estimates.mean(group, "real_percent")?.map(|found| found.mean),
+        };
+        Ok(size.is_some_and(|size| (least..=most).contains(&size)))
+    }
+
+    /// Horizontal position of a group.
+    fn x(&self, group: &Group<'_>, column: &str) -> Result<Option<f64>> {
+        let Some(place) = self.estimates.groups.place(column) else {
+            return Ok(self.estimates.mean(group, column)?.map(|found| found.mean));
+        };
+        if self.layout.x_scale != Scale::Places && self.chart.kind == ChartKind::Curves {
+            return Ok(group.number(place));
+        }
+        let values = distinct(&self.shown, place);
+        let at = values.iter().position(|known| text_of(known) == group.text(place));
+        Ok(at.map(|at| at as f64 + 1.0))
+    }
+
+    /// What stands at the places of the horizontal axis.
+    fn places(&self, column: &str) -> Vec<String> {
+        let is_placed = self.layout.x_scale == Scale::Places || self.chart.kind == ChartKind::Heat;
+        match self.estimates.groups.place(column) {
+            Some(place) if is_placed => {
+                distinct(&self.shown, place).iter().map(|values| text_of(values)).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    fn point(
+        &self,
+        group: &Group<'_>,
+        x: f64,
+        y: &str,
+        estimate: Estimate,
+    ) -> Result<Option<Point>> {
+        let interval = estimate.interval.map(|interval| [interval.low, interval.high]);
+        let mut point = Point {
+            curve: 0,
+            x,
+            y: estimate.mean,
+            interval,
+            mark: self.mark(group)?,
+            blocks: estimate.blocks,
+            rows: estimate.rows,
+        };
+        if self.chart.y.relative == Some(Relative::TimesAll) {
+            let groups = &self.estimates.groups;
+            let map: Vec<usize> = groups.place("map").into_iter().collect();
+            let all = groups.of_entry(None).find(|other| {
+                groups.has_all_points(other) && groups.differ_only_in(group, other, &map)
+            });
+            let Some(all) = all else { return Ok(None) };
+            let Some(on_all) = self.estimates.mean(all, y)? else { return Ok(None) };
+            point.y /= on_all.mean;
+            point.interval = None;
+        }
+        Ok(Some(point))
+    }
+
+    fn mark(&self, group: &Group<'_>) -> Result<Option<String>> {
+        let Some(column) = &self.chart.marks else { return Ok(None) };
+        let groups = &self.estimates.groups;
+        if let Some(place) = groups.place(column) {
+            let text = group.text(place);
+            return Ok((!text.is_empty()).then_some(text));
+        }
+        if !is_yes_or_no(groups.results, column) {
+            return Ok(None);
+        }
+        let rate = group.rate(column)?.map(|rate| rate.of_units());
+        Ok(rate.filter(|r| r.hits() > 0).map(|r| format!("{}/{}", r.hits(), r.trials())))
+    }
+
+    /// Values of a curve against its smallest or largest.
+    fn relate(&self, curve: &mut [Point]) {
+        let values = || curve.iter().map(|point| point.y);
+        let (from, sign) = match self.chart.y.relative {
+            Some(Relative::AboveSmallest) => (values().fold(f64::INFINITY, f64::min), 1.0),
+            Some(Relative::BelowLargest) => (values().fold(f64::NEG_INFINITY, f64::max), -1.0),
+            Some(Relative::TimesAll) | None => return,
+        };
+        for point in curve {
+            point.y = sign * (point.y - from);
+            point.interval = None;
+        }
+    }
+}
+
+fn label_of(axis: Option<&Axis>, column: &str) -> String {
+    match axis.and_then(|axis| axis.label.clone()) {
+        Some(label) => label,
+        None => axis_label(column),
+    }
+}
