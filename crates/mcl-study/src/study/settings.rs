@@ -11,6 +11,9 @@ pub const SIZE: [&str; 4] = ["size_percent", "size_points", "resolution_m", "siz
 /// The columns that say which σ a mixture has.
 pub const SIGMA: [&str; 2] = ["sigma_m", "sigma_by"];
 
+/// Ends of the names of columns that are one setting, in the order in which their values are given.
+const AXES: [&str; 4] = ["_xy", "_x", "_y", "_theta"];
+
 /// A setting of a recipe: a column, or several that belong together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
@@ -58,7 +61,10 @@ pub fn settings(columns: &[String], measured: &[&str], other: &[&str]) -> Vec<Se
         let siblings = columns.iter().filter(|other| self::stem(other) == stem);
         let name = if siblings.count() > 1 { stem } else { column };
         match settings.iter_mut().find(|setting| setting.name == name) {
-            Some(setting) => setting.columns.push(column.clone()),
+            Some(setting) => {
+                setting.columns.push(column.clone());
+                setting.columns.sort_by_key(|column| (axis(column), column.clone()));
+            }
             None => settings.push(Setting {
                 name: name.to_owned(),
                 columns: vec![column.clone()],
@@ -75,8 +81,12 @@ fn stem(column: &str) -> &str {
     if without_number != column {
         return without_number;
     }
-    let axis = ["_xy", "_x", "_y", "_theta"].iter().find_map(|axis| column.strip_suffix(axis));
-    axis.unwrap_or(column)
+    axis(column).and_then(|axis| column.strip_suffix(AXES[axis])).unwrap_or(column)
+}
+
+/// The axis at the end of a column's name.
+fn axis(column: &str) -> Option<usize> {
+    AXES.iter().position(|axis| column.ends_with(axis))
 }
 
 #[cfg(test)]
@@ -85,7 +95,7 @@ mod tests {
 
     #[test]
     fn columns_that_belong_together_are_one_setting() {
-        let columns = "map draw map_seed data_points alpha1 alpha2 beams noise_xy noise_theta run weighted trials";
+        let columns = "map draw map_seed data_points alpha1 alpha2 beams noise_theta noise_xy run weighted trials";
         let columns: Vec<String> = columns.split(' ').map(str::to_owned).collect();
         let found = settings(&columns, &["data_points", "weighted"], &["trials"]);
         let names: Vec<(&str, usize, bool)> =
@@ -93,6 +103,7 @@ mod tests {
         let expected =
             [("map", 1, true), ("alpha", 2, false), ("beams", 1, false), ("noise", 2, false)];
         assert_eq!(names, expected);
+        assert_eq!(found[3].columns, ["noise_xy", "noise_theta"]);
         assert_eq!(text_of(&[0.5.into()]), "0.5");
         assert_eq!(text_of(&[0.5.into(), 2u32.into()]), "(0.5, 2)");
     }

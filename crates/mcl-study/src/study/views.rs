@@ -56,9 +56,9 @@ pub struct Factor {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TestView {
-    /// Only the settings that the entry of `[[trials]]` with this name asks for.
-    #[serde(default)]
-    pub of: Option<String>,
+    /// Only the settings that the entries of `[[trials]]` with these names ask for; none: all.
+    #[serde(default, deserialize_with = "one_or_many")]
+    pub of: Vec<String>,
     /// What is compared.
     pub y: String,
     /// The column whose values are compared.
@@ -100,9 +100,9 @@ pub struct Chart {
     /// Name of the file without its ending. `{column}` stands for a value: there is a figure per value of
     /// that column.
     pub name: String,
-    /// Only the settings that the entry of `[[trials]]` with this name asks for.
-    #[serde(default)]
-    pub of: Option<String>,
+    /// Only the settings that the entries of `[[trials]]` with these names ask for; none: all.
+    #[serde(default, deserialize_with = "one_or_many")]
+    pub of: Vec<String>,
     /// How it is drawn.
     #[serde(default)]
     pub kind: ChartKind,

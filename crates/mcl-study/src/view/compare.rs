@@ -66,7 +66,7 @@ pub fn compare(
 /// When a run occurs twice in a draw, or a value cannot be computed with.
 pub fn tests(results: &Results) -> Result<Table> {
     let groups = Groups::of(results)?;
-    let shown: Vec<&Group<'_>> = groups.of_entry(None).collect();
+    let shown: Vec<&Group<'_>> = groups.of_entries(&[]).collect();
     let columns = columns_of(&groups, &shown);
     let names = columns.iter().map(|(_, column)| column.as_str());
     const TESTED: [&str; 15] = [
@@ -91,11 +91,11 @@ pub fn tests(results: &Results) -> Result<Table> {
         let Some(place) = groups.place(&view.column) else { continue };
         let mut found: Vec<(Vec<Value>, Comparison)> = Vec::new();
         for [a, b] in pairs(&groups, view, place) {
-            for group_a in groups.of_entry(view.of.as_deref()).filter(|g| g.text(place) == a) {
+            for group_a in groups.of_entries(&view.of).filter(|g| g.text(place) == a) {
                 let is_match = |group: &&Group<'_>| {
                     group.text(place) == b && groups.differ_only_in(group_a, group, &[place])
                 };
-                for group_b in groups.of_entry(view.of.as_deref()).filter(is_match) {
+                for group_b in groups.of_entries(&view.of).filter(is_match) {
                     let compared = &groups.settings[place];
                     let mut cells = shared(&groups, &columns, compared, [group_a, group_b]);
                     let test = if view.test == TestKind::Paired { "paired" } else { "welch" };
@@ -126,7 +126,7 @@ fn pairs(groups: &Groups<'_>, view: &TestView, place: usize) -> Vec<[String; 2]>
         return view.pairs.clone();
     }
     let mut values: Vec<Vec<Value>> = Vec::new();
-    for group in groups.of_entry(view.of.as_deref()) {
+    for group in groups.of_entries(&view.of) {
         if !values.iter().any(|known| same_values(known, group.values(place))) {
             values.push(group.values(place).to_vec());
         }

@@ -6,7 +6,6 @@ use mcl_metrics::{Blocked, Interval, standard_deviation};
 use crate::store::results::Results;
 use crate::study::settings::SIZE;
 use crate::study::views::Factor;
-use crate::table::Value;
 use crate::view::groups::{Group, Groups};
 
 /// A mean over blocks. Every block counts the same, as in tests.
@@ -94,11 +93,6 @@ impl<'r> Estimates<'r> {
         }
         Ok(Some(found))
     }
-}
-
-/// Whether a column says yes or no.
-pub fn is_yes_or_no(results: &Results, column: &str) -> bool {
-    results.table.rows().any(|row| matches!(row.get(column), Value::Bool(_)))
 }
 
 /// The factor of every group.

@@ -84,9 +84,13 @@ impl<'r> Groups<'r> {
         self.settings.iter().position(|known| known.name == setting)
     }
 
-    /// The groups that have rows and that an entry of `[[trials]]` asks for (`None`: all).
-    pub fn of_entry(&self, entry: Option<&str>) -> impl Iterator<Item = &Group<'r>> {
-        let is_asked = move |group: &&Group<'r>| entry.is_none_or(|e| group.entries.contains(e));
+    /// The groups that have rows and that one of these entries of `[[trials]]` asks for; without names, all
+    /// that have rows. All rows of a group count, whoever asks for them, so that it has the same mean
+    /// everywhere.
+    pub fn of_entries(&self, names: &[String]) -> impl Iterator<Item = &Group<'r>> {
+        let is_asked = move |group: &&Group<'r>| {
+            names.is_empty() || names.iter().any(|name| group.entries.contains(name))
+        };
         self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
     }
 

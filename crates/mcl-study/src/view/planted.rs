@@ -54,6 +54,7 @@ pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured
         done: asked,
         asked,
         pictured: Vec::new(),
+        damage: Vec::new(),
     }
 }
 

@@ -30,10 +30,8 @@ pub fn ranking(all: &[Results]) -> Result<Table> {
     }
     let has_y = |results: &&Results| results.table.column(&view.y).is_some();
     let grouped = all.iter().filter(has_y).map(Groups::of).collect::<Result<Vec<_>>>()?;
-    let entries: Vec<Option<&str>> = match view.of.is_empty() {
-        true => vec![None],
-        false => view.of.iter().map(|entry| Some(entry.as_str())).collect(),
-    };
+    let each = view.of.chunks(1);
+    let entries = if view.of.is_empty() { vec![&view.of[..]] } else { each.collect() };
     let mut ranked = Vec::new();
     for entry in entries {
         ranked.extend(rank(&grouped, entry, &view.y, &view.except)?);
@@ -88,14 +86,14 @@ struct OfData<'r> {
 
 fn rank<'r>(
     grouped: &[Groups<'r>],
-    entry: Option<&str>,
+    entry: &[String],
     y: &str,
     except: &[String],
 ) -> Result<Vec<Ranked<'r>>> {
     // The data sets on which the entry has rows.
     let parts: Vec<(&Groups<'r>, Vec<&Group<'r>>)> = grouped
         .iter()
-        .map(|groups| (groups, groups.of_entry(entry).collect::<Vec<_>>()))
+        .map(|groups| (groups, groups.of_entries(entry).collect::<Vec<_>>()))
         .filter(|(_, of_entry)| !of_entry.is_empty())
         .collect();
     let mut settings: Vec<Vec<Vec<Value>>> = Vec::new();
@@ -144,7 +142,7 @@ fn rank<'r>(
         let of_runs = groups.settings.iter().filter(|setting| !setting.of_map);
         let columns = of_runs.flat_map(|setting| setting.columns.iter().cloned());
         ranked.push(Ranked {
-            entry: entry.map(str::to_owned),
+            entry: entry.first().cloned(),
             rank: 0,
             score: (say.iter().sum::<f64>() / say.len() as f64).exp(),
             setting: columns.zip(setting.concat()).collect(),

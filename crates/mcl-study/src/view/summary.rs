@@ -6,7 +6,7 @@ use mcl_metrics::Interval;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
 use crate::table::{Table, Value};
-use crate::view::estimate::{Estimate, Estimates, is_yes_or_no};
+use crate::view::estimate::{Estimate, Estimates};
 use crate::view::groups::{Group, Groups};
 
 /// The columns that always tell groups apart.
@@ -43,15 +43,17 @@ pub fn summary(results: &Results) -> Result<Table> {
             columns.filter(|column| results.table.column(column).is_some()).collect()
         }
     };
+    let measured: Vec<(&str, bool)> =
+        measured.into_iter().map(|column| (column, is_yes_or_no(results, column))).collect();
     let has_entries = results.table.column(ENTRIES).is_some();
     let kept: &[String] = if results.table.column(DIVERGED).is_some() { &wanted.kept } else { &[] };
 
     let mut columns: Vec<String> = settings.iter().map(|(_, column)| column.clone()).collect();
     columns.extend(has_entries.then(|| ENTRIES.to_owned()));
     columns.extend(["blocks", "rows", "asked"].map(str::to_owned));
-    for column in &measured {
+    for (column, is_yes_or_no) in &measured {
         columns.push((*column).to_owned());
-        if !is_yes_or_no(results, column) {
+        if !is_yes_or_no {
             columns.push(format!("{column}_sd"));
         }
         columns.extend(["low", "high"].map(|end| format!("{column}_{end}")));
@@ -73,8 +75,8 @@ pub fn summary(results: &Results) -> Result<Table> {
             row.push(entries.join(" ").into());
         }
         row.extend([group.blocks().into(), group.rows.len().into(), group.asked.into()]);
-        for column in &measured {
-            row.extend(cells(results, &estimates, group, column)?);
+        for &(column, is_yes_or_no) in &measured {
+            row.extend(cells(&estimates, group, column, is_yes_or_no)?);
         }
         for factor in estimates.factors() {
             row.push(estimates.mean(group, factor)?.map(|found| found.mean).into());
@@ -102,14 +104,14 @@ pub fn columns_of(groups: &Groups<'_>, shown: &[&Group<'_>]) -> Vec<((usize, usi
 }
 
 fn cells(
-    results: &Results,
     estimates: &Estimates<'_>,
     group: &Group<'_>,
     column: &str,
+    is_yes_or_no: bool,
 ) -> Result<Vec<Value>> {
     let found = estimates.mean(group, column)?;
     let ends = |factor: f64| interval_cells(found.and_then(|f| f.interval), factor);
-    if is_yes_or_no(results, column) {
+    if is_yes_or_no {
         let rows = found.map_or(0, |found| found.rows) as f64;
         let number = found.map(|found| (found.mean * rows).round() as u64);
         return Ok([vec![number.into()], ends(rows).to_vec()].concat());
@@ -132,6 +134,10 @@ fn cells_of_kept(group: &Group<'_>, kept: &[String]) -> Result<Vec<Value>> {
         cells.extend(interval_cells(found.and_then(|found| found.interval), 1.0));
     }
     Ok(cells)
+}
+
+fn is_yes_or_no(results: &Results, column: &str) -> bool {
+    results.table.rows().any(|row| matches!(row.get(column), Value::Bool(_)))
 }
 
 fn interval_cells(interval: Option<Interval>, factor: f64) -> [Value; 2] {
