@@ -7,21 +7,19 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::Result;
-use mcl_core::text::counted;
-use mcl_metrics::{Blocked, Effect, paired};
-use mcl_study::recipe::map::{MapRecipe, Size};
+use anyhow::{Result, bail};
+use mcl_core::text::list;
+use mcl_metrics::{Blocked, Effect};
 use mcl_study::recipe::split::Split;
 use mcl_study::store::results::Results;
-use mcl_study::table::{Row, Value};
-use mcl_study::trial::run::Trial;
+use mcl_study::study::views::TestKind;
+use mcl_study::view::compare::{self, Comparison};
+use mcl_study::view::groups::{Group, Groups};
 
 use crate::claims::claim::{Place, Untestable};
 
 /// The paper's kinds of map by initialization: the initial map, and what fuzzy k-means makes of it.
 pub(super) const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd", "rnd+f-km"]];
-/// Columns by which the rows of a cell differ, and those that tell cells apart.
-const OF_CELLS: [&str; 6] = ["split", "map", "size_percent", "draw", "map_seed", "run"];
 
 /// The paper's four kinds of map.
 pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
@@ -33,8 +31,7 @@ pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
 pub(super) struct Cell<'a> {
     pub kind: &'static str,
     pub percent: f64,
-    /// At least one.
-    rows: Vec<Row<'a>>,
+    group: Group<'a>,
 }
 
 impl Cell<'_> {
@@ -45,23 +42,25 @@ impl Cell<'_> {
 
     /// A column by draw and run.
     pub fn values(&self, column: &str) -> Result<Blocked, Untestable> {
-        let count = |row: &Row, column| match row.get(column) {
-            Value::Count(count) => *count,
-            _ => 0,
-        };
-        let value = |row: &Row| {
-            let (draw, run) = (count(row, "draw"), count(row, "run"));
-            let unknown =
-                || self.because(format!("{column} of draw {draw}, run {run} is not known"));
-            Ok((draw, run, row.number(column).ok_or_else(unknown)?))
-        };
-        let values = self.rows.iter().map(value).collect::<Result<Vec<_>, Untestable>>()?;
-        Blocked::with_units(values).map_err(|error| self.because(error))
+        let values =
+            self.group.blocked(column).map_err(|error| self.because(format!("{error:#}")))?;
+        values.ok_or_else(|| self.because(format!("not every row has {column}")))
     }
 
-    /// The logarithm of a column by draw and run.
-    pub fn logs(&self, column: &str) -> Result<Blocked, Untestable> {
-        self.values(column)?.map(f64::ln).map_err(|error| self.because(error))
+    /// Tests a column against that of another cell, as tests.csv does.
+    pub fn against(
+        &self,
+        other: &Cell,
+        column: &str,
+        test: TestKind,
+        ratio: bool,
+    ) -> Result<Effect, Untestable> {
+        let because = |why: String| self.because(format!("against {}: {why}", other.name()));
+        match compare::compare(&self.group, &other.group, column, test, ratio) {
+            Ok(Comparison::Tested(effect)) => Ok(effect),
+            Ok(Comparison::Untested(why)) => Err(because(why)),
+            Err(error) => Err(because(format!("{error:#}"))),
+        }
     }
 
     /// A reason, with the cell's name.
@@ -95,86 +94,92 @@ impl Sizes {
 pub(super) struct Sampled<'a> {
     pub place: Place,
     pub results: &'a Results,
-    /// Of the plan, ascending, in percent.
-    sizes: Vec<f64>,
+    /// By kind and size, ascending; also those that have no rows yet.
     cells: Vec<Cell<'a>>,
 }
 
 impl<'a> Sampled<'a> {
-    /// The splits of a study that has a column and all four kinds of map; none of another study.
-    /// `with_runs`: only maps on which robots are localized.
+    /// The splits of a study that has a column and all four kinds of map in percent of the points; none
+    /// of another study. `with_runs`: only maps on which robots are localized.
     ///
     /// # Errors
     /// When the study varies something else too, about which the paper says nothing.
     pub fn of(results: &'a Results, column: &str, with_runs: bool) -> Result<Vec<Self>> {
-        if results.table.column(column).is_none() {
+        let groups = Groups::of(results)?;
+        let places = ["map", "size_percent", "split"].map(|setting| groups.place(setting));
+        let (Some(_), [Some(map), Some(size), Some(split)]) =
+            (results.table.column(column), places)
+        else {
             return Ok(Vec::new());
-        }
-        let plan = results.study.plan(&results.facts.name)?;
-        let mut splits: BTreeMap<Option<Split>, Vec<&Trial>> = BTreeMap::new();
-        for trial in &plan.trials {
-            if percent(&trial.map).is_some() && !(with_runs && trial.runs.is_empty()) {
-                splits.entry(trial.map.split).or_default().push(trial);
+        };
+        let mut splits: BTreeMap<Option<Split>, (Vec<&Group>, Vec<Cell<'a>>)> = BTreeMap::new();
+        for group in &groups.all {
+            let kind = kinds().find(|kind| *kind == group.text(map));
+            let is_localized = group.rows.iter().all(|row| row.number("run").is_some());
+            let (Some(kind), Some(percent)) = (kind, group.number(size)) else { continue };
+            if !with_runs || is_localized {
+                let name = group.text(split);
+                let split = Split::ALL.into_iter().find(|split| split.name() == name);
+                let (groups, cells) = splits.entry(split).or_default();
+                groups.push(group);
+                cells.push(Cell { kind, percent, group: group.clone() });
             }
         }
-        splits.retain(|_, trials| kinds().all(|kind| trials.iter().any(|t| kind_of(t) == kind)));
-        let of_split = |(split, trials): (Option<Split>, Vec<&Trial>)| {
-            check_nothing_else_varies(&trials)?;
-            Ok(Self::of_split(results, split, &trials))
-        };
-        splits.into_iter().map(of_split).collect()
-    }
-
-    fn of_split(results: &'a Results, split: Option<Split>, trials: &[&Trial]) -> Self {
-        let mut sizes: Vec<f64> = trials.iter().filter_map(|trial| percent(&trial.map)).collect();
-        sizes.sort_unstable_by(f64::total_cmp);
-        sizes.dedup();
-        let split_name = split.map(Split::name).unwrap_or_default();
-        let mut cells: Vec<Cell> = kinds()
-            .flat_map(|kind| sizes.iter().map(move |&percent| (kind, percent)))
-            .map(|(kind, percent)| Cell { kind, percent, rows: Vec::new() })
-            .collect();
-        for row in results.table.rows().filter(|row| row.text("split") == split_name) {
-            let (kind, percent) = (row.text("map"), row.number("size_percent"));
-            let is_of = |cell: &&mut Cell| cell.kind == kind && Some(cell.percent) == percent;
-            if let Some(cell) = cells.iter_mut().find(is_of) {
-                cell.rows.push(row);
+        splits.retain(|_, (_, cells)| kinds().all(|kind| cells.iter().any(|c| c.kind == kind)));
+        let mut found = Vec::new();
+        for (split, (of_split, mut cells)) in splits {
+            cells.sort_by(|a, b| a.kind.cmp(b.kind).then(a.percent.total_cmp(&b.percent)));
+            // Only grids have an offset.
+            let is_grid = |group: &&&Group| group.text(map).starts_with("gbs");
+            let grids: Vec<&Group> = of_split.iter().filter(is_grid).copied().collect();
+            let of_grids = groups.varying(&grids);
+            let mut varied = groups.varying(&of_split);
+            varied.retain(|place| match groups.settings[*place].name.as_str() {
+                "map" | "size_percent" => false,
+                "offset" => of_grids.contains(place),
+                _ => true,
+            });
+            if !varied.is_empty() {
+                let names = varied.iter().map(|place| groups.settings[*place].name.as_str());
+                bail!("it varies {}", list(&names.collect::<Vec<_>>()));
             }
+            let (dataset, experiment) = (results.facts.name.clone(), Some(results.name.clone()));
+            found.push(Sampled { place: Place { dataset, experiment, split }, results, cells });
         }
-        let place = Place {
-            dataset: results.facts.name.clone(),
-            experiment: Some(results.name.clone()),
-            split,
-        };
-        Sampled { place, results, sizes, cells }
+        Ok(found)
     }
 
     /// Whether all trials have their rows: nothing is decided on half a study.
     pub fn complete(&self) -> Result<(), Untestable> {
-        let Results { done, asked, .. } = self.results;
-        match done == asked {
-            true => Ok(()),
-            false => Err(Untestable(format!("{done} of {} are there", counted(*asked, "trial")))),
+        match self.results.missing() {
+            Some(found) => Err(Untestable(format!("{found} are there"))),
+            None => Ok(()),
         }
     }
 
     /// The cells of a kind of map at these sizes, at least one, sizes ascending.
     pub fn cells(&self, kind: &str, of: &Sizes) -> Result<Vec<Cell<'a>>, Untestable> {
-        let cells: Vec<Cell> = self
-            .cells
-            .iter()
-            .filter(|cell| cell.kind == kind && (of.among)(cell.percent))
-            .cloned()
-            .collect();
+        let of_kind = self.cells.iter().filter(|cell| cell.kind == kind);
+        let cells: Vec<Cell> = of_kind.filter(|cell| (of.among)(cell.percent)).cloned().collect();
         if cells.is_empty() {
-            let sizes: Vec<String> = self.sizes.iter().map(f64::to_string).collect();
+            let of_kind = self.cells.iter().filter(|cell| cell.kind == kind);
+            let sizes: Vec<String> = of_kind.map(|cell| cell.percent.to_string()).collect();
             let reason = format!("there are no maps {}, only of {} %", of.name, sizes.join(", "));
             return Err(Untestable(reason));
         }
-        match cells.iter().find(|cell| cell.rows.is_empty()) {
-            Some(cell) => Err(Untestable(format!("there is no row of {}", cell.name()))),
-            None => Ok(cells),
+        Ok(cells)
+    }
+
+    /// The cells of two kinds of map at these sizes, in pairs of one size.
+    pub fn pairs(&self, a: &str, b: &str, of: &Sizes) -> Result<Vec<[Cell<'a>; 2]>, Untestable> {
+        let (a, b) = (self.cells(a, of)?, self.cells(b, of)?);
+        let sizes = |cells: &[Cell]| cells.iter().map(|cell| cell.percent).collect::<Vec<_>>();
+        if sizes(&a) != sizes(&b) {
+            let [of_a, of_b] =
+                [&a, &b].map(|cells| format!("{} of {:?} %", cells[0].kind, sizes(cells)));
+            return Err(Untestable(format!("different sizes: {of_a}, {of_b}")));
         }
+        Ok(a.into_iter().zip(b).map(|(a, b)| [a, b]).collect())
     }
 
     /// The cells of all four kinds at these sizes, by kind.
@@ -183,59 +188,18 @@ impl<'a> Sampled<'a> {
     }
 }
 
-fn kind_of<'a>(trial: &'a Trial) -> &'a str {
-    &trial.map.kind.name
-}
-
-/// The size of a map of one of the four kinds, where it is in percent.
-fn percent(map: &MapRecipe) -> Option<f64> {
-    match map.size {
-        Some(Size::Percent(percent)) if kinds().any(|kind| kind == map.kind.name) => Some(percent),
-        _ => None,
+/// ln(a / b) of a column, of the same runs in the cells of each pair, by block.
+pub(super) fn log_ratios(pairs: &[[Cell; 2]], column: &str) -> Result<Blocked, Untestable> {
+    let mut ratios = Vec::new();
+    for [a, b] in pairs {
+        let logs =
+            |cell: &Cell| cell.values(column)?.map(f64::ln).map_err(|error| cell.because(error));
+        ratios.push(logs(a)?.minus(&logs(b)?).map_err(|error| a.because(error))?);
     }
-}
-
-/// The paper's statements are about one setting of everything but kind, size and split.
-fn check_nothing_else_varies(trials: &[&Trial]) -> Result<()> {
-    let mut values: BTreeMap<String, Value> = BTreeMap::new();
-    let mut varied: Vec<String> = Vec::new();
-    for trial in trials {
-        let mut cells = trial.map.cells();
-        for run in &trial.runs {
-            cells.extend(run.cells()?);
-        }
-        for (column, value) in cells {
-            if value.is_empty() || OF_CELLS.contains(&column.as_str()) || varied.contains(&column) {
-                continue;
-            }
-            if *values.entry(column.clone()).or_insert_with(|| value.clone()) != value {
-                varied.push(column);
-            }
-        }
-    }
-    if !varied.is_empty() {
-        anyhow::bail!("it varies {}", mcl_core::text::list(&varied));
-    }
-    Ok(())
-}
-
-/// ln(a / b) of a column, of the same runs in each two cells, by block.
-pub(super) fn log_ratios(a: &[Cell], b: &[Cell], column: &str) -> Result<Blocked, Untestable> {
-    let ratio = |(a, b): (&Cell, &Cell)| {
-        a.logs(column)?.minus(&b.logs(column)?).map_err(|error| a.because(error))
-    };
-    let ratios = a.iter().zip(b).map(ratio).collect::<Result<Vec<Blocked>, Untestable>>()?;
     match ratios.as_slice() {
-        // As in tests.csv to the last bit.
         [only] => Ok(only.clone()),
         all => Ok(Blocked::new(all.iter().flat_map(Blocked::values))?),
     }
-}
-
-/// Tests ln of a column in one cell against that in another times a factor, paired by draw and run.
-pub(super) fn compare(a: &Cell, b: &Cell, column: &str, factor: f64) -> Result<Effect, Untestable> {
-    let limits = b.logs(column)?.map(|log| log + factor.ln())?;
-    paired(&a.logs(column)?, &limits).map_err(|error| a.because(error))
 }
 
 #[cfg(test)]
@@ -251,8 +215,14 @@ mod tests {
         result.err().expect("not testable").0
     }
 
-    fn first(results: &Results) -> Sampled<'_> {
-        Sampled::of(results, WEIGHTED, true).unwrap().remove(0)
+    /// The only cell of a kind.
+    fn cell<'a>(results: &'a Results, kind: &str) -> Cell<'a> {
+        let data = Sampled::of(results, WEIGHTED, true).unwrap().remove(0);
+        data.cells(kind, &Sizes::ALL).unwrap().remove(0)
+    }
+
+    fn compare(results: &Results, a: &str, b: &str) -> Result<Effect, Untestable> {
+        cell(results, a).against(&cell(results, b), WEIGHTED, TestKind::Paired, true)
     }
 
     #[test]
@@ -266,15 +236,14 @@ mod tests {
             }
             true
         });
-        let data = first(&results);
-        let cells = |kind| data.cells(kind, &Sizes::ALL).unwrap();
-        let (improved, initial) = (cells("gbs+f-km"), cells("gbs"));
-        let test = one_sample(&log_ratios(&improved, &initial, WEIGHTED).unwrap()).unwrap();
+        let test = compare(&results, "gbs+f-km", "gbs").unwrap();
         assert!((test.mean_difference + 2.5).abs() < 1e-12);
         assert_eq!((test.degrees_of_freedom, test.blocks), (3.0, [4, 4]));
         // Mean −2.5 with a standard error of √(5/3)/2.
         assert!((test.t + 2.5 / ((5.0f64 / 3.0).sqrt() / 2.0)).abs() < 1e-12);
-        assert_eq!(compare(&improved[0], &initial[0], WEIGHTED, 1.0).unwrap().t, test.t);
+        // Of one size alone what is tested together is the same test.
+        let pair = [[cell(&results, "gbs+f-km"), cell(&results, "gbs")]];
+        assert_eq!(one_sample(&log_ratios(&pair, WEIGHTED).unwrap()).unwrap(), test);
     }
 
     #[test]
@@ -284,10 +253,7 @@ mod tests {
             _ => 1.0,
         });
         planted::edit(&mut results, |row| row.text("map") != "rnd" || row.number("run") != 7.0);
-        let data = first(&results);
-        let cell = |kind| data.cells(kind, &Sizes::ALL).unwrap().remove(0);
-        let test = compare(&cell("gbs"), &cell("rnd"), WEIGHTED, 1.0).unwrap();
-        assert_eq!(test.mean_difference, 0.0);
+        assert_eq!(compare(&results, "gbs", "rnd").unwrap().mean_difference, 0.0);
     }
 
     #[test]
@@ -302,36 +268,37 @@ mod tests {
             }
             true
         });
-        let data = first(&results);
-        let cell = |kind| data.cells(kind, &Sizes::ALL).unwrap().remove(0);
-        let against_gbs = |kind| reason(compare(&cell("gbs"), &cell(kind), WEIGHTED, 1.0));
-        assert_eq!(
-            against_gbs("rnd"),
-            "gbs 1 %: too few to tell: 0 independent blocks, at least 2 needed"
-        );
-        let zero = against_gbs("rnd+f-km");
-        assert!(zero.starts_with("rnd+f-km 1 %: block 3, unit 3: the value 0"), "{zero}");
-        assert_eq!(against_gbs("gbs+f-km"), "gbs+f-km 1 %: weighted of draw 3, run 3 is not known");
-        assert!(reason(log_ratios(&[], &[], WEIGHTED)).contains("0 independent blocks"));
+        for (kind, why) in [
+            ("rnd", "too few to tell: 0 independent blocks, at least 2 needed"),
+            ("rnd+f-km", "no ratio: weighted is 0 in a run, expected above 0"),
+            ("gbs+f-km", "not every row has weighted"),
+        ] {
+            let expected = format!("gbs 1 %: against {kind} 1 %: {why}");
+            assert_eq!(reason(compare(&results, "gbs", kind)), expected);
+        }
+        assert!(reason(log_ratios(&[], WEIGHTED)).contains("0 independent blocks"));
         planted::edit(&mut results, |row| row.number("draw") == 0.0);
-        let data = first(&results);
-        let one = data.cells("gbs", &Sizes::ALL).unwrap().remove(0);
-        assert!(reason(compare(&one, &one, WEIGHTED, 1.0)).contains("1 independent block,"));
-    }
-
-    /// A size that was listed twice once made two samples of one.
-    #[test]
-    fn a_run_that_is_there_twice_is_no_second_sample() {
+        assert!(reason(compare(&results, "gbs", "gbs")).contains("1 independent block,"));
+        // A size that was listed twice once made two samples of one.
         let mut results = planted::localization(&[1.0], |_, _, _, scatter| scatter);
         planted::edit(&mut results, |row| {
             row.set("run", row.number("draw") as u32);
             true
         });
-        let cell = first(&results).cells("gbs", &Sizes::ALL).unwrap().remove(0);
+        let twice = reason(cell(&results, "gbs").values(WEIGHTED));
+        assert!(twice.contains("block 0 holds unit 0 more than once"), "{twice}");
+    }
+
+    #[test]
+    fn sizes_of_two_kinds_are_the_same() {
+        let mut results = planted::localization(&[0.5, 1.0], |_, _, _, scatter| scatter);
+        planted::edit(&mut results, |row| {
+            row.text("map") != "rnd" || row.number("size_percent") == 1.0
+        });
+        let data = &Sampled::of(&results, WEIGHTED, true).unwrap()[0];
         assert_eq!(
-            reason(cell.values(WEIGHTED)),
-            "gbs 1 %: block 0 holds unit 0 more than once, expected each unit once, so that no value \
-             counts twice"
+            reason(data.pairs("gbs", "rnd", &Sizes::ALL)),
+            "different sizes: gbs of [0.5, 1.0] %, rnd of [1.0] %"
         );
     }
 }
