@@ -16,7 +16,7 @@ use mcl_study::study::views::TestKind;
 use mcl_study::view::compare::{self, Comparison};
 use mcl_study::view::groups::{Group, Groups};
 
-use crate::claims::claim::{Place, Untestable};
+use crate::claims::claim::{Outcome, Place, Test, Untestable};
 
 /// The paper's kinds of map by initialization: the initial map, and what fuzzy k-means makes of it.
 pub(super) const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd", "rnd+f-km"]];
@@ -25,6 +25,9 @@ pub(super) const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd",
 pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
     INITIALIZATIONS.into_iter().flatten()
 }
+
+/// A statement about what a study measured.
+pub(super) type SampledTest = Test<fn(&Sampled) -> Outcome>;
 
 /// What was measured on the maps of one kind and size.
 #[derive(Debug, Clone)]

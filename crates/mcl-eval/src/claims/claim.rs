@@ -26,9 +26,14 @@ pub struct Claim {
     /// What it was measured on.
     #[serde(flatten)]
     pub place: Place,
-    /// What is claimed and how it is tested.
-    #[serde(flatten)]
-    pub statement: Statement,
+    /// Name of the claim, the same in every version of the program.
+    pub id: &'static str,
+    /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
+    pub section: &'static str,
+    /// What it says, in other words.
+    pub statement: &'static str,
+    /// What exactly is tested or compared.
+    pub test: &'static str,
     /// What was measured; of a claim that is not testable, why.
     pub measured: String,
     /// How large the effect is, and how sure.
@@ -47,20 +52,6 @@ pub struct Place {
     pub experiment: Option<String>,
     /// Which scans built the maps and which were localized; `None` where all of them did both.
     pub split: Option<Split>,
-}
-
-/// A statement of the paper, in other words, and the test of it.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Statement {
-    /// Name of the claim, the same in every version of the program.
-    pub id: &'static str,
-    /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
-    pub section: &'static str,
-    /// What it says.
-    #[serde(rename = "statement")]
-    pub text: &'static str,
-    /// What exactly is tested or compared.
-    pub test: &'static str,
 }
 
 /// What comes of a claim.
@@ -109,6 +100,15 @@ pub struct Evidence {
     pub effect_of: Option<String>,
 }
 
+/// What the effect of a comparison is.
+#[derive(Clone, Copy)]
+pub(super) enum Shown {
+    /// A difference in this unit.
+    Difference(&'static str),
+    /// A difference of logarithms, as a ratio of this.
+    Ratio(&'static str),
+}
+
 /// A comparison that was tested.
 #[derive(Debug, Clone)]
 pub(super) struct Tested {
@@ -119,40 +119,41 @@ pub(super) struct Tested {
 }
 
 impl Tested {
-    /// The comparison with the largest p: a claim about all of them is as sure as that one is.
-    pub fn weakest(tests: &[Tested]) -> Option<&Tested> {
-        tests.iter().max_by(|a, b| a.p.total_cmp(&b.p))
+    /// Whether all comparisons are significant: as sure as the one with the largest p.
+    pub fn all(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
+        let weakest = tests.iter().max_by(|a, b| a.p.total_cmp(&b.p));
+        Self::decided_by(weakest.cloned(), shown)
     }
 
-    /// The comparison with the smallest p, adjusted after Holm (times the number of comparisons): a claim
-    /// about any of them is as sure as that one is.
-    pub fn strongest(tests: &[Tested]) -> Option<Tested> {
+    /// Whether any comparison is significant: as sure as the one with the smallest p, adjusted after Holm
+    /// (times the number of comparisons).
+    pub fn any(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
         let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
-        let tests = tests.iter().zip(adjusted);
-        let (test, p) = tests.min_by(|a, b| a.0.p.total_cmp(&b.0.p))?;
-        Some(Tested { p, ..test.clone() })
+        let strongest = Self::strongest(tests)
+            .map(|index| Tested { p: adjusted[index], ..tests[index].clone() });
+        Self::decided_by(strongest, shown)
     }
 
-    /// The evidence of a difference in this unit.
-    pub fn difference(&self, unit: &str) -> Evidence {
-        self.evidence(unit, |difference| difference)
+    /// The place of the comparison with the smallest p.
+    pub fn strongest(tests: &[Tested]) -> Option<usize> {
+        (0..tests.len()).min_by(|&a, &b| tests[a].p.total_cmp(&tests[b].p))
     }
 
-    /// The evidence of a difference of logarithms, as a ratio of this.
-    pub fn ratio(&self, of: &str) -> Evidence {
-        self.evidence(of, f64::exp)
-    }
-
-    fn evidence(&self, unit: &str, shown: fn(f64) -> f64) -> Evidence {
-        let Tested { p, effect, of } = self;
-        Evidence {
-            p: Some(*p),
-            effect: Some(shown(effect.mean_difference)),
-            low: Some(shown(effect.interval.low)),
-            high: Some(shown(effect.interval.high)),
+    fn decided_by(test: Option<Tested>, shown: Shown) -> (bool, Evidence) {
+        let Some(Tested { p, effect, of }) = test else { return Default::default() };
+        let (unit, value): (_, fn(f64) -> f64) = match shown {
+            Shown::Difference(unit) => (unit, |difference| difference),
+            Shown::Ratio(of) => (of, f64::exp),
+        };
+        let evidence = Evidence {
+            p: Some(p),
+            effect: Some(value(effect.mean_difference)),
+            low: Some(value(effect.interval.low)),
+            high: Some(value(effect.interval.high)),
             blocks: effect.blocks.into_iter().min(),
             effect_of: Some(format!("{unit} {of}")),
-        }
+        };
+        (p < ALPHA, evidence)
     }
 }
 
@@ -188,8 +189,19 @@ impl From<TooFew> for Untestable {
 /// What comes of the test of a statement.
 pub(super) type Outcome = Result<Finding, Untestable>;
 
-impl Claim {
-    pub(super) fn new(place: Place, statement: Statement, outcome: Outcome) -> Self {
+/// A statement of the paper with the function that tests it.
+pub(super) struct Test<F> {
+    pub id: &'static str,
+    pub section: &'static str,
+    pub statement: &'static str,
+    pub test: &'static str,
+    pub decide: F,
+}
+
+impl<F> Test<F> {
+    /// The claim that comes of an outcome.
+    pub fn claim(&self, place: Place, outcome: Outcome) -> Claim {
+        let Test { id, section, statement, test, .. } = *self;
         let (verdict, measured, evidence) = match outcome {
             Ok(Finding { holds: true, measured, evidence }) => {
                 (Verdict::Reproduced, measured, evidence)
@@ -197,6 +209,6 @@ impl Claim {
             Ok(Finding { measured, evidence, .. }) => (Verdict::NotReproduced, measured, evidence),
             Err(Untestable(reason)) => (Verdict::NotTestable, reason, Evidence::default()),
         };
-        Claim { place, statement, measured, evidence, verdict }
+        Claim { place, id, section, statement, test, measured, evidence, verdict }
     }
 }

@@ -4,39 +4,36 @@ use mcl_core::text::thousands;
 use mcl_maps::MapSize;
 use mcl_study::data::facts::DataFacts;
 
-use crate::claims::claim::{Evidence, Finding, Outcome, Statement, Untestable};
+use crate::claims::claim::{Evidence, Finding, Outcome, Test, Untestable};
 
 const EXACT: &str = "no test, the numbers are exact";
 
-pub(super) const CLAIMS: [(Statement, fn(&DataFacts) -> Outcome); 3] = [
-    (
-        Statement {
-            id: "figure-1-size",
-            section: "I",
-            text: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
+/// A statement about the data.
+type FactsTest = Test<fn(&DataFacts) -> Outcome>;
+
+pub(super) const CLAIMS: [FactsTest; 3] = [
+    Test {
+        id: "figure-1-size",
+        section: "I",
+        statement: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
                    are less than 1 % of them",
-            test: EXACT,
-        },
-        figure_1_size,
-    ),
-    (
-        Statement {
-            id: "figure-2-size",
-            section: "IV",
-            text: "The two maps of figure 2 have 389 points each: 0.25 % of the Intel log",
-            test: EXACT,
-        },
-        figure_2_size,
-    ),
-    (
-        Statement {
-            id: "points",
-            section: "V",
-            text: "The Intel log has 155,648 points within 10 m",
-            test: EXACT,
-        },
-        points,
-    ),
+        test: EXACT,
+        decide: figure_1_size,
+    },
+    Test {
+        id: "figure-2-size",
+        section: "IV",
+        statement: "The two maps of figure 2 have 389 points each: 0.25 % of the Intel log",
+        test: EXACT,
+        decide: figure_2_size,
+    },
+    Test {
+        id: "points",
+        section: "V",
+        statement: "The Intel log has 155,648 points within 10 m",
+        test: EXACT,
+        decide: points,
+    },
 ];
 
 const INTEL: &str = "intel-lab";
@@ -103,7 +100,7 @@ mod tests {
             max_range: Some(max_range),
             ..planted::office_facts()
         };
-        CLAIMS.map(|(_, decide)| decide(&facts).ok().map(|finding| finding.holds))
+        CLAIMS.map(|test| (test.decide)(&facts).ok().map(|finding| finding.holds))
     }
 
     #[test]

@@ -6,54 +6,46 @@ use mcl_core::text::{list, number};
 use mcl_metrics::{Blocked, one_sample};
 use mcl_study::study::views::TestKind;
 
-use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, Sizes, kinds};
-use crate::claims::claim::{ALPHA, Finding, Outcome, Statement, Tested, Untestable, significant};
+use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, kinds};
+use crate::claims::claim::{ALPHA, Finding, Outcome, Shown, Test, Tested, Untestable, significant};
 
-pub(super) const CLAIMS: [(Statement, fn(&Sampled) -> Outcome); 4] = [
-    (
-        Statement {
-            id: "improvement",
-            section: "V-A",
-            text: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
+pub(super) const CLAIMS: [SampledTest; 4] = [
+    Test {
+        id: "improvement",
+        section: "V-A",
+        statement: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
                    every size",
-            test: "Welch's t test over maps per initialization and size: improved above initial; p: \
+        test: "Welch's t test over maps per initialization and size: improved above initial; p: \
                    the largest",
-        },
-        improvement,
-    ),
-    (
-        Statement {
-            id: "improvement-shrinks",
-            section: "V-A",
-            text: "The larger the map, the smaller the improvement",
-            test: "t test over draws: the slope of the gain over the logarithm of the size is \
+        decide: improvement,
+    },
+    Test {
+        id: "improvement-shrinks",
+        section: "V-A",
+        statement: "The larger the map, the smaller the improvement",
+        test: "t test over draws: the slope of the gain over the logarithm of the size is \
                    negative, p: the larger of both initializations; and the mean gain falls from \
                    each size to the next",
-        },
-        improvement_shrinks,
-    ),
-    (
-        Statement {
-            id: "strategy-above-10",
-            section: "V-A",
-            text: "Above 10 % of the points it hardly matters how they were chosen",
-            test: "equivalence (two one-sided Welch tests) of each two of the four kinds of map at \
+        decide: improvement_shrinks,
+    },
+    Test {
+        id: "strategy-above-10",
+        section: "V-A",
+        statement: "Above 10 % of the points it hardly matters how they were chosen",
+        test: "equivalence (two one-sided Welch tests) of each two of the four kinds of map at \
                    each size above 10 %, within 1 % of the range of mean likelihoods from 0.25 % on; \
                    p: the largest",
-        },
-        strategy_above_10,
-    ),
-    (
-        Statement {
-            id: "rnd-fkm-below-gbs",
-            section: "V-A",
-            text: "Improved random maps are sometimes less likely than grid-based maps of the same \
+        decide: strategy_above_10,
+    },
+    Test {
+        id: "rnd-fkm-below-gbs",
+        section: "V-A",
+        statement: "Improved random maps are sometimes less likely than grid-based maps of the same \
                    size that were not improved",
-            test: "Welch's t test over maps per size: rnd+f-km below gbs; p: the smallest times the \
+        test: "Welch's t test over maps per size: rnd+f-km below gbs; p: the smallest times the \
                    number of sizes (Bonferroni)",
-        },
-        rnd_fkm_below_gbs,
-    ),
+        decide: rnd_fkm_below_gbs,
+    },
 ];
 
 const COLUMN: &str = "log_likelihood";
@@ -82,9 +74,8 @@ fn improvement(data: &Sampled) -> Outcome {
     if !failing.is_empty() {
         measured += &format!("; not: {}", list(&failing));
     }
-    let evidence = Tested::weakest(&tests).map(|test| test.difference("nats per point gained on"));
-    let holds = failing.is_empty();
-    Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
+    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point gained on"));
+    Ok(Finding { holds, measured, evidence })
 }
 
 fn improvement_shrinks(data: &Sampled) -> Outcome {
@@ -116,10 +107,9 @@ fn improvement_shrinks(data: &Sampled) -> Outcome {
         false => format!("does not fall from {}", list(&rising)),
     };
     let measured = format!("the mean gain (nats per point) of {} {steps}", shown.join(", of "));
-    let holds = rising.is_empty() && tests.iter().all(|test| test.p < ALPHA);
     let unit = "nats per point gained more per tenfold size, on";
-    let evidence = Tested::weakest(&tests).map(|test| test.difference(unit));
-    Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
+    let (falls, evidence) = Tested::all(&tests, Shown::Difference(unit));
+    Ok(Finding { holds: falls && rising.is_empty(), measured, evidence })
 }
 
 /// The slope of a value over lg size by least squares, of every block that has two sizes or more.
@@ -166,9 +156,8 @@ fn strategy_above_10(data: &Sampled) -> Outcome {
         significant(tests.iter().map(|test| test.effect.p_two_sided)),
         tests.len()
     );
-    let evidence = Tested::weakest(&tests).map(|test| test.difference("nats per point of"));
-    let holds = tests.iter().all(|test| test.p < ALPHA);
-    Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
+    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point of"));
+    Ok(Finding { holds, measured, evidence })
 }
 
 fn rnd_fkm_below_gbs(data: &Sampled) -> Outcome {
@@ -186,9 +175,8 @@ fn rnd_fkm_below_gbs(data: &Sampled) -> Outcome {
     if !below.is_empty() {
         measured += &format!(": {}, nats per point", list(&below));
     }
-    let evidence = Tested::strongest(&tests).map(|test| test.difference("nats per point of"));
-    let evidence = evidence.unwrap_or_default();
-    Ok(Finding { holds: evidence.p.is_some_and(|p| p < ALPHA), measured, evidence })
+    let (holds, evidence) = Tested::any(&tests, Shown::Difference("nats per point of"));
+    Ok(Finding { holds, measured, evidence })
 }
 
 /// The paper's two-sample t test: a sample is a map. Its p is the two-sided one.
@@ -222,11 +210,11 @@ mod tests {
     /// The claims of section V-A.
     fn claims(results: &Results) -> Vec<Claim> {
         let claims = decide(std::slice::from_ref(results)).remove(0).claims;
-        claims.into_iter().filter(|claim| claim.statement.section == "V-A").collect()
+        claims.into_iter().filter(|claim| claim.section == "V-A").collect()
     }
 
     fn find(results: &Results, id: &str) -> Claim {
-        claims(results).into_iter().find(|claim| claim.statement.id == id).unwrap()
+        claims(results).into_iter().find(|claim| claim.id == id).unwrap()
     }
 
     fn verdicts(results: &Results) -> Vec<Verdict> {

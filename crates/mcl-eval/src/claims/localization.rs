@@ -5,86 +5,74 @@ use mcl_core::text::{list, number, p_value};
 use mcl_metrics::{Blocked, BlockedRate, one_sample, paired};
 use mcl_study::study::views::TestKind;
 
-use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, Sizes, log_ratios};
+use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, log_ratios};
 use crate::claims::claim::{
-    ALPHA, Evidence, Finding, Outcome, Statement, Tested, Untestable, significant,
+    Evidence, Finding, Outcome, Shown, Test, Tested, Untestable, significant,
 };
 
-pub(super) const CLAIMS: [(Statement, fn(&Sampled) -> Outcome); 7] = [
-    (
-        Statement {
-            id: "localization-improved",
-            section: "V-B",
-            text: "The localization error is in general smaller on improved maps",
-            test: "paired t test over draws of ln error, all sizes: improved below initial, p: the \
+pub(super) const CLAIMS: [SampledTest; 7] = [
+    Test {
+        id: "localization-improved",
+        section: "V-B",
+        statement: "The localization error is in general smaller on improved maps",
+        test: "paired t test over draws of ln error, all sizes: improved below initial, p: the \
                    larger of both initializations; and the mean error is lower in more than half of \
                    the cells",
-        },
-        improved,
-    ),
-    (
-        Statement {
-            id: "localization-most-on-small",
-            section: "V-B",
-            text: "Improved maps gain most where maps are small",
-            test: "paired t test over draws of ln(improved error / initial error): below 1 % lower \
+        decide: improved,
+    },
+    Test {
+        id: "localization-most-on-small",
+        section: "V-B",
+        statement: "Improved maps gain most where maps are small",
+        test: "paired t test over draws of ln(improved error / initial error): below 1 % lower \
                    than from 1 % on; p: the larger of both initializations",
-        },
-        most_on_small,
-    ),
-    (
-        Statement {
-            id: "localization-gbs-over-rnd",
-            section: "V-B",
-            text: "Small grid-based maps are better to localize on than random ones of the same size",
-            test: "paired t test over draws of ln error, sizes below 1 %: gbs below rnd",
-        },
-        gbs_over_rnd,
-    ),
-    (
-        Statement {
-            id: "localization-no-gain",
-            section: "V-B",
-            text: "Beyond 1 % more points do not always lower the error",
-            test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
+        decide: most_on_small,
+    },
+    Test {
+        id: "localization-gbs-over-rnd",
+        section: "V-B",
+        statement: "Small grid-based maps are better to localize on than random ones of the same size",
+        test: "paired t test over draws of ln error, sizes below 1 %: gbs below rnd",
+        decide: gbs_over_rnd,
+    },
+    Test {
+        id: "localization-no-gain",
+        section: "V-B",
+        statement: "Beyond 1 % more points do not always lower the error",
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
                    the next size: above 95 % of the error before; p: the smallest times the number of \
                    steps (Bonferroni)",
-        },
-        no_gain,
-    ),
-    (
-        Statement {
-            id: "localization-slightly-worse",
-            section: "V-B",
-            text: "Beyond 1 % more points in some cases make localization slightly worse",
-            test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
+        decide: no_gain,
+    },
+    Test {
+        id: "localization-slightly-worse",
+        section: "V-B",
+        statement: "Beyond 1 % more points in some cases make localization slightly worse",
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
                    the next size: above the error before, p: the smallest times the number of steps \
                    (Bonferroni); and after that step the mean error is higher, too",
-        },
-        slightly_worse,
-    ),
-    (
-        Statement {
-            id: "localization-recovers",
-            section: "V-B",
-            text: "From 0.25 % of the points on, the filter is never lost for good",
-            test: "no test: holds if no run diverged (ended more than 1 m off)",
-        },
-        recovers,
-    ),
-    (
-        Statement {
-            id: "localization-diverges-below",
-            section: "V-B",
-            text: "Below 0.25 % of the points the filter diverges in some runs",
-            test: "holds if a run diverged; p: paired t test over draws of the share of diverged \
+        decide: slightly_worse,
+    },
+    Test {
+        id: "localization-recovers",
+        section: "V-B",
+        statement: "From 0.25 % of the points on, the filter is never lost for good",
+        test: "no test: holds if no run diverged (ended more than 1 m off)",
+        decide: recovers,
+    },
+    Test {
+        id: "localization-diverges-below",
+        section: "V-B",
+        statement: "Below 0.25 % of the points the filter diverges in some runs",
+        test: "holds if a run diverged; p: paired t test over draws of the share of diverged \
                    runs, higher below 0.25 % than from there on",
-        },
-        diverges_below,
-    ),
+        decide: diverges_below,
+    },
 ];
 
 const COLUMN: &str = "weighted";
+
+const ERROR_RATIO: Shown = Shown::Ratio("error ratio");
 
 /// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a
 /// tracked robot is off.
@@ -110,9 +98,8 @@ fn improved(data: &Sampled) -> Outcome {
         significant(cells.iter().map(|effect| effect.p_less)),
         significant(cells.iter().map(|effect| effect.p_greater))
     );
-    let evidence = Tested::weakest(&tests).map(|test| test.ratio("error ratio"));
-    let holds = tests.iter().all(|test| test.p < ALPHA) && 2 * lower > cells.len();
-    Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
+    let (is_lower, evidence) = Tested::all(&tests, ERROR_RATIO);
+    Ok(Finding { holds: is_lower && 2 * lower > cells.len(), measured, evidence })
 }
 
 fn most_on_small(data: &Sampled) -> Outcome {
@@ -130,9 +117,8 @@ fn most_on_small(data: &Sampled) -> Outcome {
         shown.push(format!("{improved} over {kind} {small} below 1 %, {large} from 1 % on"));
     }
     let measured = format!("ratio of geometric mean errors: {}", shown.join("; "));
-    let evidence = Tested::weakest(&tests).map(|test| test.ratio("ratio of error ratios"));
-    let holds = tests.iter().all(|test| test.p < ALPHA);
-    Ok(Finding { holds, measured, evidence: evidence.unwrap_or_default() })
+    let (holds, evidence) = Tested::all(&tests, Shown::Ratio("ratio of error ratios"));
+    Ok(Finding { holds, measured, evidence })
 }
 
 fn gbs_over_rnd(data: &Sampled) -> Outcome {
@@ -154,7 +140,8 @@ fn gbs_over_rnd(data: &Sampled) -> Outcome {
         diverged(grid_improved)?,
         diverged(random_improved)?
     );
-    Ok(Finding { holds: test.p < ALPHA, measured, evidence: test.ratio("error ratio") })
+    let (holds, evidence) = Tested::all(&[test], ERROR_RATIO);
+    Ok(Finding { holds, measured, evidence })
 }
 
 fn no_gain(data: &Sampled) -> Outcome {
@@ -173,9 +160,8 @@ fn no_gain(data: &Sampled) -> Outcome {
          {most}",
         tests.len()
     );
-    let evidence = Tested::strongest(&tests).map(|test| test.ratio("error ratio"));
-    let evidence = evidence.unwrap_or_default();
-    Ok(Finding { holds: evidence.p.is_some_and(|p| p < ALPHA), measured, evidence })
+    let (holds, evidence) = Tested::any(&tests, ERROR_RATIO);
+    Ok(Finding { holds, measured, evidence })
 }
 
 fn slightly_worse(data: &Sampled) -> Outcome {
@@ -188,19 +174,17 @@ fn slightly_worse(data: &Sampled) -> Outcome {
         rises.push((mean_error(smaller)?, mean_error(larger)?));
     }
     let higher = rises.iter().filter(|(before, error)| error > before).count();
-    let surest = Tested::strongest(&tests);
-    let place = surest.iter().find_map(|surest| tests.iter().position(|t| t.of == surest.of));
-    let (before, error) = place.map_or((0.0, 0.0), |place| rises[place]);
+    let surest = Tested::strongest(&tests).unwrap_or_default();
+    let (before, error) = rises[surest];
     let measured = format!(
         "the mean error is higher after {higher} of {} steps; the surest is {} with {} against {}",
         tests.len(),
-        surest.as_ref().map_or("none", |test| &test.of),
+        tests[surest].of,
         number(error),
         number(before)
     );
-    let evidence = surest.map(|test| test.ratio("error ratio")).unwrap_or_default();
-    let holds = error > before && evidence.p.is_some_and(|p| p < ALPHA);
-    Ok(Finding { holds, measured, evidence })
+    let (is_worse, evidence) = Tested::any(&tests, ERROR_RATIO);
+    Ok(Finding { holds: is_worse && error > before, measured, evidence })
 }
 
 fn recovers(data: &Sampled) -> Outcome {
@@ -240,7 +224,7 @@ fn diverges_below(data: &Sampled) -> Outcome {
         let effect = paired(&diverged(&below)?, &diverged(&above)?)?;
         let of = "below 0.25 % less that from there on".to_owned();
         let test = Tested { p: effect.p_greater, effect, of };
-        evidence = test.difference("share of diverged runs");
+        evidence = Tested::all(&[test], Shown::Difference("share of diverged runs")).1;
         measured += &format!(", from 0.25 % on {}", hits(&rate(&above)?));
     }
     Ok(Finding { holds: runs.of_units().hits() > 0, measured, evidence })
@@ -341,12 +325,12 @@ mod tests {
     /// The claims of section V-B.
     fn claims(results: &Results) -> Vec<Claim> {
         let claims = decide(std::slice::from_ref(results)).remove(0).claims;
-        claims.into_iter().filter(|claim| claim.statement.section == "V-B").collect()
+        claims.into_iter().filter(|claim| claim.section == "V-B").collect()
     }
 
     fn find(results: &Results, id: &str) -> Claim {
         let id = format!("localization-{id}");
-        claims(results).into_iter().find(|claim| claim.statement.id == id).unwrap()
+        claims(results).into_iter().find(|claim| claim.id == id).unwrap()
     }
 
     #[test]

@@ -5,44 +5,38 @@ use mcl_maps::files::read_map;
 use mcl_study::store::results::Results;
 use mcl_study::table::Value;
 
-use crate::claims::cells::{Sampled, Sizes};
-use crate::claims::claim::{Evidence, Finding, Outcome, Statement, Untestable};
+use crate::claims::cells::{Sampled, SampledTest, Sizes};
+use crate::claims::claim::{Evidence, Finding, Outcome, Test, Untestable};
 
-pub(super) const CLAIMS: [(Statement, fn(&Sampled) -> Outcome); 3] = [
-    (
-        Statement {
-            id: "even-spread",
-            section: "IV",
-            text: "Grid-based maps spread their points more evenly than random maps of the same size \
+pub(super) const CLAIMS: [SampledTest; 3] = [
+    Test {
+        id: "even-spread",
+        section: "IV",
+        statement: "Grid-based maps spread their points more evenly than random maps of the same size \
                    (figure 2)",
-            test: "no test, one map of each kind: the distances from map points to their nearest map \
+        test: "no test, one map of each kind: the distances from map points to their nearest map \
                    point vary less (coefficient of variation)",
-        },
-        even_spread,
-    ),
-    (
-        Statement {
-            id: "size-not-exact",
-            section: "IV",
-            text: "The number of points of a grid-based map cannot be asked for exactly",
-            test: "no test: holds if a map of the experiment, whose cell size is searched for, has \
+        decide: even_spread,
+    },
+    Test {
+        id: "size-not-exact",
+        section: "IV",
+        statement: "The number of points of a grid-based map cannot be asked for exactly",
+        test: "no test: holds if a map of the experiment, whose cell size is searched for, has \
                    not the number of points that was asked for",
-        },
-        size_not_exact,
-    ),
-    (
-        Statement {
-            id: "cost-of-grid",
-            section: "IV",
-            text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
+        decide: size_not_exact,
+    },
+    Test {
+        id: "cost-of-grid",
+        section: "IV",
+        statement: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
                    each of K cells",
-            test: "no test",
-        },
-        |_| {
+        test: "no test",
+        decide: |_| {
             let reason = "saved times are of a search over many grids; `make bench` times one";
             Err(Untestable(reason.to_owned()))
         },
-    ),
+    },
 ];
 
 /// The picture of a random and a grid-based map of the same size.

@@ -20,8 +20,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mcl_study::store::results::Results;
 
-use cells::Sampled;
-use claim::{Claim, DatasetClaims, Outcome, Place, Statement};
+use cells::{Sampled, SampledTest};
+use claim::{Claim, DatasetClaims, Place};
 
 /// Decides every claim for every data set in the plane on which a study has likelihoods or localization
 /// errors of the paper's four kinds of map; other studies are left alone. A study that cannot be
@@ -69,14 +69,13 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
         return None;
     }
     let of_data = Place { dataset: facts.name.clone(), experiment: None, split: None };
-    let of_facts = facts::CLAIMS.into_iter();
-    let mut claims: Vec<Claim> = of_facts
-        .map(|(statement, test)| Claim::new(of_data.clone(), statement, test(facts)))
-        .collect();
-    let mut decide = |data: &Sampled, of: &[(Statement, fn(&Sampled) -> Outcome)]| {
-        claims.extend(of.iter().map(|(statement, test)| {
-            let outcome = data.complete().and_then(|()| test(data));
-            Claim::new(data.place.clone(), *statement, outcome)
+    let of_facts = facts::CLAIMS.iter();
+    let mut claims: Vec<Claim> =
+        of_facts.map(|test| test.claim(of_data.clone(), (test.decide)(facts))).collect();
+    let mut decide = |data: &Sampled, tests: &[SampledTest]| {
+        claims.extend(tests.iter().map(|test| {
+            let outcome = data.complete().and_then(|()| (test.decide)(data));
+            test.claim(data.place.clone(), outcome)
         }));
     };
     for splits in &of_likelihood {
@@ -87,7 +86,7 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     for data in of_localization.iter().flatten() {
         decide(data, &localization::CLAIMS);
     }
-    claims.sort_by_key(|claim| claim.statement.section);
+    claims.sort_by_key(|claim| claim.section);
     let (name, description) = (facts.name.clone(), facts.describe());
     Some(DatasetClaims { name, description, claims, notes })
 }
@@ -118,6 +117,7 @@ fn sampled<'a>(
 
 #[cfg(test)]
 mod tests {
+    use super::claim::Evidence;
     use super::claim::Verdict::*;
     use super::*;
 
@@ -148,14 +148,14 @@ mod tests {
 
     fn find<'a>(datasets: &'a [DatasetClaims], dataset: &str, id: &str) -> &'a Claim {
         let mut claims = datasets.iter().flat_map(|found| &found.claims);
-        claims.find(|claim| claim.place.dataset == dataset && claim.statement.id == id).unwrap()
+        claims.find(|claim| claim.place.dataset == dataset && claim.id == id).unwrap()
     }
 
     #[test]
     fn every_data_set_gets_every_claim_of_its_studies() {
         let found = decide(&results());
         for (dataset, count) in found.iter().zip([10, 17]) {
-            let ids = dataset.claims.iter().map(|claim| claim.statement.id);
+            let ids = dataset.claims.iter().map(|claim| claim.id);
             assert!(ids.eq(CLAIMS.split_whitespace().take(count)), "{}", dataset.name);
         }
         assert_eq!(found[0].notes, ["No study says anything on localization (V-B)."]);
@@ -173,7 +173,7 @@ mod tests {
                     assert!(json[key].is_number(), "{key} of {json}");
                 }
             }
-            let split = if claim.statement.section == "V-B" { Some("same") } else { None };
+            let split = if claim.section == "V-B" { Some("same") } else { None };
             assert_eq!(json["split"].as_str(), split, "{json}");
             assert!(markdown.replace('\\', "").contains(&claim.measured), "{json}");
         }
@@ -243,6 +243,32 @@ mod tests {
         assert!(compared > 20, "{compared}");
     }
 
+    /// A result folder once had two p values for one hypothesis.
+    #[test]
+    fn p_is_that_of_tests_csv() {
+        let results = localized(
+            "[[views.tests]]\ny = \"weighted\"\nratio = true\npairs = [[\"gbs\", \"rnd\"]]\n",
+            |row| {
+                let is_random = row.text("map").starts_with("rnd");
+                row.set("size_percent", 0.5);
+                row.set("diverged", false);
+                row.set("weighted", 0.1 + 0.03 * row.number("draw"));
+                if is_random {
+                    row.set("weighted", 0.2);
+                }
+            },
+        );
+        let table = mcl_study::view::compare::tests(&results).unwrap();
+        let row = table.rows().next().unwrap();
+        let found = decide(std::slice::from_ref(&results));
+        let Evidence { p, effect, low, .. } =
+            find(&found, "office", "localization-gbs-over-rnd").evidence.clone();
+        // One-sided here, two-sided there.
+        assert_eq!(p.map(|p| 2.0 * p), row.number("p"));
+        assert_eq!((effect, low), (row.number("effect"), row.number("effect_low")));
+        assert!(p.is_some_and(|p| p > 0.0 && p < 0.5), "{p:?}");
+    }
+
     /// One map of each kind, two draws, a run on each, and more of a study's text.
     fn localized(more: &str, fill: fn(&mut planted::PlantedRow)) -> Results {
         let kinds: Vec<&str> = cells::kinds().collect();
@@ -259,7 +285,7 @@ mod tests {
             row.set("diverged", row.text("split") == "alternate");
         });
         let claims = decide(&[results]).remove(0).claims;
-        let recovers = claims.iter().filter(|claim| claim.statement.id == "localization-recovers");
+        let recovers = claims.iter().filter(|claim| claim.id == "localization-recovers");
         let verdicts = recovers.map(|claim| (claim.place.split.unwrap().name(), claim.verdict));
         let expected = [("same", Reproduced), ("alternate", NotReproduced)];
         assert_eq!(verdicts.collect::<Vec<_>>(), expected);

@@ -1,37 +1,47 @@
-//! Claims as tables: for the terminal and as Markdown.
-
-use comfy_table::presets::{NOTHING, UTF8_HORIZONTAL_ONLY};
-use comfy_table::{ColumnConstraint, ContentArrangement, Table, Width};
+//! Claims as text: for the terminal and as Markdown.
 
 use mcl_core::text::{counted, number, p_value, printable};
 use mcl_study::recipe::split::Split;
 
 use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Verdict};
+use crate::progress::wrapped;
 
-/// Lines longer than this are hard to follow; below the least, words would be broken.
+/// Lines longer than this are hard to follow; below the least, words would stand out.
 const WIDTHS: (u16, u16) = (40, 120);
-/// "reproduced" fits, "not reproduced" has two lines.
-const VERDICT: u16 = 10;
-/// From one column's content to the next: a space of padding each, and the place of a line.
-const BETWEEN: u16 = 3;
 
 /// In place of spaces at which no line may end, until lines are made.
 const GLUE: &str = "\u{a0}";
 
-/// A table per data set, `width` columns wide, and a line that sums it up; then the names of data sets
-/// without results. Names from data are shown as escapes where they act.
+/// The claims of each data set, in lines of `width` columns, and a line that sums them up; then the names
+/// of data sets without results. Names from data are shown as escapes where they act.
 pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) -> String {
-    let width = width.clamp(WIDTHS.0, WIDTHS.1);
-    let mut text = String::new();
+    let mut lines = Vec::new();
     for dataset in datasets {
-        let heading = wrapped(&[heading(dataset)], width);
-        let summary = wrapped(&summary(dataset), width);
-        text += &format!("{heading}\n{}\n{summary}\n\n", table(dataset, width));
+        lines.extend([heading(dataset), String::new()]);
+        for claim in &dataset.claims {
+            let p = claim.evidence.p.map(|p| format!("; {}", p_value(p))).unwrap_or_default();
+            let texts = [
+                format!("{}: {}", place(claim, dataset), claim.statement),
+                format!("Measured: {}", claim.measured),
+                format!("Test: {}{p}", claim.test),
+            ];
+            let effect = effect(claim).map(|effect| format!("Effect: {effect}"));
+            let verdicts = [claim.verdict.into(), "", "", ""];
+            let lines_of = verdicts.into_iter().zip(texts.into_iter().chain(effect));
+            lines.extend(lines_of.map(|(verdict, text)| format!("  {verdict:<14}  {text}")));
+        }
+        lines.push(String::new());
+        lines.extend(summary(dataset));
+        lines.push(String::new());
     }
     if !without_results.is_empty() {
-        text += &format!("{}\n", wrapped(&[missing(without_results)], width));
+        lines.push(missing(without_results));
     }
-    text.replace(GLUE, " ")
+    // Numbers keep their percent signs, and equations stay whole.
+    let [percent, equals] = [format!("{GLUE}%"), format!("{GLUE}={GLUE}")];
+    let glued = |line: &String| printable(line).replace(" %", &percent).replace(" = ", &equals);
+    let text = lines.iter().map(glued).collect::<Vec<String>>().join("\n");
+    wrapped(&text, width.clamp(WIDTHS.0, WIDTHS.1).into()).replace(GLUE, " ")
 }
 
 /// The same as a Markdown document, with the claims' names. Names from data are text, whatever they
@@ -49,15 +59,15 @@ pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> Strin
             let p = claim.evidence.p.map_or(String::new(), p_value);
             let columns = [
                 place(claim, dataset),
-                claim.statement.text.to_owned(),
+                claim.statement.to_owned(),
                 claim.measured.clone(),
-                claim.statement.test.to_owned(),
+                claim.test.to_owned(),
                 p.replace("p = ", "").replace("p ", ""),
                 effect(claim).unwrap_or_default(),
                 <&str>::from(claim.verdict).to_owned(),
             ];
             let [place, rest @ ..] = columns.map(|column| escaped(&column));
-            text += &format!("| {place} | `{}` | {} |\n", claim.statement.id, rest.join(" | "));
+            text += &format!("| {place} | `{}` | {} |\n", claim.id, rest.join(" | "));
         }
         text.push('\n');
         for line in summary(dataset) {
@@ -84,56 +94,6 @@ fn escaped(text: &str) -> String {
     shown.replace("://", "\\://").replace("www.", "www\\.")
 }
 
-/// Verdicts beside all else.
-fn table(dataset: &DatasetClaims, width: u16) -> String {
-    let mut table = empty(width);
-    table.set_header(["verdict", "statement, measured, test"]);
-    for claim in &dataset.claims {
-        let p = claim.evidence.p.map(|p| format!("; {}", p_value(p))).unwrap_or_default();
-        let effect = effect(claim).map(|effect| format!("Effect: {effect}"));
-        let lines = [
-            format!("{}: {}", place(claim, dataset), claim.statement.text),
-            format!("Measured: {}", claim.measured),
-            format!("Test: {}{p}", claim.statement.test),
-        ];
-        let lines = lines.into_iter().chain(effect).map(|line| glued(&printable(&line)));
-        let verdict: &str = claim.verdict.into();
-        table.add_row([verdict.to_owned(), lines.collect::<Vec<_>>().join("\n")]);
-    }
-    let widths = [VERDICT, width - VERDICT - BETWEEN - 2];
-    for (column, width) in table.column_iter_mut().zip(widths) {
-        // One space on either side comes on top.
-        column.set_constraint(ColumnConstraint::Absolute(Width::Fixed(width + 2)));
-    }
-    table.trim_fmt()
-}
-
-fn empty(width: u16) -> Table {
-    let mut table = Table::new();
-    table
-        .load_style(UTF8_HORIZONTAL_ONLY)
-        .set_content_arrangement(ContentArrangement::Dynamic)
-        .set_width(width);
-    table
-}
-
-/// Text whose numbers keep their percent signs and equations stay whole.
-fn glued(text: &str) -> String {
-    let [percent, equals] = [format!("{GLUE}%"), format!("{GLUE}={GLUE}")];
-    text.replace(" %", &percent).replace(" = ", &equals)
-}
-
-/// Lines of text, broken between words.
-fn wrapped(lines: &[String], width: u16) -> String {
-    let lines: Vec<_> = lines.iter().map(|line| printable(line)).collect();
-    let mut table = empty(width);
-    table.load_style(NOTHING).add_row([lines.join("\n")]);
-    for column in table.column_iter_mut() {
-        column.set_padding((0, 0));
-    }
-    table.trim_fmt()
-}
-
 /// "error ratio gbs+f-km over gbs: 0.87 (0.80 to 0.95), 10 blocks"
 fn effect(claim: &Claim) -> Option<String> {
     let evidence = &claim.evidence;
@@ -144,11 +104,9 @@ fn effect(claim: &Claim) -> Option<String> {
 
 /// "V-B, alternate"; with the study's name where the data set has several of a kind.
 fn place(claim: &Claim, dataset: &DatasetClaims) -> String {
-    let mut place = claim.statement.section.to_owned();
+    let mut place = claim.section.to_owned();
     let experiment = &claim.place.experiment;
-    let of_another = |other: &&Claim| {
-        other.statement.id == claim.statement.id && other.place.experiment != *experiment
-    };
+    let of_another = |other: &&Claim| other.id == claim.id && other.place.experiment != *experiment;
     if let (Some(name), Some(_)) = (experiment, dataset.claims.iter().find(of_another)) {
         place += &format!(", {name}");
     }
@@ -195,17 +153,11 @@ fn missing(names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::claims::claim::{Evidence, Place, Statement};
+    use crate::claims::claim::{Evidence, Place};
 
     fn claim(id: &'static str, split: Option<Split>, verdict: Verdict) -> Claim {
         let place =
             Place { dataset: "office".into(), experiment: Some("localization".into()), split };
-        let statement = Statement {
-            id,
-            section: "V-B",
-            text: "Improved maps gain most where maps are small, whatever the initialization",
-            test: "paired t test over draws of ln(improved error / initial error)",
-        };
         let measured = "gbs 0.87 | rnd 0.42; the mean is lower in 15 of 18 cells".to_owned();
         let evidence = Evidence {
             p: Some(3.1e-5),
@@ -215,7 +167,16 @@ mod tests {
             blocks: Some(10),
             effect_of: Some("error ratio".to_owned()),
         };
-        Claim { place, statement, measured, evidence, verdict }
+        Claim {
+            place,
+            id,
+            section: "V-B",
+            statement: "Improved maps gain most where maps are small, whatever the initialization",
+            test: "paired t test over draws of ln(improved error / initial error)",
+            measured,
+            evidence,
+            verdict,
+        }
     }
 
     fn datasets() -> Vec<DatasetClaims> {
@@ -257,7 +218,7 @@ mod tests {
                 "office, split alternate: 0 reproduced, 0 not reproduced, 1 not testable"
             )
         );
-        assert!(text.contains("V-B, alternate: Improved"), "{text}");
+        assert!(text.contains("not testable    V-B, alternate: Improved"), "{text}");
     }
 
     #[test]
@@ -273,7 +234,7 @@ mod tests {
     #[test]
     fn several_experiments_of_a_kind_are_named() {
         let mut datasets = datasets();
-        datasets[0].claims[1].statement.id = "a";
+        datasets[0].claims[1].id = "a";
         datasets[0].claims[1].place.experiment = Some("short".into());
         let text = text(&datasets, &[], 100);
         assert!(text.contains("V-B, short"), "{text}");
@@ -292,7 +253,7 @@ mod tests {
         for claim in &mut datasets[0].claims {
             claim.measured = hostile.into();
         }
-        datasets[0].claims[2].statement.id = "b";
+        datasets[0].claims[2].id = "b";
         datasets[0].claims[2].place.experiment = Some(hostile.into());
         let missing = [hostile.to_owned()];
         for text in [60, 100]

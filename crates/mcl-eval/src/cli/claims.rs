@@ -1,4 +1,5 @@
 use anyhow::{Context, Result, bail};
+use mcl_core::text::printable;
 use mcl_study::store::results::read_all;
 use serde::Serialize;
 
@@ -18,8 +19,13 @@ struct Claims<'a> {
 /// and stops no other.
 pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     let found = read_all(&args.root)?;
+    let mut is_whole = found.damaged.is_empty();
     for (folder, error) in &found.damaged {
-        tell!("warning: {}: {}", folder.display(), told_once(error));
+        tell!("warning: {}: {}", printable(&folder.to_string_lossy()), told_once(error));
+    }
+    for damage in found.results.iter().flat_map(|results| &results.damage) {
+        tell!("warning: {}", printable(damage));
+        is_whole = false;
     }
     let datasets = decide(&found.results);
     if datasets.is_empty() {
@@ -37,7 +43,7 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     }
     let claims = datasets.iter().flat_map(|dataset: &DatasetClaims| &dataset.claims).collect();
     print(args.json, &Claims { claims }, |_| render::text(&datasets, &missing, width()))?;
-    Ok(Outcome::of(found.damaged.is_empty()))
+    Ok(Outcome::of(is_whole))
 }
 
 /// Columns of the terminal. `COLUMNS` speaks louder, and for a file or a pipe, which have none.
