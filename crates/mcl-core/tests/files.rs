@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use mcl_core::files::fault::{Fault, Operation, Step, during};
 use mcl_core::files::{
-    Journal, JournalLine, Output, OwnFile, create_folder, hold, is_leftover, journal_lines,
-    journals, open, prepare, remove, remove_folder, remove_leftovers, write_atomically,
+    Journal, JournalLine, Output, OwnFile, create_folder, hold, journal_lines, journals, open,
+    prepare, remove, remove_folder, remove_leftovers, write_atomically, write_with,
 };
 use tempfile::{TempDir, tempdir};
 
@@ -67,6 +67,41 @@ fn a_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
         }
     }
     assert!(failed > 60, "{failed}");
+}
+
+#[test]
+fn a_file_written_in_pieces_is_whole_or_not_there_as_well() {
+    const PIECE: usize = 200_000; // More than a buffer holds.
+    let write = |path: &Path| {
+        write_with(path, |file| (0..3).try_for_each(|piece| file.write_all(&[piece; PIECE])))
+    };
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("map.csv");
+    fs::write(&path, "old").unwrap();
+    let refused = write_with(&path, |file| {
+        file.write_all(b"new")?;
+        Err(io::Error::other("of the writer"))
+    });
+    assert_eq!(refused.unwrap_err().to_string(), "of the writer");
+    assert_eq!(names(folder.path()), ["map.csv"]);
+    assert_eq!(fs::read(&path).unwrap(), b"old");
+
+    let (result, steps) = during(Fault::None, || write(&path));
+    result.unwrap();
+    assert!(steps.iter().filter(|step| step.0 == Operation::Write).count() >= 3);
+    for at in 0..steps.len() {
+        for bytes in [0, 1, PIECE / 2] {
+            let faults = [Fault::Fail { at }, Fault::Full { at, bytes }, Fault::Stop { at, bytes }];
+            for fault in faults {
+                fs::write(&path, "old").unwrap();
+                let (result, _) = during(fault, || write(&path));
+                let length = fs::metadata(&path).unwrap().len() as usize;
+                assert_eq!(length, if result.is_ok() { 3 * PIECE } else { 3 }, "{fault:?}");
+                remove_leftovers(folder.path());
+                assert_eq!(names(folder.path()), ["map.csv"], "{fault:?}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -167,7 +202,7 @@ fn nothing_is_written_through_or_over_what_is_no_file() {
             write_atomically(&path, b"new"),
             Output::create_readable(&path).map(drop),
             OwnFile::open_or_create(&path).map(drop),
-            prepare(&[&path], &[]),
+            prepare(&[&path], &[]).map_err(|error| error.source),
         ];
         for result in results {
             let message = result.unwrap_err().to_string();
@@ -262,7 +297,6 @@ fn what_is_being_written_is_no_leftover() {
     let path = folder.path().join("map.csv");
     let mut output = Output::create(&path).unwrap();
     output.write_all(b"new").unwrap();
-    assert!(!is_leftover(output.temporary_path()));
     remove_leftovers(folder.path());
     prepare(&[&path], &[]).unwrap();
     output.commit().unwrap();
@@ -281,7 +315,6 @@ fn leftovers_are_removed_and_nothing_else() {
     let killed = names(folder.path()).pop().unwrap();
     assert!(killed.starts_with(".map.csv.mcl-eval-"), "{killed}");
     assert!(killed.contains(&format!("-{}-", std::process::id())), "{killed}");
-    assert!(is_leftover(&at(&killed)));
 
     // Of another host, whose processes nobody here knows.
     let young = ".map.csv.mcl-eval-ffffff-1-AbCd1234.tmp";

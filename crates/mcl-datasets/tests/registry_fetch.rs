@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use http_server::{Answer, Server, ok, ok_without_length, rest, status, truncated, with_headers};
+use mcl_core::files::fault::{Fault, during};
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry};
 use mcl_datasets::registry::{
     Content, Facts, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError, Registry,
@@ -65,9 +66,13 @@ impl Lab {
     }
 
     fn with_facts(urls: &[String], facts: &str) -> Lab {
-        let folder = tempfile::tempdir().unwrap();
-        let lab = Lab { folder };
+        let lab = Lab { folder: tempfile::tempdir().unwrap() };
         std::fs::create_dir_all(lab.data()).unwrap();
+        lab.define(urls, facts);
+        lab
+    }
+
+    fn define(&self, urls: &[String], facts: &str) {
         let Content { sha256, bytes } = content(&log());
         let text = format!(
             "title = 'Lab'\ndescription = ''\nformat = 'carmen'\nfile = 'lab.gfs.log'\n\
@@ -75,8 +80,7 @@ impl Lab {
              terms = ''\ncitation = ''\nsensor.robot_from_laser = {{ x = 0, y = 0, theta = 0 }}\n\
              {facts}[[copy]]\nsha256 = '{sha256}'\nbytes = {bytes}\n"
         );
-        std::fs::write(lab.data().join("dataset.toml"), text).unwrap();
-        lab
+        std::fs::write(self.data().join("dataset.toml"), text).unwrap();
     }
 
     fn data(&self) -> PathBuf {
@@ -165,6 +169,91 @@ fn a_plain_file_is_fetched_and_progress_is_told() {
     let Verification::Found(found) = lab.verify().unwrap() else { panic!("no file") };
     assert_eq!(found.status(), "known copy, facts agree");
     assert!(found.is_good());
+}
+
+/// The answer of a well-behaved server to whoever has so many bytes.
+fn answer_to(kept: usize, bytes: &[u8]) -> Answer {
+    Answer::Send(match kept {
+        0 => ok(bytes),
+        kept if kept < bytes.len() => rest(bytes, kept),
+        _ => {
+            let range = [("Content-Range", format!("bytes */{}", bytes.len()))];
+            with_headers("416 Range Not Satisfiable", &range, b"")
+        }
+    })
+}
+
+/// Killed fetches once left the unpacked log behind, each a copy of its own.
+#[test]
+fn a_fetch_that_ends_anywhere_goes_on_and_leaves_nothing() {
+    let packed = gzip(&log());
+    let lab_at = |answer: Answer| {
+        let server = Server::start(vec![answer]);
+        let lab = Lab::new(&[server.url("lab.log.gz")]);
+        (server, lab)
+    };
+    let once = FetchSettings { attempts: 1, ..settings() };
+    let (_server, lab) = lab_at(answer_to(0, &packed));
+    let (_, steps) = during(Fault::None, || lab.fetch().unwrap());
+    assert!(steps.len() >= 9, "{steps:?}");
+    let (mut resumed, mut killed) = (0, 0);
+    for (at, (_, length, _)) in steps.iter().enumerate() {
+        let mut cuts = vec![0];
+        if *length > 0 {
+            cuts.extend([1, length / 2, length - 1]);
+        }
+        for bytes in cuts {
+            for fault in [Fault::Stop { at, bytes }, Fault::Full { at, bytes }, Fault::Fail { at }]
+            {
+                let (_server, lab) = lab_at(answer_to(0, &packed));
+                let (result, _) = during(fault, || lab.fetch_with(&once, &mut |_| ()));
+                killed += usize::from(result.is_err());
+                let part = std::fs::metadata(lab.data().join("lab.gfs.log.part"));
+                let kept = part.map_or(0, |part| part.len() as usize);
+                resumed += usize::from(kept > 0);
+                let server = Server::start(vec![answer_to(kept, &packed)]);
+                lab.define(&[server.url("lab.log.gz")], FACTS);
+                lab.fetch().unwrap_or_else(|error| panic!("{fault:?}: {error}"));
+                lab.assert_files(&["lab.gfs.log"]);
+                assert_eq!(std::fs::read(lab.data().join("lab.gfs.log")).unwrap(), log());
+            }
+        }
+    }
+    assert!(killed > 40 && resumed > 20, "{killed} {resumed}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_part_file_that_is_a_link_or_a_pipe_is_not_written() {
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    let place = |lab: &Lab, name: &str| lab.data().join(name);
+    type Obstacle = fn(&Path, &Path);
+    let obstacles: [(Obstacle, &str); 3] = [
+        (|path, target| std::os::unix::fs::symlink(target, path).unwrap(), "symbolic link"),
+        (|path, _| std::fs::create_dir(path).unwrap(), "a folder"),
+        (
+            |path, _| mknodat(CWD, path, FileType::Fifo, Mode::from_raw_mode(0o644), 0).unwrap(),
+            "a FIFO",
+        ),
+    ];
+    for name in ["lab.gfs.log.part", "lab.gfs.log"] {
+        for (put, what) in obstacles {
+            let server = Server::start(vec![Answer::Send(ok(&log()))]);
+            let lab = Lab::new(&[server.url("lab.log")]);
+            let target = lab.folder.path().join("target");
+            // A link to a file is where the log is read from: only one to nothing is in the way.
+            if name.ends_with(".part") {
+                std::fs::write(&target, "not ours").unwrap();
+            }
+            put(&place(&lab, name), &target);
+            let message = lab.fetch().unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains(what), "{message}");
+            assert_eq!(server.requests().len(), 0, "{message}");
+            let untouched = std::fs::read_to_string(&target).ok();
+            assert_eq!(untouched.as_deref(), name.ends_with(".part").then_some("not ours"));
+            lab.assert_files(&[name]);
+        }
+    }
 }
 
 #[cfg(unix)]

@@ -289,7 +289,7 @@ fn what_cannot_be_written_is_told_before_the_run() {
     let before = lab.bytes("office.mcap");
     let args = ["localize", "office.mcap", "--map", "map.csv", "--replay", "./office.mcap"];
     let (_, stderr) = lab.ends(&args, 1);
-    assert!(stderr.contains("it is the log itself"), "{stderr}");
+    assert!(stderr.contains("it is the input office.mcap"), "{stderr}");
     assert!(before == lab.bytes("office.mcap"), "the log has changed");
 }
 

@@ -207,8 +207,11 @@ fn maps(corpus: &Corpus) -> Result<()> {
         ("map_pcd", PointFormat::Pcd),
     ] {
         for (name, encoding) in [("binary", Encoding::Binary), ("ascii", Encoding::Ascii)] {
-            corpus.add(target, &format!("{name}-2"), format.encode(&planar, encoding)?)?;
-            corpus.add(target, &format!("{name}-3"), format.encode(&spatial, encoding)?)?;
+            let (mut flat, mut high) = (Vec::new(), Vec::new());
+            format.write(&planar, encoding, &mut flat)?;
+            format.write(&spatial, encoding, &mut high)?;
+            corpus.add(target, &format!("{name}-2"), flat)?;
+            corpus.add(target, &format!("{name}-3"), high)?;
         }
     }
     corpus.add(

@@ -42,7 +42,8 @@ fn through_all_formats<const D: usize>(map: &PointMap<D>) {
     assert!(map.points().iter().flatten().all(|coordinate| coordinate.is_finite()));
     for format in FORMATS {
         for encoding in [Encoding::Binary, Encoding::Ascii] {
-            let written = format.encode(map, encoding).expect("a map can be written");
+            let mut written = Vec::new();
+            format.write(map, encoding, &mut written).expect("a map can be written");
             let again = format.parse::<D>(&written).unwrap_or_else(|problem| {
                 panic!("written as {format:?} {encoding:?}, it cannot be read: {problem}")
             });

@@ -19,10 +19,10 @@
 //! ```
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use mcl_core::{Pose2, Stamp, Trajectory, wrap_angle};
+use mcl_core::{Pose2, Stamp, Trajectory, files, wrap_angle};
 
 /// Largest height above or below the plane of a planar pose, in metres.
 pub const MAX_Z: f64 = 1e-3;
@@ -53,7 +53,7 @@ pub struct TumTrajectory {
 /// Why a TUM file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum TumError {
-    /// The file could not be opened or created.
+    /// The file could not be opened or written.
     #[error("{}: {source}", .file.display())]
     Open {
         /// The file.
@@ -238,15 +238,16 @@ fn quoted(text: &str) -> String {
     if start.len() < text.len() { format!("{start:?}…") } else { format!("{start:?}") }
 }
 
-/// Writes a trajectory to the file at `path`, replacing it; see [`write()`].
+/// Writes a trajectory to the file at `path`, which is whole or not there, replacing it; see [`write()`].
 ///
 /// # Errors
-/// As [`write()`], and when the file cannot be created.
+/// As [`write()`], and when the file cannot be written ([`files::write_with`]).
 pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(), TumError> {
-    let file = path.as_ref();
-    let created = File::create(file);
-    let created = created.map_err(|source| TumError::Open { file: file.to_owned(), source })?;
-    write(BufWriter::new(created), trajectory)
+    let path = path.as_ref();
+    files::write_with(path, |file| write(file, trajectory)).map_err(|error| match error {
+        TumError::Write(source) => TumError::Open { file: path.to_owned(), source },
+        error => error,
+    })
 }
 
 /// Writes a trajectory, one line per pose in its own order: stamps with nine digits after the point,

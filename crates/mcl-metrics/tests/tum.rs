@@ -1,5 +1,6 @@
 //! TUM files: what is written reads back, and what is wrong with a file is said with its place.
 
+use mcl_core::files::fault::{Fault, during};
 use mcl_core::{Pose2, Stamp, Trajectory, wrap_angle};
 use mcl_metrics::tum::{self, NonPlanar, TumError, TumTrajectory};
 use proptest::prelude::*;
@@ -108,6 +109,36 @@ fn files_are_written_and_read() {
     tum::write_file(&path, &trajectory).unwrap();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "0.000000007 0.1 -2 0 0 0 0 1\n");
     assert_eq!(tum::read_file(&path, NonPlanar::Refuse).unwrap().trajectory, trajectory);
+}
+
+/// Once a file written in place, taken for whole by whoever found it.
+#[test]
+fn a_trajectory_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
+    let trajectory = |poses: i64| -> Trajectory {
+        let pose = |i| (Stamp::from_nanoseconds(i), Pose2::new(i as f64, 0.5, 0.25));
+        (0..poses).map(pose).collect()
+    };
+    let (old, new) = (trajectory(2), trajectory(9));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("estimate.tum");
+    let (result, steps) = during(Fault::None, || tum::write_file(&path, &new));
+    result.unwrap();
+    let mut failed = 0;
+    for (at, (_, length, _)) in steps.iter().enumerate() {
+        for bytes in 0..=*length {
+            for fault in [Fault::Stop { at, bytes }, Fault::Full { at, bytes }] {
+                tum::write_file(&path, &old).unwrap();
+                let (result, _) = during(fault, || tum::write_file(&path, &new));
+                let found = tum::read_file(&path, NonPlanar::Refuse).unwrap().trajectory;
+                assert_eq!(&found, if result.is_ok() { &new } else { &old }, "{fault:?}");
+                if let Err(error) = result {
+                    assert!(error.to_string().contains("estimate.tum"), "{error}");
+                    failed += 1;
+                }
+            }
+        }
+    }
+    assert!(failed > 2 * std::fs::metadata(&path).unwrap().len(), "{failed}");
 }
 
 proptest! {

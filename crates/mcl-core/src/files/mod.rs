@@ -1,7 +1,7 @@
 //! The file layer: whatever the suite writes goes through here.
 //!
-//! - **Whole or not there.** A file is written as a temporary neighbour ([`Output`], [`write_atomically`]),
-//!   which takes its name in one step once it is whole.
+//! - **Whole or not there.** A file is written as a temporary neighbour ([`Output`], [`write_atomically`],
+//!   [`write_with`]), which takes its name in one step once it is whole.
 //! - **Never through a link, never in place of something else.** A link, folder, FIFO, socket or device where
 //!   a file is to be written is refused with an error that says what stands there.
 //! - **Never over an input.** [`prepare`] compares files, not names, before anything is computed.
@@ -60,7 +60,7 @@ mod temporary;
 pub use folder::{create_folder, remove, remove_folder, sync_folder};
 pub use hold::{Held, hold};
 pub use journal::{Journal, JournalLine, JournalLines, journal_lines, journals};
-pub use output::{Output, write_atomically};
+pub use output::{Output, write_atomically, write_with};
 pub use own_file::{OwnFile, open};
-pub use prepare::prepare;
-pub use temporary::{is_leftover, remove_leftovers};
+pub use prepare::{Unwritable, prepare};
+pub use temporary::remove_leftovers;

@@ -1,5 +1,5 @@
 use std::fs;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::TempPath;
@@ -11,6 +11,9 @@ use crate::files::operation::Operation;
 use crate::files::own_file::{OwnFile, check_regular};
 use crate::files::temporary::create_beside;
 
+/// Bytes that [`write_with`] collects before it writes them.
+const BUFFER: usize = 1 << 17;
+
 /// A file on its way: written beside `path` under a temporary name, it takes the name when it is whole
 /// ([`Output::commit`]). Until then, and for good when it is dropped before, the name stands for what it stood
 /// for. It does not buffer.
@@ -19,6 +22,7 @@ pub struct Output {
     /// `None` once the temporary name is gone.
     file: Option<OwnFile>,
     path: PathBuf,
+    is_synced: bool,
 }
 
 impl Output {
@@ -41,12 +45,24 @@ impl Output {
     fn begin(path: &Path, keep_ending: bool) -> io::Result<Self> {
         check_replaceable(path)?;
         let file = create_beside(path, keep_ending)?;
-        Ok(Output { file: Some(file), path: path.to_owned() })
+        Ok(Output { file: Some(file), path: path.to_owned(), is_synced: false })
     }
 
     /// Where the bytes are until they are whole.
     pub fn temporary_path(&self) -> &Path {
         self.file.as_ref().map_or(&self.path, OwnFile::path)
+    }
+
+    /// Waits until the bytes are on the disk: then little is left that [`Output::commit`] could fail at.
+    ///
+    /// # Errors
+    /// The system's error.
+    pub fn sync(&mut self) -> io::Result<()> {
+        if !self.is_synced {
+            self.file_mut()?.sync()?;
+        }
+        self.is_synced = true;
+        Ok(())
     }
 
     /// Gives the file its name, replacing the file that was there.
@@ -79,7 +95,7 @@ impl Output {
 
     fn finish(mut self, name: impl FnOnce(&Path, &Path) -> io::Result<()>) -> io::Result<()> {
         // Otherwise a power cut could leave the name without the bytes.
-        self.file_mut()?.sync()?;
+        self.sync()?;
         name(self.temporary_path(), &self.path)?;
         self.file = None;
         Ok(())
@@ -107,6 +123,7 @@ impl Read for Output {
 
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.is_synced = false;
         self.file_mut()?.write(bytes)
     }
 
@@ -135,8 +152,20 @@ pub(crate) fn check_replaceable(path: &Path) -> io::Result<()> {
 /// # Errors
 /// As [`Output::create`]; `path` is then as it was before.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// [`write_atomically`] of what `write` writes piece by piece; it must not write other files.
+///
+/// # Errors
+/// As [`write_atomically`], and those of `write`.
+pub fn write_with<E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<Output>) -> Result<(), E>,
+) -> Result<(), E> {
     let _held = hold();
-    let mut output = Output::create(path)?;
-    output.write_all(bytes)?;
-    output.commit()
+    let mut file = BufWriter::with_capacity(BUFFER, Output::create(path)?);
+    write(&mut file)?;
+    let output = file.into_inner().map_err(|error| error.into_error())?;
+    Ok(output.commit()?)
 }

@@ -8,6 +8,16 @@ use crate::files::identity::Identity;
 use crate::files::output::check_replaceable;
 use crate::files::temporary::remove_leftovers;
 
+/// A file that cannot be written where it is asked for.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}: {source}", path.display())]
+pub struct Unwritable {
+    /// Where.
+    pub path: PathBuf,
+    /// What stands in the way.
+    pub source: io::Error,
+}
+
 /// Checks before anything is computed that files can be written at the paths `outputs`, and removes what killed
 /// processes left beside them. Refused are: an output that is an input, under whatever name (a hard link, a
 /// path through links, a file in an input that is a folder); two outputs that are one file; a folder that is not
@@ -15,16 +25,14 @@ use crate::files::temporary::remove_leftovers;
 /// left to whoever reads them.
 ///
 /// # Errors
-/// The first reason, with the path of the output in its message.
-pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> io::Result<()> {
+/// The first reason.
+pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Unwritable> {
     let inputs: Vec<Input> = inputs.iter().flat_map(|path| Input::all_of(path)).collect();
     let mut places: Vec<Place<'_>> = Vec::new();
     for output in outputs {
-        let named = |error: io::Error| {
-            io::Error::new(error.kind(), format!("cannot write {}: {error}", output.display()))
-        };
-        let place = Place::of(output).map_err(named)?;
-        place.check(&inputs, &places).map_err(named)?;
+        let unwritable = |source| Unwritable { path: output.to_path_buf(), source };
+        let place = Place::of(output).map_err(unwritable)?;
+        place.check(&inputs, &places).map_err(unwritable)?;
         places.push(place);
     }
     for place in &places {

@@ -102,9 +102,8 @@ fn host_in(name: &str) -> Option<&str> {
     is_ours.then_some(host)
 }
 
-/// Whether a file is a temporary one that no process writes any more: its process was killed, or it was not
-/// written to for six hours. Of a process on another host only the latter is known.
-pub fn is_leftover(path: &Path) -> bool {
+/// Whether a file is a temporary one that no process writes any more.
+fn is_leftover(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let Some(host) = host_in(&name) else { return false };
     let Ok(metadata) = fs::symlink_metadata(path) else { return false };
@@ -128,8 +127,9 @@ fn is_unlocked(_: &Path) -> bool {
     false
 }
 
-/// Removes the leftovers in a folder, see [`is_leftover`]. One that cannot be removed stays: it is in nobody's
-/// way.
+/// Removes the temporary files in a folder that no process writes any more: theirs was killed, or they were
+/// not written to for six hours. Of a process on another host only the latter is known. A file that cannot
+/// be removed stays: it is in nobody's way.
 pub fn remove_leftovers(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for path in entries.flatten().map(|entry| entry.path()).filter(|path| is_leftover(path)) {

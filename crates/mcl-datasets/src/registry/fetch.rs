@@ -1,7 +1,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use mcl_core::files::{Output, Unwritable, create_folder, prepare, remove_leftovers, sync_folder};
 
 use super::content::{UnpackError, unpack, unpack_member};
 use super::download::{agent, receive};
@@ -201,10 +201,19 @@ impl Registry {
         let Some(file) = dataset.log_file() else {
             return Ok(Fetched::Simulated);
         };
+        let folder = self.fetch_folder(dataset);
+        let part_path = folder.join(format!("{}.part", file.name));
+        remove_leftovers(&folder);
         for (is_later, path) in self.present_files(dataset, file) {
             let content = Content::of_file(&path)
                 .map_err(|source| FetchError::UnreadableFile { path: path.clone(), source })?;
             if file.accepts(&content) {
+                // Of a fetch that was killed at its very end.
+                if part_path.exists()
+                    && let Ok(part) = PartFile::open(part_path)
+                {
+                    drop(part.remove());
+                }
                 return Ok(Fetched::AlreadyPresent { path, content });
             }
             // A later one would no longer be found once the file is fetched, so it is in no one's
@@ -214,13 +223,13 @@ impl Registry {
                 return Err(FetchError::UnknownFile { name, path, found: content });
             }
         }
-        let folder = self.fetch_folder(dataset);
         if file.urls.is_empty() {
             return Err(FetchError::NoUrl { name: dataset.name.clone(), folder });
         }
-        std::fs::create_dir_all(&folder)
-            .map_err(|source| FetchError::file("create", &folder, source))?;
-        let part = PartFile::open(folder.join(format!("{}.part", file.name)))?;
+        create_folder(&folder).map_err(|source| FetchError::file("create", &folder, source))?;
+        prepare(&[&folder.join(&file.name)], &[])
+            .map_err(|Unwritable { path, source }| FetchError::file("write", &path, source))?;
+        let part = PartFile::open(part_path)?;
         let agent = agent(settings);
         Fetch { dataset, file, folder, settings, read, agent, part }.run(report)
     }
@@ -294,11 +303,14 @@ impl Fetch<'_> {
         let receive_limit = if self.file.member.is_some() { ARCHIVE_DOWNLOAD_LIMIT } else { limit };
         let received = receive(&self.agent, url, &mut self.part, receive_limit, largest, report)?;
 
-        let mut unpacked = self.temporary_file()?;
+        let path = self.folder.join(&self.file.name);
+        // In the final folder, so that giving it the final name is one step.
+        let mut unpacked = Output::create_readable(&path)
+            .map_err(|source| FetchError::file("create", &path, source))?;
         let input = self.part.reader()?;
         let content = match &self.file.member {
-            Some(member) => unpack_member(input, member, unpacked.as_file_mut(), limit),
-            None => unpack(input, unpacked.as_file_mut(), limit),
+            Some(member) => unpack_member(input, member, &mut unpacked, limit),
+            None => unpack(input, &mut unpacked, limit),
         };
         let failure = match content {
             Ok(content) if self.file.accepts(&content) => {
@@ -313,7 +325,7 @@ impl Fetch<'_> {
                 UrlFailure::NoMember { member: self.file.member.clone().unwrap_or_default() }
             }
             Err(UnpackError::Output(source)) => {
-                return Err(FetchError::file("write", unpacked.path(), source).into());
+                return Err(FetchError::file("write", &path, source).into());
             }
             Err(UnpackError::Input(error)) => match error.kind() {
                 io::ErrorKind::UnexpectedEof if !received.end_is_known => {
@@ -331,50 +343,21 @@ impl Fetch<'_> {
         Err(if received.resumed { UrlFailure::Unfit } else { failure }.into())
     }
 
-    /// A file in the final folder, so that giving it the final name is one step. It is removed
-    /// unless it gets there.
-    fn temporary_file(&self) -> Result<NamedTempFile, FetchError> {
-        let mut builder = tempfile::Builder::new();
-        let prefix = format!(".{}.", self.file.name);
-        // A reader may tell formats by the ending.
-        let suffix = Path::new(&self.file.name)
-            .extension()
-            .map_or(String::new(), |ending| format!(".{}", ending.to_string_lossy()));
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // As for any file a program creates; the umask still applies.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        builder
-            .prefix(&prefix)
-            .suffix(&suffix)
-            .tempfile_in(&self.folder)
-            .map_err(|source| FetchError::file("create a file in", &self.folder, source))
-    }
-
     /// Checks the facts of a known copy, and gives it its final name.
     fn finish(
         &mut self,
         url: &str,
-        unpacked: NamedTempFile,
+        unpacked: Output,
         content: Content,
     ) -> Result<(PathBuf, Content), Stop> {
-        if let Err(error) = self.check_facts(url, unpacked.path()) {
+        if let Err(error) = self.check_facts(url, unpacked.temporary_path()) {
             self.part.clear()?;
             return Err(error.into());
         }
         let path = self.folder.join(&self.file.name);
-        unpacked
-            .as_file()
-            .sync_all()
-            .map_err(|source| FetchError::file("write", unpacked.path(), source))?;
-        unpacked
-            .persist_noclobber(&path)
-            .map_err(|error| FetchError::file("create", &path, error.error))?;
-        #[cfg(unix)]
-        std::fs::File::open(&self.folder)
-            .and_then(|folder| folder.sync_all())
+        unpacked.commit_new().map_err(|source| FetchError::file("create", &path, source))?;
+        // The part file, which is removed next, was the other copy.
+        sync_folder(&self.folder)
             .map_err(|source| FetchError::file("write", &self.folder, source))?;
         Ok((path, content))
     }

@@ -1,40 +1,40 @@
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, Seek, SeekFrom, Write};
+use std::fs::TryLockError;
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+
+use mcl_core::files::OwnFile;
 
 use super::FetchError;
 
 /// The bytes of a file received so far, packed or not as the server sends them. Locked, so that two
 /// programs never write the same one.
 pub(super) struct PartFile {
-    path: PathBuf,
-    file: File,
+    file: OwnFile,
     len: u64,
 }
 
 impl PartFile {
     pub(super) fn open(path: PathBuf) -> Result<PartFile, FetchError> {
         let error = |source| FetchError::file("write", &path, source);
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(error)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(FetchError::Busy { path }),
-            // Some network file systems have no locks; the digest still guards the content.
-            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
-            Err(TryLockError::Error(source)) => return Err(error(source)),
+        loop {
+            let file = OwnFile::open_or_create(&path).map_err(error)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return Err(FetchError::Busy { path }),
+                // Some network file systems have no locks; the digest still guards the content.
+                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+                Err(TryLockError::Error(source)) => return Err(error(source)),
+            }
+            // Whoever had the lock may have finished, and removed it, since it was opened.
+            if file.is_in_place().map_err(error)? {
+                let len = file.length().map_err(error)?;
+                return Ok(PartFile { file, len });
+            }
         }
-        let len = file.metadata().map_err(error)?.len();
-        Ok(PartFile { path, file, len })
     }
 
     pub(super) fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     pub(super) fn len(&self) -> u64 {
@@ -42,38 +42,36 @@ impl PartFile {
     }
 
     /// The file from its beginning.
-    pub(super) fn reader(&mut self) -> Result<&File, FetchError> {
+    pub(super) fn reader(&mut self) -> Result<impl Read, FetchError> {
         self.file
             .seek(SeekFrom::Start(0))
-            .map_err(|source| FetchError::file("read", &self.path, source))?;
-        Ok(&self.file)
+            .map_err(|source| FetchError::file("read", self.file.path(), source))?;
+        Ok(&mut self.file)
     }
 
     /// Forgets what was received.
     pub(super) fn clear(&mut self) -> Result<(), FetchError> {
         self.len = 0;
-        self.file.set_len(0).map_err(|source| FetchError::file("write", &self.path, source))
+        self.file.set_length(0).map_err(|source| FetchError::file("write", self.path(), source))
     }
 
     pub(super) fn append(&mut self, bytes: &[u8]) -> Result<(), FetchError> {
         self.file
             .seek(SeekFrom::Start(self.len))
             .and_then(|_| self.file.write_all(bytes))
-            .map_err(|source| FetchError::file("write", &self.path, source))?;
+            .map_err(|source| FetchError::file("write", self.path(), source))?;
         self.len += bytes.len() as u64;
         Ok(())
     }
 
     pub(super) fn remove(self) -> Result<(), FetchError> {
-        std::fs::remove_file(&self.path)
-            .map_err(|source| FetchError::file("remove", &self.path, source))
+        let path = self.path().to_owned();
+        self.file.remove().map_err(|source| FetchError::file("remove", &path, source))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::io::Read;
-
     use super::*;
 
     #[test]

@@ -1,19 +1,18 @@
-use std::io::{Cursor, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use mcl_core::PointMap;
-use mcl_core::files::write_atomically;
-use mcl_datasets::{bag, carmen};
-use mcl_maps::files::{Encoding, is_grid, read_grid, read_map, write_grid, write_map};
+use mcl_core::files::write_with;
+use mcl_datasets::bag;
+use mcl_maps::files::{
+    Encoding, check_writable, is_grid, read_grid, read_map, write_grid, write_map,
+};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{print, tell_losses};
+use super::output::{input_files, prepare, print, tell_losses, write_carmen};
 use mcl_core::text::thousands;
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::LogSource;
@@ -28,7 +27,7 @@ enum Converted {
 /// What the ending of OUT asks for.
 enum Format {
     Bag,
-    Carmen { is_packed: bool },
+    Carmen,
     Map,
 }
 
@@ -42,7 +41,7 @@ impl Format {
         let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
         match (ending, is_packed) {
             ("mcap", false) => Ok(Format::Bag),
-            ("log" | "clf", _) => Ok(Format::Carmen { is_packed }),
+            ("log" | "clf", _) => Ok(Format::Carmen),
             ("csv" | "ply" | "pcd" | "yaml" | "yml", false) => Ok(Format::Map),
             _ => bail!(
                 "{}: the ending says no format, expected .mcap (ROS 2 bag), .log or .clf (CARMEN, also \
@@ -56,14 +55,17 @@ impl Format {
 pub fn run(args: &ConvertArgs) -> Result<Outcome> {
     let format = Format::of(&args.output)?;
     check_options(&args.output, args.resolution, args.log.as_deref());
-    if let Some(folder) = args.output.parent().filter(|folder| !folder.as_os_str().is_empty())
-        && !folder.is_dir()
-    {
-        bail!("cannot write {}: there is no folder {}", args.output.display(), folder.display());
-    }
+    let named = [Some(args.input.as_str()), args.log.as_deref()];
+    let inputs = input_files(named.into_iter().flatten());
     match format {
-        Format::Map => map(args),
-        Format::Bag | Format::Carmen { .. } => log(args, &format),
+        Format::Map => {
+            check_writable(&args.output, &inputs)?;
+            map(args)
+        }
+        Format::Bag | Format::Carmen => {
+            prepare([&args.output], &inputs)?;
+            log(args, &format)
+        }
     }
 }
 
@@ -124,26 +126,17 @@ fn options(args: &ConvertArgs, max_range: Option<f64>) -> SourceOptions {
 fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
     let source = LogSource::open_whole(&args.input, &options(args, None))?;
     // A bag says by their absence which scans lie outside of its odometry; a CARMEN log cannot.
-    let source = if matches!(format, Format::Carmen { .. }) { source.covered() } else { source };
+    let source = if matches!(format, Format::Carmen) { source.covered() } else { source };
     let recording = &source.recording;
     let path = &args.output;
-    let failed = || format!("cannot convert {} to {}", args.input, path.display());
-    let bytes = match format {
-        Format::Carmen { is_packed } => {
+    let written = match format {
+        Format::Carmen => {
             let comment = format!("mcl-eval {}: from {}", env!("CARGO_PKG_VERSION"), source.name);
-            let mut text = Vec::new();
-            carmen::write(recording, &[&comment], &mut text).with_context(failed)?;
-            if *is_packed {
-                let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-                encoder.write_all(&text)?;
-                encoder.finish()?
-            } else {
-                text
-            }
+            write_carmen(path, recording, &[&comment])
         }
-        _ => bag::write(recording, Cursor::new(Vec::new())).with_context(failed)?.into_inner(),
+        _ => write_with(path, |file| Ok(bag::write(recording, file).map(drop)?)),
     };
-    write_atomically(path, &bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    written.with_context(|| format!("cannot convert {} to {}", args.input, path.display()))?;
     let converted = Converted::Log {
         scans: recording.scans.len(),
         readings: recording.readings(),

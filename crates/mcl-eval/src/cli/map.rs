@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{print, refuse, tell_data_losses};
+use super::output::{input_files, print, refuse, tell_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
 use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE, Try};
@@ -59,8 +59,8 @@ struct Wanted {
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     check_arguments(args);
     check_options(&args.output, args.resolution, None);
-    mcl_maps::files::check_writable(&args.output)?;
     let name = &args.data.log.log;
+    mcl_maps::files::check_writable(&args.output, &input_files([name.as_str()]))?;
     let data = StudyData::new(DataSource::open(name, &args.data.options(), false)?);
     let source = &data.source;
     let built = match source.points()? {

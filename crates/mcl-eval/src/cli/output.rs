@@ -1,13 +1,18 @@
-//! What commands print: results on stdout, what was lost on stderr.
+//! What commands put out: results on stdout, what was lost on stderr, files.
 
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
-use mcl_core::files::write_atomically;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use mcl_core::Recording;
+use mcl_core::files::{self, Unwritable, write_atomically, write_with};
+use mcl_datasets::carmen;
 use mcl_datasets::log::ReadReport;
+use mcl_datasets::registry::Registry;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
@@ -41,6 +46,53 @@ pub fn write_rows<R: Serialize>(path: &Path, rows: &[R]) -> Result<()> {
     rows.iter().try_for_each(|row| writer.serialize(row))?;
     write_atomically(path, &writer.into_inner()?)
         .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a CARMEN log, whole or not at all, packed with gzip if its name ends with `.gz`.
+///
+/// # Errors
+/// When the recording is not one that a log can hold, or the file cannot be written.
+pub fn write_carmen(path: &Path, recording: &Recording, comments: &[&str]) -> Result<()> {
+    let is_packed = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gz"));
+    write_with(path, |file| {
+        if is_packed {
+            let mut encoder = GzEncoder::new(file, Compression::default());
+            carmen::write(recording, comments, &mut encoder)?;
+            encoder.finish()?;
+        } else {
+            carmen::write(recording, comments, file)?;
+        }
+        Ok(())
+    })
+}
+
+/// The files behind what was named to be read: paths and data sets.
+pub fn input_files<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<PathBuf> {
+    let of_dataset = |name: &str| {
+        let registry = Registry::from_environment().ok()?;
+        registry.locate(registry.get(name).ok()?).ok()
+    };
+    let mut files = Vec::new();
+    for name in names {
+        let path = PathBuf::from(name);
+        files.extend(if path.is_file() { None } else { of_dataset(name) });
+        files.push(path);
+    }
+    files
+}
+
+/// [`files::prepare`]: before anything is computed, outputs that would replace an input are refused.
+///
+/// # Errors
+/// What stands in the way.
+pub fn prepare<P: AsRef<Path>>(
+    outputs: impl IntoIterator<Item = P>,
+    inputs: &[PathBuf],
+) -> Result<(), Unwritable> {
+    let outputs: Vec<P> = outputs.into_iter().collect();
+    let outputs: Vec<&Path> = outputs.iter().map(AsRef::as_ref).collect();
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    files::prepare(&outputs, &inputs)
 }
 
 /// Prints the text of `--help` or `--version`, in colours if stdout is a terminal.

@@ -1,18 +1,12 @@
-use std::io::Write;
-
 use anyhow::{Context, Result, bail};
-use flate2::Compression;
-use flate2::write::GzEncoder;
-use mcl_core::files::write_atomically;
 use mcl_core::{PointMap, Seed};
-use mcl_datasets::carmen;
 use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate, simulate_cloud};
 use mcl_maps::files::{Encoding, check_writable, is_point_cloud, write_map};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::SimulateArgs;
-use super::output::print;
+use super::output::{prepare, print, write_carmen};
 use mcl_core::text::thousands;
 
 #[derive(Serialize)]
@@ -32,21 +26,16 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     if args.three_dimensional {
         return simulate_in_space(args);
     }
+    let path = &args.output;
+    prepare([path], &[])?;
     let recording = simulate(&OfficeSettings::default(), Seed::new(args.seed))?;
     let comments = [
         format!("mcl-eval {}: simulated office, seed {}", env!("CARGO_PKG_VERSION"), args.seed),
         "laser poses are exact ground truth".to_owned(),
     ];
     let comments: Vec<&str> = comments.iter().map(String::as_str).collect();
-    let path = &args.output;
-    let mut log = Vec::new();
-    carmen::write(&recording, &comments, &mut log)?;
-    if path.extension().is_some_and(|extension| extension == "gz") {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-        encoder.write_all(&log)?;
-        log = encoder.finish()?;
-    }
-    write_atomically(path, &log).with_context(|| format!("cannot write {}", path.display()))?;
+    write_carmen(path, &recording, &comments)
+        .with_context(|| format!("cannot write {}", path.display()))?;
     let simulated = Simulated {
         scans: recording.scans.len(),
         readings: recording.readings(),
@@ -69,7 +58,7 @@ fn simulate_in_space(args: &SimulateArgs) -> Result<Outcome> {
     if !is_point_cloud(path) {
         bail!("{}: expected a point cloud in three dimensions: .ply, .pcd or .csv", path.display());
     }
-    check_writable(path)?;
+    check_writable(path, &[])?;
     let seed = Seed::new(args.seed);
     let points = simulate_cloud(&OfficeSettings::default(), &LidarSettings::default(), seed)?;
     let simulated = SimulatedCloud { dimensions: 3, points: points.len() };

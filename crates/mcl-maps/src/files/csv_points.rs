@@ -1,6 +1,6 @@
 //! CSV: header `x,y` or `x,y,z`, one point a line.
 
-use std::io;
+use std::io::{self, Write};
 
 use csv::{ErrorKind, Position, ReaderBuilder, StringRecord, Trim, Writer};
 use mcl_core::Point;
@@ -8,14 +8,14 @@ use mcl_core::Point;
 use super::columns::{AXES, Axes, NotFinite, Parsed, parse_number};
 use super::{MapProblem, Place};
 
-pub(super) fn encode<const D: usize>(points: &[Point<D>]) -> io::Result<Vec<u8>> {
-    let mut writer = Writer::from_writer(Vec::new());
+pub(super) fn write<const D: usize>(points: &[Point<D>], sink: impl Write) -> io::Result<()> {
+    let mut writer = Writer::from_writer(sink);
     writer.write_record(&AXES[..D])?;
     for point in points {
         // Display of f64 is the shortest decimal that reads back to the same bits.
         writer.write_record(point.map(|coordinate| coordinate.to_string()))?;
     }
-    writer.into_inner().map_err(|error| error.into_error())
+    writer.flush()
 }
 
 pub(super) fn parse<const D: usize>(

@@ -25,7 +25,7 @@
 //!
 //! # Example
 //! ```
-//! use mcl_core::PointMap;
+//! use mcl_core::{Point, PointMap};
 //! use mcl_maps::files::{Encoding, read_map, write_map};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -47,13 +47,14 @@ mod pcd_points;
 mod ply_points;
 mod text_rows;
 
-use std::io;
-use std::path::Path;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
-use mcl_core::PointMap;
-use mcl_core::files::write_atomically;
+use mcl_core::files::{Unwritable, prepare, write_with};
+use mcl_core::memory::check_room;
+use mcl_core::{Point, PointMap};
 
-use crate::occupancy::{DEFAULT_RESOLUTION, rasterize};
+use crate::occupancy::{Cell, DEFAULT_RESOLUTION, rasterize};
 use columns::{NotFinite, Parsed};
 
 pub use cloud::{PointCloud, is_point_cloud, read_cloud};
@@ -104,20 +105,21 @@ impl PointFormat {
         }
     }
 
-    /// The content of the file of a map.
+    /// Writes the content of the file of a map.
     ///
     /// # Errors
-    /// Those of the formats' libraries; memory does not fail to be written to.
-    pub fn encode<const D: usize>(
+    /// Those of `sink` and of the formats' libraries.
+    pub fn write<const D: usize>(
         self,
         map: &PointMap<D>,
         encoding: Encoding,
-    ) -> io::Result<Vec<u8>> {
+        sink: &mut impl Write,
+    ) -> io::Result<()> {
         const { planar_or_spatial(D) };
         match self {
-            PointFormat::Csv => csv_points::encode(map.points()),
-            PointFormat::Ply => ply_points::encode(map.points(), encoding),
-            PointFormat::Pcd => pcd_points::encode(map.points(), encoding),
+            PointFormat::Csv => csv_points::write(map.points(), sink),
+            PointFormat::Ply => ply_points::write(map.points(), encoding, sink),
+            PointFormat::Pcd => sink.write_all(&pcd_points::encode(map.points(), encoding)?),
         }
     }
 }
@@ -147,21 +149,24 @@ pub fn is_grid(path: impl AsRef<Path>) -> bool {
     matches!(Format::of(path.as_ref()), Ok(Format::Grid))
 }
 
-/// Checks that a path is one that [`write_map`] can write to (a known ending, a folder that exists),
-/// before much is computed that could then not be saved.
+/// Checks before much is computed that a map can be written to a path: a known ending, a folder that exists,
+/// and nothing there but a file that is none of `inputs` ([`prepare`]). A grid map is two files, also among the
+/// inputs.
 ///
 /// # Errors
-/// [`MapFileError`] for an unknown ending or a folder that is not there.
-pub fn check_writable(path: impl AsRef<Path>) -> Result<(), MapFileError> {
+/// [`MapFileError::UnknownEnding`], [`MapFileError::BareImage`] and [`MapFileError::Unwritable`].
+pub fn check_writable(path: impl AsRef<Path>, inputs: &[PathBuf]) -> Result<(), MapFileError> {
     let path = path.as_ref();
-    Format::of(path)?;
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
-            let source = std::io::Error::other(format!("there is no folder {}", folder.display()));
-            Err(MapFileError::Unwritable { path: path.into(), source })
-        }
-        _ => Ok(()),
+    let mut outputs = vec![path.to_owned()];
+    if let Format::Grid = Format::of(path)? {
+        outputs.push(map_server::image_beside(path));
     }
+    let images = inputs.iter().filter_map(|input| map_server::image_of(input));
+    let inputs: Vec<PathBuf> = inputs.iter().cloned().chain(images).collect();
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
+    let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+    prepare(&outputs, &inputs)
+        .map_err(|Unwritable { path, source }| MapFileError::Unwritable { path, source })
 }
 
 /// Point maps have two or three dimensions; anything else does not compile.
@@ -191,6 +196,9 @@ fn read_grid_points<const D: usize>(path: &Path) -> Result<PointMap<D>, MapFileE
     }
     let grid = read_grid(path)?;
     let content = |problem| MapFileError::Content { path: path.into(), problem };
+    // A packed image of a few kilobytes may hold a hundred million of them.
+    check_room(grid.count(Cell::Occupied), 4 * size_of::<Point<D>>(), "points of a grid map")
+        .map_err(|error| content(MapProblem::Points(error.into())))?;
     let centres = grid.occupied_points();
     if centres.is_empty() {
         let (width, height) = (grid.width(), grid.height());
@@ -226,8 +234,6 @@ pub fn write_map<const D: usize>(
     const { planar_or_spatial(D) };
     let path = path.as_ref();
     let Format::Points(format) = Format::of(path)? else { return write_grid_of(path, map) };
-    format
-        .encode(map, encoding)
-        .and_then(|bytes| write_atomically(path, &bytes))
+    write_with(path, |file| format.write(map, encoding, file))
         .map_err(|source| MapFileError::Unwritable { path: path.into(), source })
 }

@@ -3,16 +3,26 @@
 use std::io::{self, Cursor};
 
 use mcl_core::Point;
+use mcl_core::memory::check_room;
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, Schema, ValueKind, WriterInit};
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
 use super::{Encoding, MapProblem, Place};
 
+/// Bytes of a line of text, unless numbers are unusually small.
+const USUAL_LINE: usize = 3 * 20;
+
+/// In one piece: the library's writer panics when it is dropped after a disk was full.
 pub(super) fn encode<const D: usize>(
     points: &[Point<D>],
     encoding: Encoding,
 ) -> io::Result<Vec<u8>> {
+    let room = match encoding {
+        Encoding::Binary => size_of::<[f64; 3]>(),
+        Encoding::Ascii => USUAL_LINE,
+    };
+    check_room(points.len(), room, "points of a PCD file").map_err(io::Error::other)?;
     let mut bytes = Vec::new();
     let init = WriterInit {
         width: points.len() as u64,

@@ -1,11 +1,11 @@
 //! PLY (the Stanford polygon file format): element `vertex` with properties x, y, z.
 
-use std::io;
+use std::io::{self, Write};
 
 use mcl_core::Point;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
-    Addable, ElementDef, Encoding as PlyEncoding, Header, Ply, Property, PropertyAccess,
+    Addable, ElementDef, Encoding as PlyEncoding, Header, Property, PropertyAccess,
     PropertyAccessResult, PropertyDef, PropertyType, ScalarType,
 };
 use ply_rs_bw::writer::Writer;
@@ -29,26 +29,33 @@ impl PropertyAccess for Vertex {
     }
 }
 
-pub(super) fn encode<const D: usize>(
+pub(super) fn write<const D: usize>(
     points: &[Point<D>],
     encoding: Encoding,
-) -> io::Result<Vec<u8>> {
+    sink: &mut impl Write,
+) -> io::Result<()> {
     let mut vertex = ElementDef::new(VERTEX.to_owned());
+    vertex.count = points.len();
     for axis in AXES {
         let double = PropertyType::Scalar(ScalarType::Double);
         vertex.properties.add(PropertyDef::new(axis.to_owned(), double));
     }
-    let mut ply = Ply::new();
-    ply.header.encoding = match encoding {
+    let mut header = Header::new();
+    header.encoding = match encoding {
         Encoding::Binary => PlyEncoding::BinaryLittleEndian,
         Encoding::Ascii => PlyEncoding::Ascii,
     };
-    ply.header.elements.add(vertex);
-    let vertices = points.iter().map(|point| Vertex(with_height(point))).collect();
-    ply.payload.insert(VERTEX.to_owned(), vertices);
-    let mut bytes = Vec::new();
-    Writer::new().write_ply(&mut bytes, &mut ply)?;
-    Ok(bytes)
+    header.elements.add(vertex.clone());
+    let writer = Writer::new();
+    writer.write_header(sink, &header)?;
+    for point in points {
+        let point = Vertex(with_height(point));
+        match encoding {
+            Encoding::Binary => writer.write_little_endian_element(sink, &point, &vertex)?,
+            Encoding::Ascii => writer.write_ascii_element(sink, &point, &vertex)?,
+        };
+    }
+    Ok(())
 }
 
 /// One element as read: its properties in the header's order, lists as NaN.

@@ -92,7 +92,9 @@ fn means(points: &[&Point]) -> String {
 }
 
 fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
-    let values = match &distinct(shown, place)[..] {
+    let shown: Vec<&Group<'_>> =
+        shown.iter().copied().filter(|group| groups.matters(group, place)).collect();
+    let values = match &distinct(&shown, place)[..] {
         [values] if values.iter().all(|value| !value.is_empty()) => values.clone(),
         _ => return None,
     };

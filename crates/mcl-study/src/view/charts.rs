@@ -162,7 +162,10 @@ impl Drawing<'_, '_> {
                 }
             }
         }
-        let titles = [part.title.clone(), of_panel];
+        // What several columns have in common is no name of either.
+        let is_shared = self.chart.y.column.len() > 1 && self.chart.y.label.is_some();
+        let of_column = if is_shared { name_and_unit(y).0 } else { String::new() };
+        let titles = [part.title.clone(), of_panel, of_column];
         let titles: Vec<String> = titles.into_iter().filter(|title| !title.is_empty()).collect();
         let x_scale = match self.layout.x_scale {
             Scale::Places => Scale::Places,
@@ -225,7 +228,7 @@ impl Drawing<'_, '_> {
         match (&self.chart.kind, &self.layout.curves[..]) {
             // What rows of cells are stands beside them.
             (ChartKind::Heat, [_]) => text_of(&curve[0]),
-            _ if label.is_empty() => name_and_unit(y).0.to_owned(),
+            _ if label.is_empty() => name_and_unit(y).0,
             _ => label,
         }
     }
@@ -592,7 +595,7 @@ runs = 1
     fn choices_beside_a_sweep() {
         let text = r#"
 seed = 1
-measures = ["criteria"]
+measures = ["likelihood", "criteria"]
 [[trials]]
 name = "swept"
 map = "gbs"

@@ -94,35 +94,42 @@ impl<'r> Groups<'r> {
         self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
     }
 
-    /// Places of the settings in which some of these groups differ.
+    /// Places of the settings in which some of these groups differ, among those for which they matter.
     pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
         let varies = |place: &usize| {
-            groups
-                .windows(2)
-                .any(|pair| !same_values(pair[0].values(*place), pair[1].values(*place)))
+            let mut values = groups.iter().filter(|group| self.matters(group, *place));
+            let first = values.next();
+            let differs = |group: &&Group<'_>| {
+                first.is_some_and(|f| !same_values(f.values(*place), group.values(*place)))
+            };
+            values.any(differs)
         };
         (0..self.settings.len()).filter(varies).collect()
     }
 
-    /// Whether two groups differ in nothing else than some settings, so that they can be compared.
-    /// Offsets are of grids only, and sizes of maps that do not have all points: that others have none
-    /// is no further difference.
+    /// Whether two groups differ in nothing else than some settings, so that they can be compared. What
+    /// does not matter for one of them is no difference.
     pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
-        (0..self.settings.len()).all(|place| {
-            settings.contains(&place)
-                || same_values(a.values(place), b.values(place))
-                || !self.matters(a, place)
-                || !self.matters(b, place)
-        })
+        (0..self.settings.len()).all(|place| settings.contains(&place) || !self.differ(a, b, place))
     }
 
-    /// Whether a setting makes a difference to the maps of a group.
+    /// Whether two groups differ in a setting that matters for both.
+    pub fn differ(&self, a: &Group<'_>, b: &Group<'_>, place: usize) -> bool {
+        !same_values(a.values(place), b.values(place))
+            && [a, b].iter().all(|group| self.matters(group, place))
+    }
+
+    /// Whether a setting makes a difference to a group: offsets do to grids only, sizes not to maps of all
+    /// points, and settings of runs not to maps on which nothing is localized.
     pub fn matters(&self, group: &Group<'_>, place: usize) -> bool {
-        let name = self.settings[place].name.as_str();
-        if name == "offset" {
-            return group.values(place).iter().any(|value| !value.is_empty());
+        let Setting { name, of_map, .. } = &self.settings[place];
+        let has_value = |place: usize| group.values(place).iter().any(|value| !value.is_empty());
+        match name.as_str() {
+            "offset" => has_value(place),
+            name if SIZE.contains(&name) => !self.has_all_points(group),
+            _ if *of_map => true,
+            _ => (0..self.settings.len()).any(|run| !self.settings[run].of_map && has_value(run)),
         }
-        !(SIZE.contains(&name) && self.has_all_points(group))
     }
 
     /// Whether the maps of a group have all points.
@@ -193,12 +200,17 @@ impl<'r> Group<'r> {
         is_kept: impl Fn(&Row<'_>) -> bool,
     ) -> Result<Option<Blocked>> {
         let rows = self.rows.iter().filter(|row| is_kept(row));
+        let has_runs = self.rows.iter().all(|row| !row.get("run").is_empty());
         let value = |row: &Row<'_>| Some((block(row), unit(row), row.number(column)?));
         let Some(values) = rows.map(value).collect::<Option<Vec<_>>>() else { return Ok(None) };
         if values.is_empty() {
             return Ok(None);
         }
-        let blocked = Blocked::with_units(values);
+        let blocked = match has_runs {
+            true => Blocked::with_units(values),
+            // Of a map alone: it is paired with the mean of a block.
+            false => Blocked::new(values.into_iter().map(|(block, _, value)| (block, value))),
+        };
         blocked.map(Some).with_context(|| format!("{column} of {self}"))
     }
 

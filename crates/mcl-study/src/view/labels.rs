@@ -45,22 +45,24 @@ const LABELS: [(&str, &str, &str); 47] = [
     ("z_rand", "z_rand", ""),
     ("max_distance", "distances cut at", "m"),
     ("likelihood_exponent", "exponent on the likelihood", ""),
-    ("ess_fraction", "resampled below an effective share of", ""),
+    ("ess_fraction", "effective share that is resampled", ""),
     ("noise", "noise added to the odometry", "m, rad"),
     ("noise_xy", "noise added to the odometry", "m"),
     ("noise_theta", "noise added to the odometry", "rad"),
 ];
 
 /// Name and unit of a column; what is not known goes by the column's name.
-pub fn name_and_unit(column: &str) -> (&str, &'static str) {
-    let known = LABELS.iter().find(|(known, ..)| *known == column);
-    known.map_or((column, ""), |&(_, name, unit)| (name, unit))
+pub fn name_and_unit(column: &str) -> (String, &'static str) {
+    match LABELS.iter().find(|(known, ..)| *known == column) {
+        Some((_, name, unit)) => ((*name).to_owned(), unit),
+        None => (column.replace('_', " "), ""),
+    }
 }
 
 /// For an axis: "σ_hit \[m\]".
 pub fn axis_label(column: &str) -> String {
     match name_and_unit(column) {
-        (name, "") => name.to_owned(),
+        (name, "") => name,
         (name, unit) => format!("{name} [{unit}]"),
     }
 }

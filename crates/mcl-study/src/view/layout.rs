@@ -94,8 +94,6 @@ fn automatic(
     let mut varied: Vec<usize> = groups.varying(shown);
     varied.retain(|place| !named.contains(place));
     let name = |place: usize| groups.settings[place].name.as_str();
-    // Settings that some maps do not have at all depend on the map.
-    varied.retain(|&place| name(place) != "offset");
     // The most values first; of as many, those of runs.
     varied.sort_by_key(|&place| {
         (Reverse(distinct(shown, place).len()), groups.settings[place].of_map)
@@ -119,7 +117,7 @@ fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option
     let same = keyed.windows(2).filter(|pair| order(&pair[0].0, &pair[1].0).is_eq());
     let differing = |pair: &[(Vec<Vec<Value>>, &Group<'_>)]| {
         let (a, b) = (pair[0].1, pair[1].1);
-        (0..groups.settings.len()).find(|&place| !same_values(a.values(place), b.values(place)))
+        (0..groups.settings.len()).find(|&place| groups.differ(a, b, place))
     };
     same.filter_map(differing).min()
 }

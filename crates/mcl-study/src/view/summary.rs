@@ -94,7 +94,9 @@ pub fn columns_of(groups: &Groups<'_>, shown: &[&Group<'_>]) -> Vec<((usize, usi
     for (place, setting) in groups.settings.iter().enumerate() {
         for (part, column) in setting.columns.iter().enumerate() {
             let value = |group: &Group<'_>| group.values(place)[part].clone();
-            let varies = || shown.windows(2).any(|pair| value(pair[0]) != value(pair[1]));
+            let has_it: Vec<_> =
+                shown.iter().filter(|group| groups.matters(group, place)).collect();
+            let varies = || has_it.windows(2).any(|pair| value(pair[0]) != value(pair[1]));
             if ALWAYS.contains(&column.as_str()) || (varying.contains(&place) && varies()) {
                 columns.push(((place, part), column.clone()));
             }
@@ -180,18 +182,9 @@ kept = ["weighted"]
     #[test]
     fn groups_differ_in_settings_and_rows_in_draw_and_run() {
         let table = summary(&results()).unwrap();
-        let settings = &table.columns()[..9];
-        let expected = [
-            "dataset",
-            "split",
-            "map",
-            "size_percent",
-            "offset",
-            "sigma_hit",
-            "blocks",
-            "rows",
-            "asked",
-        ];
+        let settings = &table.columns()[..8];
+        let expected =
+            ["dataset", "split", "map", "size_percent", "sigma_hit", "blocks", "rows", "asked"];
         assert_eq!(settings, expected);
         assert_eq!(table.len(), 6);
         let rows: Vec<_> = table.rows().collect();

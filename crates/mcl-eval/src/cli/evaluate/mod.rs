@@ -15,8 +15,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{AlignTo, EvaluateArgs, Global};
 use super::errors::{ErrorFigures, ErrorSamples, Figures};
-use super::output::print;
-use crate::cli::output::write_rows;
+use super::output::{input_files, prepare, print, write_rows};
 use crate::progress::tell;
 use mcl_figures::check_figure_ending;
 use trajectory::Source;
@@ -115,6 +114,8 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
     if let Some(path) = &args.plot {
         check_figure_ending(path)?;
     }
+    let read = args.estimates.iter().chain([&args.reference]).map(String::as_str);
+    prepare(args.errors.iter().chain(&args.plot), &input_files(read))?;
     let reference = trajectory::reference(args, global)?;
     let sources = trajectory::estimates(args, global)?;
     let mut is_complete = reference.is_complete;

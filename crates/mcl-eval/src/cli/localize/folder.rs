@@ -1,8 +1,9 @@
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mcl_core::{Pose2, Recording, Trajectory};
+use mcl_core::{Pose2, Recording, Trajectory, files};
 use mcl_filter::{FilterSettings, Run};
 use mcl_metrics::{DEFAULT_XI, DivergenceSettings, LossSettings, PoseError, tum};
 use serde::Serialize;
@@ -97,14 +98,12 @@ impl Folder {
     /// Creates the folder. What an earlier call wrote there is removed, lest runs of two calls be
     /// taken for those of one; other files stay.
     pub fn open(path: &Path) -> Result<Self> {
-        let told = || format!("cannot prepare the folder {}", path.display());
-        fs::create_dir_all(path).with_context(told)?;
-        for entry in fs::read_dir(path).with_context(told)? {
-            let entry = entry.with_context(told)?;
-            if is_ours(&entry.file_name().to_string_lossy()) {
-                fs::remove_file(entry.path()).with_context(told)?;
-            }
-        }
+        let prepared = || -> io::Result<()> {
+            files::create_folder(path)?;
+            files::remove_leftovers(path);
+            earlier_files(path)?.iter().try_for_each(|path| files::remove(path))
+        };
+        prepared().with_context(|| format!("cannot prepare the folder {}", path.display()))?;
         Ok(Folder { path: path.to_owned() })
     }
 
@@ -155,7 +154,9 @@ impl Folder {
     ) -> Result<Outcome> {
         self.write_trajectory("reference.tum", &recording.reference())?;
         let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
-        self.write("summary.json", text.as_bytes())?;
+        let path = self.path.join("summary.json");
+        files::write_atomically(&path, text.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
         if unstamped > 0 {
             tell!(
@@ -173,16 +174,27 @@ impl Folder {
         if trajectory.is_empty() {
             return Ok(());
         }
-        let mut bytes = Vec::new();
-        tum::write(&mut bytes, trajectory)?;
-        self.write(name, &bytes)
-    }
-
-    fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
-        mcl_core::files::write_atomically(&path, bytes)
+        tum::write_file(&path, trajectory)
             .with_context(|| format!("cannot write {}", path.display()))
     }
+}
+
+/// What an earlier call wrote into a folder, which need not be there.
+pub fn earlier_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error),
+    };
+    let mut paths = Vec::new();
+    for entry in entries {
+        let entry = entry?;
+        if is_ours(&entry.file_name().to_string_lossy()) {
+            paths.push(entry.path());
+        }
+    }
+    Ok(paths)
 }
 
 /// Whether a file of this name was written by an earlier call.

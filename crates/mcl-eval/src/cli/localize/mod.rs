@@ -2,11 +2,14 @@ mod figures;
 mod folder;
 mod replay;
 
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::CommandFactory;
 use clap::error::ErrorKind;
+use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
     CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay,
@@ -18,7 +21,7 @@ use rayon::prelude::*;
 use super::Outcome;
 use super::args::{Cli, Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
-use super::output::{print, tell_losses};
+use super::output::{input_files, prepare, print, tell_losses};
 use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
@@ -41,20 +44,25 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
     filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
     check_replay_name(args);
+    let mut inputs = input_files([args.log.log.as_str()]);
+    inputs.push(args.map.clone());
+    check_replaced(args, &inputs)?;
     let map = mcl_maps::files::read_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
+    let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
+    check_room(args.runs as usize, size_of::<FinishedRun>() + errors, "errors of runs")?;
     let start = first_pose(args, &source)?;
     check_odometry(&source)?;
     let setup = Setup::new(args, &source, map.len(), settings.values(), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
-    let mut recorders = Vec::new();
-    recorders.resize_with(args.runs as usize, || None);
+    let mut first_recorder = None;
     if let Some(path) = &args.replay {
         let scene = Scene { recording: &source.recording, map: &map, max_range: source.max_range };
         let setup = serde_json::to_string(&setup)?;
-        recorders[0] = Some(ReplayFile::open(path, &args.log.log, &scene, setup)?);
+        first_recorder = Some(ReplayFile::open(path, &inputs, &scene, setup)?);
     }
+    let first_recorder = Mutex::new(first_recorder);
 
     let distances = MapDistances::grid(&map, settings.values().max_distance)?;
     let reference = reference_poses(&source);
@@ -62,8 +70,11 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
     let runs = (0..args.runs)
         .into_par_iter()
-        .zip(recorders)
-        .map(|(number, mut recorder)| {
+        .map(|number| {
+            let mut recorder = match number {
+                0 => first_recorder.lock().unwrap_or_else(PoisonError::into_inner).take(),
+                _ => None,
+            };
             let seed = run_seed(args.seed, &source.name, number);
             let filter = (&distances, &settings, start);
             let (run, elapsed) =
@@ -95,6 +106,19 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     }
     print(args.json, &found, |found| found.text(args, &source, map.len()))?;
     Ok(Outcome::of(complete))
+}
+
+/// What is about to be replaced is none of the inputs.
+fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
+    let mut outputs = Vec::new();
+    if let Some(folder) = &args.output {
+        let earlier = folder::earlier_files(folder)
+            .with_context(|| format!("cannot read the folder {}", folder.display()))?;
+        outputs.extend(earlier);
+    }
+    // Its folder may be that of the results, which is yet to be made.
+    outputs.extend(args.replay.clone().filter(|path| path.exists()));
+    Ok(prepare(outputs, inputs)?)
 }
 
 /// A usage error.

@@ -1,11 +1,10 @@
 //! A run as a ROS 2 bag, to be looked at: `localize --replay` (docs/replay.md).
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use mcl_core::files::Output;
 use mcl_core::{PointMap, Pose2, Recording, Stamp};
 use mcl_datasets::bag::planar::{
@@ -21,6 +20,8 @@ use mcl_datasets::bag::{
 use mcl_filter::Step;
 use mcl_metrics::{PoseError, WeightedPoseError};
 
+use crate::cli::output::prepare;
+
 /// Name of the metadata record that says which run it was.
 const METADATA_NAME: &str = "mcl-eval localize";
 /// A scan whose stamp is missing, or not later than those before, is logged this long after the one
@@ -35,18 +36,11 @@ pub struct ReplayFile<'a> {
 }
 
 impl<'a> ReplayFile<'a> {
-    /// Begins the bag beside `path`, so that what is wrong with the path is told before the run. `log`
-    /// is what the run reads; `setup`, how it runs, goes into a metadata record.
-    pub fn open(path: &Path, log: &str, scene: &Scene<'a>, setup: String) -> Result<Self> {
+    /// Begins the bag beside `path`, so that what is wrong with the path is told before the run. `inputs` are what
+    /// the run reads; `setup`, how it runs, goes into a metadata record.
+    pub fn open(path: &Path, inputs: &[PathBuf], scene: &Scene<'a>, setup: String) -> Result<Self> {
+        prepare([path], inputs)?;
         let told = || format!("cannot write the replay {}", path.display());
-        if path.is_dir() {
-            bail!("{}: it is a folder", told());
-        }
-        if fs::canonicalize(path)
-            .is_ok_and(|path| fs::canonicalize(log).is_ok_and(|log| log == path))
-        {
-            bail!("{}: it is the log itself; give the replay another name", told());
-        }
         let file = Output::create(path).with_context(told)?;
         let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(told)?;
         Ok(ReplayFile { recorder, path: path.to_owned() })

@@ -18,12 +18,12 @@ mod image;
 mod pgm;
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use mcl_core::{Pose2, wrap_angle};
 
-use mcl_core::files::write_atomically;
+use mcl_core::files::{Output, hold, remove};
 
 use super::{MapFileError, MapProblem};
 use crate::occupancy::{Cell, MAX_CELLS, OccupancyGrid};
@@ -52,7 +52,7 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
     let text = read(path, MAX_DESCRIPTION_BYTES)?;
     let content = |path: &Path, problem| MapFileError::Content { path: path.into(), problem };
     let description = Description::parse(&text).map_err(|problem| content(path, problem))?;
-    let image_path = path.with_file_name("").join(&description.image);
+    let image_path = named_beside(path, &description);
     let Cells { width, cells } =
         read_image(&image_path, &description).map_err(|error| match error {
             // A missing image is more often a wrong description.
@@ -132,9 +132,25 @@ impl Description {
     }
 }
 
+/// The image that [`write_grid`] writes beside a description.
+pub(super) fn image_beside(path: &Path) -> PathBuf {
+    path.with_extension("pgm")
+}
+
+/// The image that the description at a path names, if there is one.
+pub(super) fn image_of(path: &Path) -> Option<PathBuf> {
+    let text = super::is_grid(path).then(|| read(path, MAX_DESCRIPTION_BYTES).ok())??;
+    Some(named_beside(path, &Description::parse(&text).ok()?))
+}
+
+fn named_beside(path: &Path, description: &Description) -> PathBuf {
+    path.with_file_name("").join(&description.image)
+}
+
 /// Writes a grid map as map_saver does: the description to `path`, which ends with `.yaml` or `.yml`, and
 /// beside it, with the ending `.pgm`, the image (0 occupied, 254 free, 205 unknown). Each file is
-/// whole or not there, and the image is written first.
+/// whole or not there, and no description is ever beside an image that is not its own: what stops between the
+/// two leaves none.
 ///
 /// # Errors
 /// [`MapFileError`] for another ending, a name that is no text, or files that cannot be written.
@@ -144,7 +160,7 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
         let ending = path.extension().unwrap_or_default().to_string_lossy().into_owned();
         return Err(MapFileError::UnknownEnding { path: path.into(), ending });
     }
-    let image_path: PathBuf = path.with_extension("pgm");
+    let image_path = image_beside(path);
     let unwritable = |path: &Path| {
         let path = path.to_owned();
         move |source| MapFileError::Unwritable { path, source }
@@ -153,8 +169,19 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
         unwritable(&image_path)(std::io::Error::other("the name is not UTF-8 text"))
     })?;
     let (description, image) = encode_grid(grid, image_name);
-    write_atomically(&image_path, &image).map_err(unwritable(&image_path))?;
-    write_atomically(path, description.as_bytes()).map_err(unwritable(path))
+    let on_disk = |path: &Path, bytes: &[u8]| {
+        let mut output = Output::create(path)?;
+        output.write_all(bytes)?;
+        output.sync()?;
+        Ok(output)
+    };
+    // A disk that is full is full here, with the files that were there untouched.
+    let image = on_disk(&image_path, &image).map_err(unwritable(&image_path))?;
+    let description = on_disk(path, description.as_bytes()).map_err(unwritable(path))?;
+    let _held = hold();
+    remove(path).map_err(unwritable(path))?;
+    image.commit().map_err(unwritable(&image_path))?;
+    description.commit().map_err(unwritable(path))
 }
 
 /// The content of the description of a grid map, whose image has this name, and of its image (PGM).
