@@ -6,7 +6,7 @@
 // Both end the program when nobody can be told; see `progress::tell` and `cli::output::print`.
 #![cfg_attr(not(test), warn(clippy::print_stderr, clippy::print_stdout))]
 
-//pub mod claims;
+pub mod claims;
 pub mod cli;
 pub mod compare;
 pub mod figures;
