@@ -1,4 +1,4 @@
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use mcl_study::store::results::{Found, read_all};
 
 use super::Outcome;
@@ -22,14 +22,17 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
     let mut complete = damaged.is_empty();
     for results in &results {
         let folder = results.folder.display();
-        complete &= results.is_complete() && results.damage.is_empty();
-        results.write_trials()?;
-        figures::write_tables(results)?;
-        let drawn = figures::draw(results)
-            .with_context(|| format!("cannot draw the figures of {folder}"))?;
-        if !global.quiet {
-            for path in drawn {
-                tell!("{}", path.display());
+        complete &= results.is_complete();
+        let drawn = results
+            .write_trials()
+            .and_then(|()| figures::write_tables(results))
+            .and_then(|()| figures::draw(results));
+        match drawn {
+            Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
+            Ok(_) => {}
+            Err(error) => {
+                tell!("error: leaving out {folder}: {}", told_once(&error));
+                complete = false;
             }
         }
     }
