@@ -96,48 +96,6 @@ fn sigma_of_other_scans_is_wider_than_that_of_the_data_itself() {
 }
 
 #[test]
-fn the_smallest_map_that_localizes_as_well_is_raced_for() {
-    let lab = tempfile::tempdir().unwrap();
-    ends(&lab, &["simulate", "-o", "whole.log"], 0);
-    let whole = fs::read_to_string(lab.path().join("whole.log")).unwrap();
-    let end = whole.match_indices("FLASER").nth(30).unwrap().0;
-    fs::write(lab.path().join("office.log"), &whole[..end]).unwrap();
-    let built: Value = serde_json::from_str(
-        &ends(
-            &lab,
-            &[
-                "map",
-                "office.log",
-                "--init",
-                "grid",
-                "--size",
-                "auto",
-                "--auto-by",
-                "localization",
-                "-o",
-                "m.ply",
-                "--json",
-            ],
-            0,
-        )
-        .0,
-    )
-    .unwrap();
-    let chosen = &built["auto_size"];
-    let races = chosen["races"].as_array().unwrap();
-    assert!(races.iter().any(|race| race["verdict"] == "within"), "{races:?}");
-    for race in races {
-        let runs = race["runs"].as_u64().unwrap();
-        assert!((4..=40).contains(&runs), "{race}");
-        let ratio = race["weighted"].as_f64().unwrap() / race["reference"].as_f64().unwrap();
-        assert!(race["verdict"] != "within" || ratio < 1.05, "{race}");
-        // What is larger than the choice was within, what is smaller was not.
-        let larger = race["map_points"].as_f64() >= chosen["value"].as_f64();
-        assert_eq!(race["verdict"] == "within", larger, "{races:?}");
-    }
-}
-
-#[test]
 fn combinations_that_mean_nothing_are_wrong_usage() {
     let lab = lab(5);
     for (more, said) in [

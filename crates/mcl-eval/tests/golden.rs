@@ -5,7 +5,8 @@ use mcl_core::PointMap;
 use mcl_datasets::registry::Registry;
 use mcl_maps::sampling::{GridOffset, sample_grid, sample_grid_of_size};
 use mcl_maps::{FkmSettings, PointSet, fuzzy_k_means, mixture_log_likelihood, snap_to_data};
-use mcl_study::data::source::{LogSource, SourceOptions};
+use mcl_study::data::options::SourceOptions;
+use mcl_study::data::source::LogSource;
 
 /// One grid-based map (offset 0) of the Intel data. Source: independent NumPy/SciPy computation.
 struct Golden {

@@ -4,7 +4,8 @@
 use mcl_core::{NearestNeighbors, Pose2, Seed};
 use mcl_filter::{FilterSettings, MapDistances, Replay, localize};
 use mcl_maps::files::read_map;
-use mcl_study::data::source::{LogSource, SourceOptions};
+use mcl_study::data::options::SourceOptions;
+use mcl_study::data::source::LogSource;
 
 /// The laser's pose at the first scan: where the scans, put together by odometry, fit the map best of
 /// all places and directions.

@@ -9,7 +9,7 @@ use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
-use mcl_study::data::source::SourceOptions;
+use mcl_study::data::options::SourceOptions;
 
 /// Monte Carlo localization evaluation on sample-based maps.
 ///

@@ -14,7 +14,8 @@ use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{input_files, prepare, print, tell_losses, write_carmen};
 use mcl_core::text::thousands;
-use mcl_study::data::source::{LogSource, SourceOptions};
+use mcl_study::data::options::SourceOptions;
+use mcl_study::data::source::LogSource;
 
 #[derive(Serialize)]
 #[serde(tag = "converted", rename_all = "lowercase")]

@@ -2,7 +2,6 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use mcl_core::{Point, PointMap, Seed};
-use mcl_filter::{FilterSettings, OdometryNoise};
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
@@ -17,14 +16,11 @@ use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{input_files, print, refuse, tell_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
-use mcl_study::auto::{
-    Arena, Chosen, RaceSettings, Rating, SIGMA_RANGE, Try, size_by_localization,
-};
+use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE, Try};
 use mcl_study::data::cloud_source::Points;
-use mcl_study::data::source::{DataSource, LogSource};
+use mcl_study::data::source::DataSource;
 use mcl_study::recipe::criterion::Criterion;
 use mcl_study::recipe::map::random_offset;
-use mcl_study::recipe::run::RunRecipe;
 use mcl_study::trial::division::{Division, StudyData};
 
 #[derive(Serialize)]
@@ -130,16 +126,9 @@ fn build_planar(
         DataSource::Log(log) => Some(log),
         DataSource::Cloud(_) => None,
     };
-    let (wanted, choices) = match (args.size, args.auto_by, log) {
-        (Some(Auto::Auto), Criterion::Localization, Some(log)) => {
-            let sigma = given_sigma(args);
-            let chosen = raced_size(opened, log, offset, sigma, args, global)?;
-            let size = Some(MapSize::Points(chosen.value as usize));
-            (Wanted { size, sigma }, [Some(chosen), None])
-        }
-        (_, _, Some(_)) => choose(&data, Some(&|| opened.folds()), offset, args, global)?,
-        (_, _, None) => choose(&data, None, offset, args, global)?,
-    };
+    let folds = || opened.folds();
+    let folds = log.map(|_| &folds as &dyn Fn() -> Result<_>);
+    let (wanted, choices) = choose(&data, folds, offset, args, global)?;
     let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
     let grid = match is_grid(&args.output) {
         true => Some(grid_of(&fitted.map, args.resolution, log)?),
@@ -169,30 +158,6 @@ struct Fitted<const D: usize> {
     report: Option<RefineReport>,
 }
 
-/// The size that localization decides.
-fn raced_size(
-    data: &StudyData,
-    log: &LogSource,
-    offset: GridOffset<2>,
-    sigma: f64,
-    args: &MapArgs,
-    global: &Global,
-) -> Result<Chosen> {
-    let division = data.divided(None, None)?;
-    // The noise of the localization study.
-    let odometry_noise = OdometryNoise { xy: 0.01, theta: 0.01 };
-    let recipe = RunRecipe { filter: FilterSettings::default(), odometry_noise, run: 0 };
-    let arena = Arena { log, division: division.planar()?, recipe: &recipe, seed: 1 };
-    let build = |data: &PointSet<2>, size, sigma| build_at(data, offset, size, sigma, args);
-    let bar = progress::spinner("size", global.quiet);
-    let settings = RaceSettings::default();
-    let chosen = size_by_localization(&arena, &settings, sigma, &build, |race| {
-        bar.set_message(format!("{} points: {:?}", race.map_points, race.verdict));
-    });
-    bar.finish_and_clear();
-    chosen
-}
-
 /// What the data chooses where the arguments say so: for points without scans no folds are to be had.
 fn choose<const D: usize>(
     data: &PointSet<D>,
@@ -214,9 +179,6 @@ fn choose<const D: usize>(
     let rating = Rating { data, folds: &folds, build: &build };
     match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
-            if by == Criterion::Localization {
-                bail!("--auto-by localization needs a log with scans and odometry");
-            }
             let sigma = given_sigma(args);
             let bar = progress::spinner("size", global.quiet);
             let chosen = rating.choose_size(by, sigma, |Try { value, score }| {

@@ -11,7 +11,7 @@ use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate_cloud};
 use mcl_maps::files::read_cloud;
 use sha2::{Digest, Sha256};
 
-use crate::data::source::{SourceOptions, stem};
+use crate::data::options::{SourceOptions, stem};
 
 /// Points in the dimension that they have, or that was asked for.
 #[derive(Debug, Clone, PartialEq)]

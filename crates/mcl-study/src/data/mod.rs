@@ -2,4 +2,5 @@
 
 pub mod cloud_source;
 pub mod facts;
+pub mod options;
 pub mod source;

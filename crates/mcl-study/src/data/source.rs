@@ -7,8 +7,7 @@ use anyhow::{Context, Result, bail};
 use mcl_core::{Recording, Seed};
 use mcl_datasets::bag::BagError;
 use mcl_datasets::log::{
-    Log, LogError, LogKind, ReadOptions, ReadReport, ReferencePoses, TopicChoice, is_bag,
-    is_bag_folder, read_log_as,
+    Log, LogError, LogKind, ReadReport, ReferencePoses, is_bag, is_bag_folder, read_log_as,
 };
 use mcl_datasets::registry::{Dataset, DatasetKind, Registry, Source};
 use mcl_datasets::simulator::{OfficeSettings, simulate};
@@ -16,6 +15,7 @@ use mcl_maps::files::is_point_cloud;
 use sha2::{Digest, Sha256};
 
 use crate::data::cloud_source::{CloudSource, Points, refuse_cloud};
+use crate::data::options::{SourceOptions, stem};
 
 /// Readings beyond this (m) are no measurements, unless a data set or the user says otherwise; the
 /// paper's limit.
@@ -40,21 +40,6 @@ pub struct LogSource {
     pub assumptions: Vec<String>,
     /// Largest reading that counts as a measurement, in metres, inclusive.
     pub max_range: f64,
-}
-
-/// How to read a log, as far as the user says.
-#[derive(Debug, Clone, Default)]
-pub struct SourceOptions {
-    /// Largest reading that counts, in metres.
-    pub max_range: Option<f64>,
-    /// Whether the recorded laser poses are ground truth.
-    pub reference: Option<ReferencePoses>,
-    /// Topics of a bag.
-    pub topics: TopicChoice,
-    /// Topic of a bag's point clouds.
-    pub cloud_topic: Option<String>,
-    /// 2 or 3, whatever a point cloud says itself; 2 drops its heights.
-    pub dimensions: Option<usize>,
 }
 
 /// What maps can be built of.
@@ -158,13 +143,6 @@ fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
     match error.downcast_ref::<LogError>() {
         Some(LogError::Bag { error, .. }) => what(error),
         _ => false,
-    }
-}
-
-impl SourceOptions {
-    /// How to read the log, where the user does not say whether there is a reference: `reference`.
-    fn read_options(&self, reference: ReferencePoses) -> ReadOptions {
-        ReadOptions { reference: self.reference.unwrap_or(reference), topics: self.topics.clone() }
     }
 }
 
@@ -329,21 +307,6 @@ fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
     }
 }
 
-/// The file's name up to its first dot: `intel.gfs.log.gz` is `intel`.
-pub(crate) fn stem(path: &Path) -> String {
-    // The folder of a bag may be given as `.` or `..`, which name nothing.
-    let absolute = path.canonicalize();
-    let path = match path.file_name() {
-        Some(_) => path,
-        None => absolute.as_deref().unwrap_or(path),
-    };
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    match name.split('.').next() {
-        Some(stem) if !stem.is_empty() => stem.to_owned(),
-        _ => name.into_owned(),
-    }
-}
-
 /// SHA-256 of what a recording holds (readings, directions, poses, odometry, stamps), whatever the
 /// file it came from.
 pub fn digest(recording: &Recording) -> String {
@@ -369,17 +332,6 @@ pub fn digest(recording: &Recording) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_of_files() {
-        assert_eq!(stem(Path::new("a/intel.gfs.log.gz")), "intel");
-        assert_eq!(stem(Path::new("run7")), "run7");
-        assert_eq!(stem(Path::new(".hidden")), ".hidden");
-        for unnamed in [".", ".."] {
-            let name = stem(Path::new(unnamed));
-            assert!(!name.is_empty() && !name.starts_with('.'), "{name}");
-        }
-    }
 
     #[test]
     fn neither_file_nor_data_set() {

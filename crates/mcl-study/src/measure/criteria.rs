@@ -1,7 +1,7 @@
 //! What the criteria of an automatic size and σ say of a map.
 
 use anyhow::Result;
-use mcl_maps::size_criteria::{bic, description_length};
+use mcl_maps::size_criteria::description_length;
 use mcl_maps::{MapSize, PointSet, mixture_log_likelihood};
 
 use super::{MapContext, MapMeasure};
@@ -10,15 +10,11 @@ use crate::recipe::criterion::Criterion;
 use crate::table::Value;
 use crate::trial::map::sample;
 
-/// Nats per point, smaller is better: the Bayesian information criterion, the description length, and
-/// minus the log-likelihood of blocks of time that are left out in turn, under maps of the same size
+/// Nats per point, smaller is better: the description length of map and points, and minus the
+/// log-likelihood of blocks of time that are left out in turn, under maps of the same size
 /// built from the others; the last is empty for clouds and for maps that fit no fold.
-pub const CRITERIA: MapMeasure = MapMeasure {
-    name: "criteria",
-    columns: &["bic", "mdl", "held_out"],
-    planar,
-    spatial: Some(spatial),
-};
+pub const CRITERIA: MapMeasure =
+    MapMeasure { name: "criteria", columns: &["mdl", "held_out"], planar, spatial: Some(spatial) };
 
 fn planar(context: &MapContext<'_, 2>) -> Result<Vec<Value>> {
     let mut values = own(context)?;
@@ -50,10 +46,7 @@ fn spatial(context: &MapContext<'_, 3>) -> Result<Vec<Value>> {
 fn own<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {
     let MapContext { division, map, .. } = context;
     let data = &division.building;
-    let Some(points) = map.points() else { return Ok(vec![Value::Empty; 2]) };
+    let Some(points) = map.points() else { return Ok(vec![Value::Empty]) };
     let found = mixture_log_likelihood(data, points, map.sigma)?;
-    Ok(vec![
-        bic(found.per_point, data.len(), points.len(), D).into(),
-        description_length(data, points, map.sigma, found)?.into(),
-    ])
+    Ok(vec![description_length(data, points, map.sigma, found)?.into()])
 }

@@ -15,21 +15,14 @@ pub enum Criterion {
     Bic,
     /// The description length of data and map (size).
     Mdl,
-    /// The smallest map that localizes within 5 % of all points (size; takes minutes).
-    Localization,
     /// The likelihood of the points that the map is built from, as EM would estimate it (σ).
     Likelihood,
 }
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Criterion; 5] = [
-        Criterion::HeldOut,
-        Criterion::Bic,
-        Criterion::Mdl,
-        Criterion::Localization,
-        Criterion::Likelihood,
-    ];
+    pub const ALL: [Criterion; 4] =
+        [Criterion::HeldOut, Criterion::Bic, Criterion::Mdl, Criterion::Likelihood];
 
     /// The name on the command line and in files.
     pub fn name(self) -> &'static str {
@@ -37,7 +30,6 @@ impl Criterion {
             Criterion::HeldOut => "held-out",
             Criterion::Bic => "bic",
             Criterion::Mdl => "mdl",
-            Criterion::Localization => "localization",
             Criterion::Likelihood => "likelihood",
         }
     }

@@ -9,7 +9,6 @@ use serde::Serialize;
 
 use crate::recipe::criterion::Criterion;
 use crate::recipe::kind::{Builder, MapKind, NamedKind};
-use crate::recipe::run::RunRecipe;
 use crate::recipe::split::{FOLDS, Split};
 use crate::table::{Cells, Value};
 
@@ -83,8 +82,6 @@ pub struct MapRecipe {
     pub draw: u32,
     /// Root of every seed of the study.
     pub seed: u64,
-    /// The filter and noise of a size that localization chooses; `None` for all other sizes.
-    pub race: Option<Box<RunRecipe>>,
 }
 
 /// What a map depends on. A draw number matters only where something is drawn or held out by it, so
@@ -101,7 +98,6 @@ struct Identity<'a> {
     tolerance: f64,
     max_iterations: usize,
     draw_seed: Option<u64>,
-    race: Option<serde_json::Value>,
 }
 
 impl MapRecipe {
@@ -110,7 +106,6 @@ impl MapRecipe {
     /// # Errors
     /// When it cannot be written as JSON.
     pub fn identity(&self) -> anyhow::Result<String> {
-        let race = self.race.as_ref().map(|run| run.to_json()).transpose()?;
         crate::recipe::identity(&Identity {
             dataset: &self.dataset,
             split: self.split,
@@ -122,7 +117,6 @@ impl MapRecipe {
             tolerance: self.tolerance,
             max_iterations: self.max_iterations,
             draw_seed: self.draw_seed(),
-            race,
         })
     }
 

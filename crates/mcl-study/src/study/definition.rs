@@ -65,6 +65,8 @@ type Factors = BTreeMap<String, (Vec<Json>, usize)>;
 #[derive(Clone)]
 struct Entry {
     name: Option<String>,
+    /// Only on these data sets; on all when empty.
+    datasets: Vec<String>,
     draws: u32,
     runs: u32,
     factors: Factors,
@@ -166,6 +168,11 @@ impl Study {
         let seed = file.seed;
         let (text, views) = (text.to_owned(), file.views);
         let study = Study { text, seed, measures, views, datasets, base, named, entries };
+        let mut named = study.entries.iter().flat_map(|e| e.datasets.iter().map(move |d| (e, d)));
+        if let Some((entry, name)) = named.find(|(_, name)| study.listed(name).is_none()) {
+            let line = entry.line;
+            bail!("line {line}: trials.datasets: {name:?} is not listed as a [[dataset]]");
+        }
         // A data set that is not listed gets the study's own trials.
         for name in study.datasets.iter().map(|d| d.name.as_str()).chain(["unlisted"]) {
             let plan = study.plan(name)?;
@@ -192,7 +199,10 @@ impl Study {
         let own = self.listed(dataset).map_or(&[][..], |listed| &listed.entries);
         let entries = if own.is_empty() { &self.entries } else { own };
         let mut plan = Plan::default();
-        for entry in entries {
+        let covers = |entry: &&Entry| {
+            entry.datasets.is_empty() || entry.datasets.iter().any(|name| name == dataset)
+        };
+        for entry in entries.iter().filter(covers) {
             let combinations = entry.factors.values().map(|(values, _)| values.len());
             let rows = combinations
                 .chain([entry.draws as usize, entry.runs.max(1) as usize])
@@ -396,8 +406,17 @@ impl Source<'_> {
             if name.is_some() && entries.iter().any(|entry| entry.name == name) {
                 bail!("line {line}: {place}: the name {} is used twice", name.unwrap_or_default());
             }
+            let datasets = match table.remove("datasets") {
+                None => Vec::new(),
+                Some(datasets) => {
+                    let line = self.line(datasets.span().start);
+                    datasets.into_inner().try_into().map_err(|_| {
+                        anyhow::anyhow!("line {line}: {place}.datasets: expected a list of names")
+                    })?
+                }
+            };
             let factors = self.factors(table, place)?;
-            entries.push(Entry { name, draws, runs, factors, line });
+            entries.push(Entry { name, datasets, draws, runs, factors, line });
         }
         Ok(entries)
     }

@@ -53,7 +53,6 @@ impl Draft {
                 max_iterations: 1000,
                 draw: 0,
                 seed,
-                race: None,
             },
             run: RunRecipe {
                 filter: FilterSettings::default(),
@@ -165,9 +164,6 @@ impl Draft {
         }
         if let (Some(Size::Chosen(_)), Sigma::Chosen(_)) = (self.map.size, self.map.sigma) {
             return Err("the data chooses size or σ, not both at once".to_owned());
-        }
-        if let Some(Size::Chosen(Criterion::Localization)) = self.map.size {
-            self.map.race = Some(Box::new(self.run.clone()));
         }
         self.run.filter.clone().check().map_err(|error| error.to_string())?;
         let OdometryNoise { xy, theta } = self.run.odometry_noise;

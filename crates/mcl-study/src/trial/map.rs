@@ -11,7 +11,7 @@ use mcl_maps::occupancy::{Cell, FreeSpace, OccupancyGrid, rasterize};
 use mcl_maps::segments::{SegmentSettings, line_segments};
 use mcl_maps::{BuiltMap, InitialMap, MapSettings, MapSize, PointSet, build_map, initial_map};
 
-use crate::auto::{Arena, RaceSettings, Rating, size_by_localization};
+use crate::auto::Rating;
 use crate::data::source::LogSource;
 use crate::recipe::criterion::Criterion;
 use crate::recipe::kind::MapKind;
@@ -183,23 +183,13 @@ impl Dimension<2> for Division<2> {
         };
         let build = |data: &PointSet<2>, size, sigma| sample(recipe, data, size, sigma);
         let rating = Rating { data: &division.building, folds: &folds, build: &build };
-        let (chosen, size, sigma) = match (recipe.sigma, by) {
-            (Sigma::Chosen(_), _) => {
+        let (chosen, size, sigma) = match recipe.sigma {
+            Sigma::Chosen(_) => {
                 let chosen = rating.choose_sigma(by, map_size(recipe.size), |_| {})?;
                 let sigma = chosen.value;
                 (chosen, recipe.size, sigma)
             }
-            (Sigma::Metres(sigma), Criterion::Localization) => {
-                let run = recipe.race.as_ref();
-                let run =
-                    run.with_context(|| format!("{recipe}: expected how robots are localized"))?;
-                let arena = Arena { log: data.log()?, division, recipe: run, seed: recipe.seed };
-                let settings = RaceSettings::default();
-                let chosen = size_by_localization(&arena, &settings, sigma, &build, |_| {})?;
-                let size = Some(Size::Points(chosen.value as usize));
-                (chosen, size, sigma)
-            }
-            (Sigma::Metres(sigma), _) => {
+            Sigma::Metres(sigma) => {
                 let chosen = rating.choose_size(by, sigma, |_| {})?;
                 let size = Some(Size::Points(chosen.value as usize));
                 (chosen, size, sigma)

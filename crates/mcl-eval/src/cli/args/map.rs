@@ -146,9 +146,6 @@ fn criterion() -> impl TypedValueParser<Value = Criterion> {
             Criterion::HeldOut => "The likelihood of blocks of scans left out in turn",
             Criterion::Bic => "The Bayesian information criterion (size)",
             Criterion::Mdl => "The description length of data and map (size)",
-            Criterion::Localization => {
-                "The smallest map that localizes within 5 % of all points (size; takes minutes)"
-            }
             Criterion::Likelihood => {
                 "The likelihood of the points that the map is built from, as EM would estimate it (sigma)"
             }

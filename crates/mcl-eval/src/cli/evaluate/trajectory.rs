@@ -15,7 +15,8 @@ use crate::cli::Outcome;
 use crate::cli::args::{EvaluateArgs, Frame, Global};
 use crate::cli::output::{refuse, tell_losses};
 use crate::progress::tell;
-use mcl_study::data::source::{LogSource, SourceOptions};
+use mcl_study::data::options::SourceOptions;
+use mcl_study::data::source::LogSource;
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Bytes in which the first line that is no comment is looked for.

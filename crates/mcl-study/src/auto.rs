@@ -1,20 +1,14 @@
 //! Sizes and σ that the data chooses (docs/refinement.md).
 
-mod racing;
-
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use mcl_core::PointMap;
 use mcl_maps::choice::{Search, Tried, best, minimize};
 use mcl_maps::size_criteria::{bic, description_length};
 use mcl_maps::{LogLikelihood, MapSize, PointSet, mixture_log_likelihood};
 use serde::Serialize;
-
-pub use racing::{
-    Arena, Lane, Race, RaceSettings, Verdict, race, race_sizes, size_by_localization,
-};
 
 use crate::recipe::criterion::Criterion;
 use crate::trial::division::Division;
@@ -33,9 +27,6 @@ pub struct Chosen {
     pub value: f64,
     /// What was tried, with the score that decided (smaller is better).
     pub tried: Vec<Try>,
-    /// The races of a choice by localization.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub races: Vec<Race>,
 }
 
 impl Chosen {
@@ -73,7 +64,7 @@ impl<const D: usize> Rating<'_, D> {
     /// The score of the map of a size and σ by a criterion, in nats per point; smaller is better.
     ///
     /// # Errors
-    /// When a map cannot be built, or the criterion is no likelihood.
+    /// When a map cannot be built.
     pub fn score(&self, by: Criterion, size: Option<MapSize>, sigma: f64) -> Result<f64> {
         if by == Criterion::HeldOut {
             return Ok(-self.held_out(size, sigma)?);
@@ -83,8 +74,7 @@ impl<const D: usize> Rating<'_, D> {
         Ok(match by {
             Criterion::Bic => bic(found.per_point, self.data.len(), map.len(), D),
             Criterion::Mdl => description_length(self.data, &map, sigma, found)?,
-            Criterion::Likelihood => -found.per_point,
-            Criterion::Localization | Criterion::HeldOut => bail!("{by} is no likelihood"),
+            Criterion::Likelihood | Criterion::HeldOut => -found.per_point,
         })
     }
 
@@ -114,7 +104,7 @@ impl<const D: usize> Rating<'_, D> {
         }
     }
 
-    /// The number of points by a criterion that is a likelihood. `observe` is shown what is tried.
+    /// The number of points by a criterion. `observe` is shown what is tried.
     ///
     /// # Errors
     /// As [`Rating::score`].
@@ -160,5 +150,5 @@ impl<const D: usize> Rating<'_, D> {
 fn chosen(by: Criterion, tried: &[Tried], value: impl Fn(f64) -> f64) -> Chosen {
     let choice = best(tried).map_or(f64::NAN, |tried| tried.value);
     let tried = tried.iter().map(|t| Try { value: value(t.value), score: t.score }).collect();
-    Chosen { by, value: value(choice), tried, races: Vec::new() }
+    Chosen { by, value: value(choice), tried }
 }
