@@ -67,7 +67,7 @@ fn improvement(data: &Sampled) -> Outcome {
     let failing: Vec<String> = tests.iter().filter(|test| test.p >= ALPHA).map(gain).collect();
     let [least, most] = [tests.first(), tests.last()].map(|t| t.map(gain).unwrap_or_default());
     let mut measured = format!(
-        "{} of {} cells gain significantly; least nats per point on {least}, most on {most}",
+        "{} of {} cells gain significantly; mean gains (nats per point) from {least} to {most}",
         tests.len() - failing.len(),
         tests.len()
     );
