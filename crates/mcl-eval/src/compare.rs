@@ -1,8 +1,12 @@
+//! Whether results that were computed again are those of an earlier run.
+
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use csv::StringRecord;
+use mcl_core::files::open;
 
 use mcl_study::store::parts::PARTS;
 use mcl_study::store::results::TIMINGS;
@@ -42,23 +46,25 @@ pub fn compare(found: &Path, expected: &Path, tolerance: f64) -> Result<Comparis
     let mut comparison = Comparison::default();
     let mut files = Vec::new();
     list(expected, &mut files)?;
+    files.retain(|path| path.file_name() != Some(TIMINGS.as_ref()));
     files.sort();
     if files.is_empty() {
         bail!("{}: there is no file of results to compare with", expected.display());
     }
     for path in files {
         let name = path.strip_prefix(expected).expect("the path begins with the folder");
-        let base = name.file_name().unwrap_or_default();
-        if base == TIMINGS {
-            continue;
-        }
         let again = found.join(name);
         if !again.exists() {
             comparison.differs(|| format!("{} is missing", again.display()));
             continue;
         }
-        let read =
-            |path: &Path| fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+        let read = |path: &Path| -> Result<Vec<u8>> {
+            let mut bytes = Vec::new();
+            open(path)
+                .and_then(|mut file| file.read_to_end(&mut bytes))
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            Ok(bytes)
+        };
         let (found, expected) = (read(&again)?, read(&path)?);
         let table = name.extension().is_some_and(|ending| ending == "csv");
         if !table && tolerance > 0.0 {

@@ -8,13 +8,13 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use mcl_core::Seed;
-use office::{Bench, LOCALIZATION, assert_same};
+use office::{Bench, LOCALIZATION, assert_same, parts, rows};
 use rand::RngExt;
 
 const RUN: [&str; 6] = ["run", "localization.toml", "--dataset", "office.log", "--quiet", "-o"];
 
 fn bench() -> Bench {
-    // Long enough to be hit, and no more: 20 trials.
+    // Long enough to be hit, and no more: 36 trials.
     Bench::new(&[("localization", LOCALIZATION)])
 }
 
@@ -27,7 +27,7 @@ fn start(bench: &Bench, root: &str) -> Child {
 fn fifty_kills_change_no_byte() {
     let bench = bench();
     let start_of_run = Instant::now();
-    let undisturbed = bench.experiment("localization", "undisturbed", &[]);
+    let undisturbed = bench.study("localization", "undisturbed", &[]);
     let whole = start_of_run.elapsed().as_secs_f64();
     let killed = bench.path("killed/localization/office");
     let mut rng = Seed::new(50).rng();
@@ -50,43 +50,60 @@ fn fifty_kills_change_no_byte() {
             panic!("exit {code}: {}", String::from_utf8_lossy(&output.stderr));
         }
     }
-    bench.experiment("localization", "killed", &[]);
+    bench.study("localization", "killed", &[]);
     assert_same(&killed, &undisturbed);
     eprintln!("{kills} kills, {finished} runs came to their end in between");
+}
+
+/// Rows that were saved, whole or not.
+fn saved(bench: &Bench, root: &str) -> String {
+    let files = parts(&bench.path(root).join("localization/office"));
+    files.iter().map(|path| fs::read_to_string(path).unwrap()).collect()
 }
 
 /// Starts a run and waits until it has saved a row.
 fn start_and_wait(bench: &Bench, root: &str) -> Child {
     let mut child = start(bench, root);
-    let rows = bench.path(root).join("localization/office/trials.csv");
-    while fs::metadata(&rows).map_or(true, |file| file.len() == 0) {
+    // The first line says what the rows depend on.
+    while saved(bench, root).lines().count() < 2 {
         assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
         sleep(Duration::from_millis(1));
     }
     child
 }
 
-/// As [`LOCALIZATION`], with so many runs that nobody has to hurry.
-fn long_bench() -> Bench {
-    Bench::new(&[("localization", &LOCALIZATION.replace("runs = 4", "runs = 400"))])
-}
-
+/// Every process appends to a file of its own and reads those of all: no lock is needed, nothing is refused.
 #[test]
-fn two_runs_into_one_folder_are_refused() {
-    let bench = long_bench();
-    let mut first = start_and_wait(&bench, "out");
-    let second = bench.run(&[&RUN[..], &["out"]].concat());
+fn two_runs_into_one_folder_end_as_one() {
+    let bench = bench();
+    let undisturbed = bench.study("localization", "undisturbed", &[]);
+    let together = bench.path("together/localization/office");
+    for delay in [0, 100, 400] {
+        let first = start(&bench, "together");
+        sleep(Duration::from_millis(delay));
+        let second = start(&bench, "together");
+        for run in [first, second] {
+            let output = run.wait_with_output().unwrap();
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{delay} ms: {message}");
+        }
+        assert_same(&together, &undisturbed);
+        fs::remove_dir_all(&together).unwrap();
+    }
+    // The rows of a run that is killed are those of the other.
+    let mut first = start_and_wait(&bench, "together");
+    let second = start(&bench, "together");
     first.kill().unwrap();
     first.wait().unwrap();
-    let message = String::from_utf8_lossy(&second.stderr);
-    assert_eq!(second.status.code(), Some(1), "{message}");
-    assert!(message.contains("another run is writing to") && message.contains("-o"), "{message}");
+    assert!(second.wait_with_output().unwrap().status.success());
+    assert_same(&together, &undisturbed);
 }
 
 #[cfg(unix)]
 #[test]
 fn an_interrupt_says_how_to_go_on() {
-    let bench = long_bench();
+    // So many runs that nobody has to hurry.
+    let bench = Bench::new(&[("localization", &LOCALIZATION.replace("runs = 2", "runs = 200"))]);
     let child = start_and_wait(&bench, "out");
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
@@ -94,14 +111,14 @@ fn an_interrupt_says_how_to_go_on() {
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{message}");
     assert!(message.contains("the same command goes on"), "{message}");
-    let rows = fs::read_to_string(bench.path("out/localization/office/trials.csv")).unwrap();
-    assert!(rows.ends_with('\n') && rows.lines().count() > 1, "{rows}");
+    let saved = saved(&bench, "out");
+    assert!(saved.ends_with('\n') && saved.lines().count() > 1, "{saved}");
 }
 
 #[test]
 fn trials_that_fail_are_rows_with_the_reason() {
     let bench = bench();
-    // The odometry between two scans of the second half is lost: held-out runs and runs on all scans
+    // The odometry between two scans of the second half is lost: runs on odd scans and runs on all scans
     // cannot get past it.
     let log = fs::read_to_string(bench.path("office.log")).unwrap();
     let mut scans = 0;
@@ -113,9 +130,21 @@ fn trials_that_fail_are_rows_with_the_reason() {
     let output = bench.run(&["run", "localization.toml", "--dataset", "gap.log"]);
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(message.contains("20 of 20 trials failed"), "{message}");
+    // That which the picture shows is one of them.
+    assert!(message.contains("36 of 36 trials failed"), "{message}");
     // The same reason is told once.
     assert_eq!(message.matches("has no odometry increment").count(), 1, "{message}");
-    let failures = bench.path("results/localization/gap/failures.csv");
-    assert_eq!(csv::Reader::from_path(failures).unwrap().records().count(), 20);
+    let failures = rows(&bench.path("results/localization/gap/failures.csv"));
+    assert_eq!(failures.len(), 36);
+    assert!(failures.iter().all(|row| row["reason"].contains("has no odometry increment")));
+
+    // Some fail: the others are rows, and the exit code says that not all is there.
+    let maps = LOCALIZATION
+        .replace("[views.summary]", "[[trials]]\nmap = \"rnd\"\nsize = 5\n[views.summary]");
+    fs::write(bench.path("localization.toml"), maps).unwrap();
+    let output = bench.run(&["run", "localization.toml", "--dataset", "gap.log", "--json"]);
+    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((told["trials"].as_u64(), told["done"].as_u64()), (Some(37), Some(1)));
+    assert_eq!(rows(&bench.path("results/localization/gap/trials.csv")).len(), 1);
 }

@@ -16,7 +16,8 @@ use crate::recipe::run::RunRecipe;
 use crate::store::identity::{Build, Identity};
 use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, Saved};
 use crate::store::results::{
-    FAILURES, MANIFEST, Manifest, Results, SHOWN, STUDY, Shown, TIMINGS, TRIALS, save, save_table,
+    FAILURES, FIGURES, MANIFEST, Manifest, Results, SHOWN, STUDY, SUMMARY, Shown, TESTS, TIMINGS,
+    TRIALS, save, save_table,
 };
 use crate::study::definition::Study;
 use crate::table::{Cells, Table};
@@ -62,10 +63,15 @@ pub struct Ran {
 /// A trial that is to be run.
 struct Task {
     trial: Trial,
-    /// Whether a picture shows its map.
-    is_shown: bool,
-    /// Identities of its rows.
+    /// Identities of its rows, one per run.
     identities: Vec<String>,
+}
+
+/// What is to be run.
+struct Work {
+    tasks: Vec<Task>,
+    /// Identities of rows whose maps and paths pictures show.
+    shown: HashSet<String>,
 }
 
 /// Runs a study on an open log or point cloud into `folder`, going on where earlier runs ended. The rows of
@@ -86,27 +92,39 @@ pub fn run_study(
     let dataset = identity.data.name.clone();
     create_folder(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     if fresh {
-        forget(folder)?;
+        let files = [MANIFEST, STUDY, TRIALS, TIMINGS, FAILURES, SUMMARY, TESTS];
+        forget(folder, &files, &[PARTS, SHOWN, FIGURES])?;
     }
-    for subfolder in ["", SHOWN, "figures"] {
-        remove_leftovers(&folder.join(subfolder));
+    remove_leftovers(folder);
+    for subfolder in [PARTS, SHOWN, FIGURES] {
+        let path = folder.join(subfolder);
+        if path.is_symlink() {
+            bail!("{} is a symbolic link, which is not written through; remove it", path.display());
+        }
+        remove_leftovers(&path);
     }
     let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
+    // What pictures show may be there without a row, of other data or of another build.
+    let before = Manifest::read(folder).ok().flatten();
+    if !before.is_some_and(|found| identity.check_same(&found.identity).is_ok()) {
+        let path = folder.join(SHOWN);
+        remove_folder(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+    }
     let manifest = Manifest { study: name.to_owned(), identity: identity.clone() }.to_text()?;
     save(&folder.join(MANIFEST), manifest.as_bytes())?;
     save(&folder.join(STUDY), study.text.as_bytes())?;
 
     let plan = study.plan(&dataset)?;
-    let mut tasks = pending(study, &plan.trials, &parts)?;
+    let mut work = Work { tasks: pending(study, &plan.trials, &parts)?, shown: HashSet::new() };
     let costs = Costs::measured(identity.data.points, &plan.trials, &parts);
-    let done = plan.trials.len() - tasks.len();
+    let done = plan.trials.len() - work.tasks.len();
     see(Event::Started { done, asked: plan.trials.len(), damage: &parts.damage });
-    tasks.extend(pictured(study, folder, &dataset, &parts)?);
+    work.add_pictured(study, folder, &dataset, &parts)?;
     drop(parts);
     let mut part = OwnPart::new(folder, &identity);
     let failed = match identity.data.dimensions {
-        3 => run_tasks::<3>(study, data, folder, &tasks, &costs, &mut part, &mut see)?,
-        _ => run_tasks::<2>(study, data, folder, &tasks, &costs, &mut part, &mut see)?,
+        3 => run_tasks::<3>(study, data, folder, &work, &costs, &mut part, &mut see)?,
+        _ => run_tasks::<2>(study, data, folder, &work, &costs, &mut part, &mut see)?,
     };
 
     // Somebody may have begun another study there, or the folder anew.
@@ -121,15 +139,43 @@ pub fn run_study(
         );
     }
     let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
+    remove_unpictured(study, folder, &dataset)?;
     let results = Results::of(folder, name, study.clone(), identity.data.clone(), &parts)?;
-    if results.table.is_empty() {
-        let reason = failed.first().map_or(String::new(), |f| format!(": {}", f.reason));
-        bail!("no trial succeeded: there is nothing to summarize{reason}");
-    }
-    save(&folder.join(TRIALS), &results.table.to_csv()?)?;
+    save_table(&folder.join(TRIALS), &results.table)?;
     save_table(&folder.join(TIMINGS), &timings(&parts, &plan.trials))?;
     save_table(&folder.join(FAILURES), &failures(&failed))?;
+    if results.table.is_empty() {
+        // Those of rows that the study asked for before.
+        forget(folder, &[SUMMARY, TESTS], &[FIGURES])?;
+        bail!(
+            "{} of {} trials failed, there is nothing to summarize; {FAILURES} has the reasons",
+            failed.len(),
+            work.tasks.len()
+        );
+    }
     Ok(Ran { results, failed })
+}
+
+/// Removes maps and paths that pictures showed before the study was edited.
+fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> {
+    let mut wanted = HashSet::new();
+    for picture in &study.views.pictures {
+        for map in &picture.maps {
+            let trial = study.pictured(dataset, map, picture.run)?;
+            for identity in trial.identities(&study.measures)? {
+                let Shown { map, reference, estimate } = Shown::of(folder, &identity);
+                wanted.insert(map);
+                wanted.extend(picture.run.map(|_| [reference, estimate]).into_iter().flatten());
+            }
+        }
+    }
+    let Ok(entries) = std::fs::read_dir(folder.join(SHOWN)) else { return Ok(()) };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        if Shown::is_name(&path) && !wanted.contains(&path) {
+            remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// The trials of which rows are missing, each with those of its runs whose rows are.
@@ -149,34 +195,49 @@ fn pending(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Task>> 
         let identities =
             identities.into_iter().filter(|_| *missing.next().unwrap_or(&false)).collect();
         let trial = Trial { map: trial.map.clone(), runs };
-        tasks.push(Task { trial, is_shown: false, identities });
+        tasks.push(Task { trial, identities });
     }
     Ok(tasks)
 }
 
-/// The maps that pictures show, as far as their files or rows are not there.
-fn pictured(study: &Study, folder: &Path, dataset: &str, parts: &Parts) -> Result<Vec<Task>> {
-    let mut tasks: Vec<Task> = Vec::new();
-    for picture in &study.views.pictures {
-        for map in &picture.maps {
-            let trial = study.pictured(dataset, map, picture.run)?;
-            let identities = trial.identities(&study.measures)?;
-            let is_there = identities.iter().all(|identity| {
-                parts.has(identity) && Shown::of(folder, identity).is_there(!trial.runs.is_empty())
-            });
-            if !is_there && tasks.iter().all(|task| task.identities != identities) {
-                tasks.push(Task { trial, is_shown: true, identities });
+impl Work {
+    /// Adds the maps that pictures show, as far as their files or rows are not there.
+    fn add_pictured(
+        &mut self,
+        study: &Study,
+        folder: &Path,
+        dataset: &str,
+        parts: &Parts,
+    ) -> Result<()> {
+        for picture in &study.views.pictures {
+            for map in &picture.maps {
+                let trial = study.pictured(dataset, map, picture.run)?;
+                let identities = trial.identities(&study.measures)?;
+                let is_there = identities.iter().all(|identity| {
+                    let shown = Shown::of(folder, identity);
+                    parts.has(identity) && shown.is_there(!trial.runs.is_empty())
+                });
+                if is_there {
+                    continue;
+                }
+                self.shown.extend(identities.iter().cloned());
+                // Most are trials of the study that are run anyway.
+                let is_run =
+                    |identity| self.tasks.iter().any(|task| task.identities.contains(identity));
+                if !identities.iter().all(is_run) {
+                    self.tasks.push(Task { trial, identities });
+                }
             }
         }
+        Ok(())
     }
-    Ok(tasks)
 }
 
 fn run_tasks<const D: usize>(
     study: &Study,
     data: &StudyData,
     folder: &Path,
-    tasks: &[Task],
+    work: &Work,
     costs: &Costs,
     part: &mut OwnPart<'_>,
     see: &mut impl FnMut(Event<'_>),
@@ -185,23 +246,19 @@ where
     Division<D>: Dimension<D>,
     MapMeasure: OfDimension<D>,
 {
+    let Work { tasks, shown } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
     let run = |task: &Task| -> Result<Saved> {
         let mut watch = Stopwatch::start();
-        let shown = task.identities.first().filter(|_| task.is_shown);
-        let show_run = |_: &RunRecipe, tracked: &TrackedRun| match shown {
-            None => Ok(()),
-            Some(identity) => {
-                let division = maps.division(&task.trial.map)?;
-                save_paths(
-                    &Shown::of(folder, identity),
-                    data.log()?,
-                    &division.scans.rating,
-                    tracked,
-                )
+        let mut runs = task.identities.iter();
+        let show_run = |_: &RunRecipe, tracked: &TrackedRun| match runs.next() {
+            Some(identity) if shown.contains(identity) => {
+                let rating = &maps.division(&task.trial.map)?.scans.rating;
+                save_paths(&Shown::of(folder, identity), data.log()?, rating, tracked)
             }
+            _ => Ok(()),
         };
-        if let Some(identity) = shown {
+        for identity in task.identities.iter().filter(|identity| shown.contains(*identity)) {
             save_map(&Shown::of(folder, identity), &maps, &task.trial)?;
         }
         let rows = run_trial(&task.trial, &maps, data, &study.measures, &mut watch, show_run)?;
@@ -304,13 +361,13 @@ fn failures(failed: &[FailedTrial]) -> Table {
     table
 }
 
-/// Removes what earlier runs left, and nothing else.
-fn forget(folder: &Path) -> Result<()> {
-    for file in [MANIFEST, STUDY, TRIALS, TIMINGS, FAILURES, "summary.csv", "tests.csv"] {
+/// Removes files and folders that earlier runs left.
+fn forget(folder: &Path, files: &[&str], subfolders: &[&str]) -> Result<()> {
+    for file in files {
         let path = folder.join(file);
         remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     }
-    for subfolder in [PARTS, SHOWN, "figures"] {
+    for subfolder in subfolders {
         let path = folder.join(subfolder);
         remove_folder(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     }

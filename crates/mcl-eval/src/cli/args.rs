@@ -28,8 +28,9 @@ pub struct Cli {
 #[derive(Debug, Args)]
 pub struct Global {
     /// Worker threads; 0 for one per core. Results do not depend on it.
-    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
-    pub threads: usize,
+    #[arg(long, global = true, default_value_t = 0, value_name = "N",
+        value_parser = clap::value_parser!(u16).range(..=1024))]
+    pub threads: u16,
     /// No progress bars and no notes on stderr; errors and losses are still told.
     #[arg(long, short, global = true)]
     pub quiet: bool,

@@ -19,6 +19,7 @@ mod simulate;
 
 use std::process::ExitCode;
 
+use anyhow::Context;
 use clap::Parser;
 
 use crate::progress::tell;
@@ -79,9 +80,9 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
     }
 }
 
-fn set_threads(threads: usize) -> anyhow::Result<()> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
-    Ok(())
+fn set_threads(threads: u16) -> anyhow::Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    pool.with_context(|| format!("cannot start {threads} worker threads"))
 }
 
 #[cfg(test)]

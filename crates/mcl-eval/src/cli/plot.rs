@@ -1,5 +1,6 @@
-use anyhow::{Context, Result, bail};
-use mcl_study::store::results::{Found, read_all};
+use anyhow::{Result, bail};
+use mcl_core::text::{counted, printable};
+use mcl_study::store::results::{Found, Results, read_all};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
@@ -23,13 +24,24 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
     for results in &results {
         let folder = results.folder.display();
         complete &= results.is_complete() && results.damage.is_empty();
-        results.write_trials()?;
-        figures::write_tables(results)?;
-        let drawn = figures::draw(results)
-            .with_context(|| format!("cannot draw the figures of {folder}"))?;
-        if !global.quiet {
-            for path in drawn {
-                tell!("{}", path.display());
+        if let Some(first) = results.damage.first() {
+            let damaged = counted(results.damage.len(), "damaged line");
+            tell!("warning: {folder}: {damaged} in the saved rows, such as {}", printable(first));
+        }
+        if !results.is_complete() {
+            let Results { done, asked, .. } = results;
+            tell!("warning: {folder}: {done} of {asked} trials have rows");
+        }
+        let drawn = results
+            .write_trials()
+            .and_then(|()| figures::write_tables(results))
+            .and_then(|()| figures::draw(results));
+        match drawn {
+            Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
+            Ok(_) => {}
+            Err(error) => {
+                tell!("error: leaving out {folder}: {}", told_once(&error));
+                complete = false;
             }
         }
     }

@@ -6,7 +6,7 @@ use mcl_core::text::printable;
 use mcl_datasets::registry::{Registry, Source, is_plain_name};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
-use mcl_study::data::source::DataSource;
+use mcl_study::data::source::{DataSource, name_of};
 use mcl_study::run::{Event, Ran, run_study};
 use mcl_study::store::identity::{Build, Identity};
 use mcl_study::store::parts::Parts;
@@ -64,6 +64,15 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     if args.list {
         return list(args, &study, &name, &names);
     }
+    let called: Vec<String> = names.iter().map(|name| name_of(name)).collect();
+    if let Some((at, name)) =
+        called.iter().enumerate().find(|(at, name)| called[..*at].contains(name))
+    {
+        bail!(
+            "{}: {name} is listed twice; results are kept under the name, so that each needs its own",
+            names[at]
+        );
+    }
     end_on_interrupt(&args.output)?;
     let mut complete = true;
     let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
@@ -72,9 +81,6 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         let source = open(args, &study, dataset)?;
         complete &= tell_data_losses(dataset, &source) == Outcome::Done;
         let folder = args.output.join(&name).join(source.name());
-        if told.folders.contains(&folder) {
-            bail!("{dataset}: the results of another log of this name are in {}", folder.display());
-        }
         let ran = run_on(&study, &name, source, &folder, args.fresh, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
@@ -82,7 +88,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
                 told.trials += results.asked;
                 told.done += results.done;
                 told.failed += failed.len();
-                complete &= results.damage.is_empty() && results.is_complete();
+                complete &= results.is_complete();
                 told.folders.push(folder);
                 all.push(results);
             }

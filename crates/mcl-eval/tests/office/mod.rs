@@ -1,4 +1,4 @@
-//! A small laser log, and experiments on it as a user runs them.
+//! A small laser log, and studies of it as a user runs them.
 
 // Each test program uses a part of this.
 #![allow(dead_code)]
@@ -8,34 +8,51 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Localization with 20 trials.
+/// Localization with 36 trials of two runs.
 pub const LOCALIZATION: &str = r#"
-    kind = "localization"
-    seed = 3
-    runs = 4
-    maps = 2
-    splits = ["same", "held-out"]
-    sizes = [5, 20]
-    odometry_noise = { xy = 0.01, theta = 0.01 }
-    sigma = 0.05
-    tolerance = 1e-3
-    max_iterations = 50
-    filter = { particles = 50, beams = 30 }
-    figures = { trajectory = 5 }
+seed = 3
+[base]
+sigma = 0.05
+tolerance = 1e-3
+max_iterations = 50
+odometry_noise = { xy = 0.01, theta = 0.01 }
+particles = 50
+beams = 30
+[[trials]]
+split = ["same", "alternate"]
+map = ["all", "gbs", "gbs+f-km", "rnd", "rnd+f-km"]
+size = [5, 20]
+draws = 2
+runs = 2
+[views.summary]
+columns = ["map_points", "weighted", "diverged"]
+[[views.tests]]
+y = "weighted"
+ratio = true
+pairs = [["gbs+f-km", "gbs"], ["rnd+f-km", "rnd"], ["gbs", "rnd"], ["gbs+f-km", "rnd+f-km"]]
+[[views.charts]]
+name = "figure5-localization-{split}"
+x = { column = "real_percent", scale = "log" }
+y = { column = "weighted", scale = "log" }
+marks = "diverged"
+[[views.pictures]]
+name = "trajectory"
+maps = [{ map = "gbs+f-km", size = 5 }]
+run = 0
 "#;
 
-/// A folder with the first scans of the simulated office as `office.log`, and experiments by name.
+/// A folder with the first scans of the simulated office as `office.log`, and studies by name.
 pub struct Bench {
     folder: tempfile::TempDir,
 }
 
 impl Bench {
     /// Of 40 scans.
-    pub fn new(experiments: &[(&str, &str)]) -> Self {
-        Self::with_scans(40, experiments)
+    pub fn new(studies: &[(&str, &str)]) -> Self {
+        Self::with_scans(40, studies)
     }
 
-    pub fn with_scans(scans: usize, experiments: &[(&str, &str)]) -> Self {
+    pub fn with_scans(scans: usize, studies: &[(&str, &str)]) -> Self {
         let bench = Bench { folder: tempfile::tempdir().unwrap() };
         bench.mcl_eval(&["simulate", "-o", "whole.log"]);
         let whole = fs::read_to_string(bench.path("whole.log")).unwrap();
@@ -43,7 +60,7 @@ impl Bench {
         let head = whole.lines().position(|line| line.starts_with("FLASER")).unwrap();
         let lines: Vec<&str> = whole.lines().take(head + 3 * scans).collect();
         fs::write(bench.path("office.log"), lines.join("\n") + "\n").unwrap();
-        for (name, definition) in experiments {
+        for (name, definition) in studies {
             fs::write(bench.path(&format!("{name}.toml")), definition).unwrap();
         }
         bench
@@ -75,9 +92,9 @@ impl Bench {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Runs an experiment, which has to succeed, and returns its result folder.
+    /// Runs a study, which has to succeed, and returns its result folder.
     #[track_caller]
-    pub fn experiment(&self, name: &str, root: &str, more: &[&str]) -> PathBuf {
+    pub fn study(&self, name: &str, root: &str, more: &[&str]) -> PathBuf {
         let definition = format!("{name}.toml");
         let mut arguments = vec!["run", &definition, "--dataset", "office.log", "-o", root];
         arguments.extend(more);
@@ -85,20 +102,49 @@ impl Bench {
         self.path(root).join(name).join("office")
     }
 
-    /// Runs an experiment on one thread, on two, and again after its rows were cut off in the middle, which has
+    /// Runs a study on one thread, on two, and again after its rows were cut off in the middle, which has
     /// to give the same bytes, and returns its result folder.
     #[track_caller]
     pub fn reproduced(&self, name: &str) -> PathBuf {
-        let one = self.experiment(name, "one", &["--threads", "1"]);
-        let two = self.experiment(name, "two", &["--threads", "2"]);
+        let one = self.study(name, "one", &["--threads", "1"]);
+        let two = self.study(name, "two", &["--threads", "2"]);
         assert_same(&two, &one);
-        let path = two.join("trials.csv");
-        let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, &text[..text.len() / 3]).unwrap();
-        self.experiment(name, "two", &["--threads", "2"]);
+        cut_rows(&two, 3);
+        self.study(name, "two", &["--threads", "7"]);
         assert_same(&two, &one);
         one
     }
+}
+
+/// The files of rows of a result folder.
+pub fn parts(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = fs::read_dir(folder.join("parts")) else { return Vec::new() };
+    entries.map(|entry| entry.unwrap().path()).collect()
+}
+
+/// Cuts off the rows of a folder with one file of them, so that one in so many bytes is left.
+#[track_caller]
+pub fn cut_rows(folder: &Path, share: usize) {
+    let [path] = &parts(folder)[..] else { panic!("expected one file of rows") };
+    let bytes = fs::read(path).unwrap();
+    fs::write(path, &bytes[..bytes.len() / share]).unwrap();
+}
+
+/// The rows of a CSV file, by column.
+#[track_caller]
+pub fn rows(path: &Path) -> Vec<BTreeMap<String, String>> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let header = reader.headers().unwrap().clone();
+    let row = |record: csv::StringRecord| {
+        header.iter().map(str::to_owned).zip(record.iter().map(str::to_owned)).collect()
+    };
+    reader.records().map(|record| row(record.unwrap())).collect()
+}
+
+/// The number in a cell of a row.
+#[track_caller]
+pub fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} is {:?}", row[column]))
 }
 
 /// What is in the files of a result folder that are the same bytes for every run, by path.
@@ -111,7 +157,7 @@ pub fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             let relative = path.strip_prefix(folder).unwrap().to_owned();
             if path.is_dir() {
                 folders.push(path);
-            } else if relative != Path::new("timings.csv") && relative != Path::new(".lock") {
+            } else if relative != Path::new("timings.csv") && !relative.starts_with("parts") {
                 found.insert(relative, fs::read(path).unwrap());
             }
         }

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use mcl_core::{Recording, Seed};
+use mcl_core::{Pose2, Recording, Seed};
 use mcl_datasets::bag::BagError;
 use mcl_datasets::log::{
     Log, LogError, LogKind, ReadReport, ReferencePoses, is_bag, is_bag_folder, read_log_as,
@@ -129,6 +129,14 @@ impl DataSource {
             DataSource::Log(log) => log.points().map(Points::Planar),
             DataSource::Cloud(cloud) => Ok(cloud.points.clone()),
         }
+    }
+}
+
+/// What a log, point cloud or data set will be called once it is open: see [`LogSource::name`].
+pub fn name_of(name_or_path: &str) -> String {
+    match Path::new(name_or_path) {
+        path if is_path(path) => stem(path),
+        _ => name_or_path.to_owned(),
     }
 }
 
@@ -307,11 +315,13 @@ fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
     }
 }
 
-/// SHA-256 of what a recording holds (readings, directions, poses, odometry, stamps), whatever the
-/// file it came from.
+/// SHA-256 of what a recording holds (where the laser is mounted, readings, directions, poses, odometry,
+/// stamps), whatever the file it came from.
 pub fn digest(recording: &Recording) -> String {
     let mut hash = Sha256::new();
     let mut number = |value: f64| hash.update(value.to_bits().to_le_bytes());
+    let Pose2 { x, y, theta } = recording.robot_from_laser;
+    [x, y, theta].into_iter().for_each(&mut number);
     for scan in &recording.scans {
         number(scan.ranges.len() as f64);
         scan.ranges.iter().for_each(|&range| number(range));

@@ -13,12 +13,18 @@ pub mod split;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// The identity of what a recipe (or several) makes: the first 16 hexadecimal digits of the SHA-256 of
-/// its JSON.
+/// The identity of what a recipe (or several) makes: the [digest] of its JSON.
 ///
 /// # Errors
 /// When it cannot be written as JSON.
 pub fn identity(recipe: &impl Serialize) -> anyhow::Result<String> {
-    let digest = Sha256::digest(serde_json::to_vec(recipe)?);
-    Ok(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
+    Ok(digest(&serde_json::to_vec(recipe)?))
 }
+
+/// The first 16 hexadecimal digits of the SHA-256.
+pub fn digest(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().take(DIGITS / 2).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Number of digits of a [digest].
+pub const DIGITS: usize = 16;

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, bail};
 use mcl_core::files::{Journal, JournalLine, create_folder, journal_lines, journals};
 use serde::{Deserialize, Serialize};
 
+use crate::recipe::{DIGITS, digest};
 use crate::store::identity::Identity;
 use crate::table::{Cells, Value};
 
@@ -31,6 +32,26 @@ enum Line {
     Trial(Saved),
     /// A trial that failed.
     Failed(FailedTrial),
+}
+
+/// The JSON of a line as it is saved: with its digest, so that nothing damaged passes for a row.
+pub fn seal(json: &[u8]) -> Vec<u8> {
+    [SEAL[0], digest(json).as_bytes(), SEAL[1], json, SEAL[2]].concat()
+}
+
+/// What stands before the digest, between digest and JSON, and behind it: the whole is JSON, too.
+const SEAL: [&[u8]; 3] = [br#"{"sha256":""#, br#"","line":"#, b"}"];
+
+impl Line {
+    /// Of a line as it is saved, unless it is damaged.
+    fn unsealed(bytes: &[u8]) -> Option<Line> {
+        let (found, rest) = bytes.strip_prefix(SEAL[0])?.split_at_checked(DIGITS)?;
+        let json = rest.strip_prefix(SEAL[1])?.strip_suffix(SEAL[2])?;
+        if found != digest(json).as_bytes() {
+            return None;
+        }
+        serde_json::from_slice(json).ok()
+    }
 }
 
 /// Rows of a trial that ended.
@@ -107,11 +128,11 @@ impl<'a> OwnPart<'a> {
                 create_folder(&parts).with_context(cannot)?;
                 let mut journal = Journal::create(&parts, PREFIX).with_context(cannot)?;
                 let first = serde_json::to_vec(&Line::Identity(Box::new(self.identity.clone())))?;
-                journal.append(&first).with_context(cannot)?;
+                journal.append(&seal(&first)).with_context(cannot)?;
                 self.journal.insert(journal)
             }
         };
-        journal.append(&serde_json::to_vec(line)?).with_context(cannot)
+        journal.append(&seal(&serde_json::to_vec(line)?)).with_context(cannot)
     }
 }
 
@@ -164,33 +185,34 @@ impl Parts {
                 // Cut off by the end of its process, or still being written by another one.
                 Ok(JournalLine::Torn { .. }) => break,
                 Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
-                    self.damage.push(damaged("too long, its trial is run again"));
+                    self.damage.push(damaged("too long, left out"));
                     continue;
                 }
                 Err(error) => return Err(error.into()),
             };
-            match (serde_json::from_slice::<Line>(&line), &is_of_this) {
-                (Ok(Line::Identity(found)), None) => {
+            match (Line::unsealed(&line), &is_of_this) {
+                (Some(Line::Identity(found)), None) => {
                     is_of_this = Some(identity.check_same(&found));
                 }
-                (Ok(Line::Trial(saved)), Some(Ok(()))) => {
+                (Some(Line::Trial(saved)), Some(Ok(()))) => {
                     self.add(saved, path, number)?;
                 }
-                (Ok(Line::Failed(failed)), Some(Ok(()))) => self.failed.push(failed),
-                (Ok(Line::Trial(_)), Some(Err(difference))) => {
+                (Some(Line::Failed(failed)), Some(Ok(()))) => self.failed.push(failed),
+                (Some(Line::Trial(_)), Some(Err(difference))) => {
                     bail!(
                         "the rows there {difference}; --fresh removes them and starts anew, -o \
                          writes elsewhere"
                     );
                 }
-                (Ok(Line::Failed(_)), Some(Err(_))) => {}
+                (Some(Line::Failed(_)), Some(Err(_))) => {}
                 (_, None) => {
                     // Whose rows these are cannot be known.
-                    self.damage
-                        .push(damaged("no identity of rows; what follows is computed again"));
+                    self.damage.push(damaged(
+                        "damaged, and with it what says whose rows follow; they are left out",
+                    ));
                     break;
                 }
-                _ => self.damage.push(damaged("damaged, its trial is run again")),
+                _ => self.damage.push(damaged("damaged, left out")),
             }
         }
         Ok(())
@@ -206,7 +228,7 @@ impl Parts {
         for (identity, values) in rows {
             if values.len() != self.columns[columns].len() {
                 let place = format!("{} line {line}", path.display());
-                self.damage.push(format!("{place}: damaged, its trial is run again"));
+                self.damage.push(format!("{place}: damaged, left out"));
                 return Ok(());
             }
             match self.rows.entry(identity) {

@@ -20,6 +20,7 @@ use mcl_core::files::{remove, write_atomically};
 use serde::{Deserialize, Serialize};
 
 use crate::data::facts::DataFacts;
+use crate::recipe::DIGITS;
 use crate::store::identity::Identity;
 use crate::store::parts::{Parts, has_parts};
 use crate::study::definition::Study;
@@ -38,6 +39,12 @@ pub const TIMINGS: &str = "timings.csv";
 pub const FAILURES: &str = "failures.csv";
 /// Folder of the files that pictures show.
 pub const SHOWN: &str = "shown";
+/// Means and intervals.
+pub const SUMMARY: &str = "summary.csv";
+/// Tests.
+pub const TESTS: &str = "tests.csv";
+/// Folder of the figures.
+pub const FIGURES: &str = "figures";
 /// A file of a result folder that is read whole at most (bytes).
 const MAX_BYTES: u64 = 4 << 20;
 
@@ -268,6 +275,17 @@ impl Shown {
             reference: path("-reference.tum"),
             estimate: path("-estimate.tum"),
         }
+    }
+
+    /// Whether a path is named after an identity, as these are.
+    pub fn is_name(path: &Path) -> bool {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let ends = [".ply", "-reference.tum", "-estimate.tum"];
+        ends.iter().any(|ending| {
+            name.strip_suffix(ending).is_some_and(|identity| {
+                identity.len() == DIGITS && identity.bytes().all(|byte| byte.is_ascii_hexdigit())
+            })
+        })
     }
 
     /// Whether they are there; those of a path only where one is shown.

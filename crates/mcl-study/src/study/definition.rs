@@ -1,9 +1,11 @@
 //! Reading a study's file.
 
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use mcl_core::files::open;
 use mcl_datasets::registry::is_plain_name;
 use mcl_maps::Refinement;
 use serde::Deserialize;
@@ -24,6 +26,8 @@ use crate::trial::run::Trial;
 const MAX_BYTES: u64 = 1 << 20;
 /// Rows of a data set at most: what is listed before the first trial is run.
 const MAX_ROWS: usize = 1_000_000;
+/// Characters of a message at most.
+const LONGEST_MESSAGE: usize = 1000;
 /// Values of a range at most.
 const MAX_STEPS: f64 = 1000.0;
 
@@ -115,11 +119,12 @@ impl Study {
     /// names file, line and key.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<String> {
-            let size = std::fs::metadata(path)?.len();
-            if size > MAX_BYTES {
-                bail!("it has {size} bytes, expected at most {MAX_BYTES}");
+            let mut text = Vec::new();
+            open(path)?.take(MAX_BYTES + 1).read_to_end(&mut text)?;
+            if text.len() as u64 > MAX_BYTES {
+                bail!("it is larger than {MAX_BYTES} bytes");
             }
-            Ok(std::fs::read_to_string(path)?)
+            Ok(String::from_utf8(text)?)
         };
         let text = read().with_context(|| format!("cannot read study {}", path.display()))?;
         Self::parse(&text).with_context(|| format!("in study {}", path.display()))
@@ -130,6 +135,10 @@ impl Study {
     /// # Errors
     /// As [`Study::read`], without the file's name.
     pub fn parse(text: &str) -> Result<Self> {
+        Self::checked(text).map_err(short)
+    }
+
+    fn checked(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text).map_err(|error| toml_error(text, &error))?;
         let source = Source(text);
         let measures = match &file.measures {
@@ -459,6 +468,15 @@ fn steps(range: &serde_json::Map<String, Json>) -> Result<Vec<Json>, String> {
     let end = to * (1.0 + 1e-9);
     let values = (0..).map(|step| from * factor.powi(step));
     Ok(values.take_while(|&value| value <= end).map(Json::from).collect())
+}
+
+/// Words of a file may be as long as the file; messages that repeat them are not.
+fn short(error: anyhow::Error) -> anyhow::Error {
+    let message = format!("{error:#}");
+    match message.char_indices().nth(LONGEST_MESSAGE) {
+        Some((end, _)) => anyhow::anyhow!("{} …", &message[..end]),
+        None => error,
+    }
 }
 
 /// A TOML error with its line, without the line's text, which may be long.

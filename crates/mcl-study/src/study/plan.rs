@@ -12,8 +12,8 @@ use crate::trial::run::Trial;
 pub struct Plan {
     /// The trials.
     pub trials: Vec<Trial>,
-    /// Place of a map's trial, by the map's identity and draw.
-    places: HashMap<(String, u32), usize>,
+    /// Place of a map's trial, by the map's identity, its name and draw.
+    places: HashMap<(String, String, u32), usize>,
     /// Names of the entries of `[[trials]]` that ask for a row, by place of trial and run.
     entries: HashMap<(usize, Option<String>), Vec<String>>,
     names: Vec<String>,
@@ -25,7 +25,7 @@ pub const ENTRIES: &str = "trials";
 impl Plan {
     /// Adds a trial of an entry; runs on a map that is there join those on it.
     pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
-        let key = (trial.map.identity()?, trial.map.draw);
+        let key = (trial.map.identity()?, trial.map.kind.name.clone(), trial.map.draw);
         let runs: Vec<Option<String>> = match trial.runs.is_empty() {
             true => vec![None],
             false => trial

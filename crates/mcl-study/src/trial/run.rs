@@ -30,11 +30,12 @@ impl Trial {
     /// When a recipe cannot be written as JSON.
     pub fn identities(&self, measures: &Measures) -> Result<Vec<String>> {
         let map = self.map.identity()?;
-        let draw = self.map.draw;
-        let root = self.map.seed;
-        let names = measures.names();
+        // A study may give one refinement several names, and rows hold the name.
+        let name = &self.map.kind.name;
+        let MapRecipe { draw, seed, .. } = self.map;
+        let measures = measures.names();
         let of = |run: Option<serde_json::Value>| {
-            crate::recipe::identity(&(&map, draw, root, &names, run))
+            crate::recipe::identity(&(&map, name, draw, seed, &measures, run))
         };
         if self.runs.is_empty() {
             return Ok(vec![of(None)?]);
