@@ -316,6 +316,11 @@ fn leftovers_are_removed_and_nothing_else() {
     assert!(killed.starts_with(".map.csv.mcl-eval-"), "{killed}");
     assert!(killed.contains(&format!("-{}-", std::process::id())), "{killed}");
 
+    // What is being written stays, however long nothing was added to it.
+    let output = Output::create(&at("slow.csv")).unwrap();
+    let slow = fs::OpenOptions::new().write(true).open(output.temporary_path()).unwrap();
+    slow.set_modified(SystemTime::now() - Duration::from_secs(7 * 3600)).unwrap();
+
     // Of another host, whose processes nobody here knows.
     let young = ".map.csv.mcl-eval-ffffff-1-AbCd1234.tmp";
     let old = ".map.csv.mcl-eval-ffffff-1-AbCd5678.tmp";
@@ -333,8 +338,9 @@ fn leftovers_are_removed_and_nothing_else() {
     fs::create_dir(at(&inner)).unwrap();
 
     prepare(&[&at("map.csv")], &[]).unwrap();
+    output.commit().unwrap();
     let mut expected = others.map(str::to_owned).to_vec();
-    expected.extend([young.to_owned(), link, inner]);
+    expected.extend([young.to_owned(), link, inner, "slow.csv".to_owned()]);
     expected.sort();
     assert_eq!(names(folder.path()), expected);
     remove_leftovers(&at("absent"));

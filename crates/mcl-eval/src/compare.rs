@@ -1,3 +1,5 @@
+//! Whether results that were computed again are those of an earlier run.
+
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};

@@ -14,3 +14,4 @@ pub mod store;
 pub mod study;
 pub mod table;
 pub mod trial;
+pub mod view;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 /// What tells a file apart from all others, whatever its names: device and number of the file on Unix, the
 /// canonical path elsewhere.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct Identity {
     #[cfg(unix)]
     device_and_number: (u64, u64),

@@ -1,3 +1,4 @@
+use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::io;
@@ -27,86 +28,74 @@ pub struct Unwritable {
 /// # Errors
 /// The first reason.
 pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Unwritable> {
-    let inputs: Vec<Input> = inputs.iter().flat_map(|path| Input::all_of(path)).collect();
-    let mut places: Vec<Place<'_>> = Vec::new();
+    let inputs: HashMap<Identity, PathBuf> =
+        inputs.iter().flat_map(|path| files_of(path)).collect();
+    let mut places = Places::default();
     for output in outputs {
         let unwritable = |source| Unwritable { path: output.to_path_buf(), source };
-        let place = Place::of(output).map_err(unwritable)?;
-        place.check(&inputs, &places).map_err(unwritable)?;
-        places.push(place);
+        check(output, &inputs, &mut places).map_err(unwritable)?;
     }
-    for place in &places {
-        remove_leftovers(folder_of(place.path));
+    for folder in places.folders.values() {
+        remove_leftovers(folder);
     }
     Ok(())
 }
 
-/// A file that is read.
-struct Input {
-    path: PathBuf,
-    identity: Identity,
-}
-
-impl Input {
-    /// The file, or the files of a folder, such as that of a split bag.
-    fn all_of(path: &Path) -> Vec<Input> {
-        let mut paths = vec![path.to_owned()];
-        if path.is_dir()
-            && let Ok(entries) = fs::read_dir(path)
-        {
-            paths.extend(entries.flatten().map(|entry| entry.path()));
-        }
-        let known = |path: PathBuf| Some(Input { identity: Identity::of_path(&path).ok()?, path });
-        paths.into_iter().filter_map(known).collect()
+/// An input: the file, or the folder with the files in it, such as that of a split bag.
+fn files_of(path: &Path) -> Vec<(Identity, PathBuf)> {
+    let mut paths = vec![path.to_owned()];
+    if path.is_dir()
+        && let Ok(entries) = fs::read_dir(path)
+    {
+        paths.extend(entries.flatten().map(|entry| entry.path()));
     }
+    let known = |path: PathBuf| Some((Identity::of_path(&path).ok()?, path));
+    paths.into_iter().filter_map(known).collect()
 }
 
-/// Where a file is to be written.
-struct Place<'a> {
+/// Where files are to be written.
+#[derive(Default)]
+struct Places<'a> {
+    folders: HashMap<Identity, &'a Path>,
+    /// By folder and name: most are not there yet.
+    names: HashMap<(Identity, &'a OsStr), &'a Path>,
+    /// Those that are there.
+    files: HashMap<Identity, &'a Path>,
+}
+
+fn check<'a>(
     path: &'a Path,
-    folder: Identity,
-    name: &'a OsStr,
-    /// Of what stands there.
-    identity: Option<Identity>,
-}
-
-impl<'a> Place<'a> {
-    fn of(path: &'a Path) -> io::Result<Self> {
-        let invalid = |message| io::Error::new(io::ErrorKind::InvalidInput, message);
-        let name = path
-            .file_name()
-            .ok_or_else(|| invalid("expected a path that ends in a file name".to_owned()))?;
-        let folder = folder_of(path);
-        if !folder.is_dir() {
-            let message = format!("there is no folder {}", folder.display());
-            return Err(io::Error::new(io::ErrorKind::NotFound, message));
-        }
-        let identity = match Identity::of_path(path) {
-            Ok(identity) => Some(identity),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            Err(error) => return Err(error),
-        };
-        Ok(Place { path, folder: Identity::of_path(folder)?, name, identity })
+    inputs: &HashMap<Identity, PathBuf>,
+    places: &mut Places<'a>,
+) -> io::Result<()> {
+    let refused = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+    let Some(name) = path.file_name() else {
+        return refused("expected a path that ends in a file name".to_owned());
+    };
+    let folder = folder_of(path);
+    if !folder.is_dir() {
+        let message = format!("there is no folder {}", folder.display());
+        return Err(io::Error::new(io::ErrorKind::NotFound, message));
     }
-
-    fn check(&self, inputs: &[Input], others: &[Place<'_>]) -> io::Result<()> {
-        let refused = |message| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
-        let stands_there = |identity: &Identity| self.identity.as_ref() == Some(identity);
-        if let Some(input) = inputs.iter().find(|input| stands_there(&input.identity)) {
-            let input = match input.path == self.path {
-                true => "an input".to_owned(),
-                false => format!("the input {} under another name", input.path.display()),
-            };
-            return refused(format!("it is {input}; give the output another name"));
-        }
-        let is_here = |other: &&Place<'_>| {
-            other.identity.as_ref().is_some_and(stands_there)
-                || (other.folder == self.folder && other.name == self.name)
+    let file = match Identity::of_path(path) {
+        Ok(identity) => Some(identity),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error),
+    };
+    if let Some(input) = file.as_ref().and_then(|file| inputs.get(file)) {
+        let input = match input == path {
+            true => "an input".to_owned(),
+            false => format!("the input {} under another name", input.display()),
         };
-        if let Some(other) = others.iter().find(is_here) {
-            let other = other.path.display();
-            return refused(format!("{other} would be written there, too; give it another name"));
-        }
-        check_replaceable(self.path)
+        return refused(format!("it is {input}; give the output another name"));
     }
+    let folder_identity = Identity::of_path(folder)?;
+    places.folders.insert(folder_identity.clone(), folder);
+    let same_name = places.names.insert((folder_identity, name), path);
+    let same_file = file.and_then(|file| places.files.insert(file, path));
+    if let Some(other) = same_name.or(same_file) {
+        let other = other.display();
+        return refused(format!("{other} would be written there, too; give it another name"));
+    }
+    check_replaceable(path)
 }

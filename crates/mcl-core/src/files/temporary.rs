@@ -20,7 +20,7 @@ const RANDOM: usize = 8;
 const SHORT: usize = 64;
 /// Endings up to this length are kept where they are asked for.
 const LONGEST_ENDING: usize = 8;
-/// What was not written to for so long is abandoned, whoever wrote it.
+/// What was not written to for so long is abandoned, unless it is locked.
 const ABANDONED_AFTER: Duration = Duration::from_secs(6 * 3600);
 
 /// This host, in six hexadecimal digits: locks and processes of other hosts say nothing here.
@@ -110,26 +110,35 @@ fn is_leftover(path: &Path) -> bool {
     if !metadata.is_file() {
         return false;
     }
+    match is_locked(path) {
+        Some(true) => return false,
+        Some(false) if host == *HOST => return true,
+        _ => {}
+    }
     let age = metadata.modified().ok().and_then(|time| time.elapsed().ok());
-    age.is_some_and(|age| age > ABANDONED_AFTER) || (host == *HOST && is_unlocked(path))
+    age.is_some_and(|age| age > ABANDONED_AFTER)
 }
 
-/// Whether the process that locked a file is gone.
+/// Whether a process has locked a file; `None` where that cannot be known.
 #[cfg(unix)]
-fn is_unlocked(path: &Path) -> bool {
+fn is_locked(path: &Path) -> Option<bool> {
     // Some file systems lock only what is open to be written.
-    let opened = fs::OpenOptions::new().read(true).write(true).open(path);
-    opened.is_ok_and(|file| file.try_lock().is_ok())
+    let file = fs::OpenOptions::new().read(true).write(true).open(path).ok()?;
+    match file.try_lock() {
+        Ok(()) => Some(false),
+        Err(TryLockError::WouldBlock) => Some(true),
+        Err(TryLockError::Error(_)) => None,
+    }
 }
 
 #[cfg(not(unix))]
-fn is_unlocked(_: &Path) -> bool {
-    false
+fn is_locked(_: &Path) -> Option<bool> {
+    None
 }
 
-/// Removes the temporary files in a folder that no process writes any more: theirs was killed, or they were
-/// not written to for six hours. Of a process on another host only the latter is known. A file that cannot
-/// be removed stays: it is in nobody's way.
+/// Removes the temporary files in a folder that no process writes any more: theirs was killed, or, where that
+/// cannot be known (it ran on another host, or there are no locks), they were not written to for six hours.
+/// A file that cannot be removed stays: it is in nobody's way.
 pub fn remove_leftovers(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for path in entries.flatten().map(|entry| entry.path()).filter(|path| is_leftover(path)) {

@@ -1,7 +1,24 @@
-use mcl_metrics::MetricsError;
+//! What a claim consists of.
+
+use mcl_metrics::{Effect, MetricsError, TooFew, holm};
+use mcl_study::recipe::split::Split;
 use serde::Serialize;
 
-use crate::experiment::Split;
+/// Level of every test, as in the paper.
+pub const ALPHA: f64 = 0.01;
+
+/// All claims about one data set.
+#[derive(Debug, Clone, Serialize)]
+pub struct DatasetClaims {
+    /// Name in the registry, or of the log file.
+    pub name: String,
+    /// The data in words: title, scans and points.
+    pub description: String,
+    /// The claims, in the paper's order.
+    pub claims: Vec<Claim>,
+    /// What could not be decided as a whole, a sentence each.
+    pub notes: Vec<String>,
+}
 
 /// A statement of the paper beside what was measured.
 #[derive(Debug, Clone, Serialize)]
@@ -9,13 +26,19 @@ pub struct Claim {
     /// What it was measured on.
     #[serde(flatten)]
     pub place: Place,
-    /// What is claimed and how it is tested.
-    #[serde(flatten)]
-    pub statement: Statement,
+    /// Name of the claim, the same in every version of the program.
+    pub id: &'static str,
+    /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
+    pub section: &'static str,
+    /// What it says, in other words.
+    pub statement: &'static str,
+    /// What exactly is tested or compared.
+    pub test: &'static str,
     /// What was measured; of a claim that is not testable, why.
     pub measured: String,
-    /// p value of the test; `None` where exact numbers are compared, or nothing could be tested.
-    pub p: Option<f64>,
+    /// How large the effect is, and how sure.
+    #[serde(flatten)]
+    pub evidence: Evidence,
     /// What comes of it.
     pub verdict: Verdict,
 }
@@ -25,77 +48,34 @@ pub struct Claim {
 pub struct Place {
     /// Name in the registry, or of the log file.
     pub dataset: String,
-    /// Name of the experiment; `None` when there is none to measure the claim on.
+    /// Name of the study; `None` for facts about the data.
     pub experiment: Option<String>,
-    /// Which scans built the maps and which were localized; `None` where that is no question.
+    /// Which scans built the maps and which were localized; `None` where all of them did both.
     pub split: Option<Split>,
-}
-
-/// A statement of the paper, in other words, and the test of it.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Statement {
-    /// Name of the claim, the same in every version of the program.
-    pub id: &'static str,
-    /// Where the paper says it.
-    pub section: Section,
-    /// What it says.
-    #[serde(rename = "statement")]
-    pub text: &'static str,
-    /// What exactly is tested or compared.
-    pub test: &'static str,
-}
-
-/// Section of the paper, in its order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub enum Section {
-    /// Introduction.
-    #[serde(rename = "I")]
-    Introduction,
-    /// Generating the initial map.
-    #[serde(rename = "IV")]
-    InitialMap,
-    /// Experimental results.
-    #[serde(rename = "V")]
-    Results,
-    /// Likelihood maximization.
-    #[serde(rename = "V-A")]
-    Likelihood,
-    /// Localization using sample-based maps.
-    #[serde(rename = "V-B")]
-    Localization,
-}
-
-impl Section {
-    /// Its number in the paper.
-    pub fn number(self) -> &'static str {
-        match self {
-            Section::Introduction => "I",
-            Section::InitialMap => "IV",
-            Section::Results => "V",
-            Section::Likelihood => "V-A",
-            Section::Localization => "V-B",
-        }
-    }
 }
 
 /// What comes of a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(into = "&'static str")]
 pub enum Verdict {
     /// It holds for what was measured.
-    #[serde(rename = "reproduced")]
     Reproduced,
     /// It does not, or not surely enough.
-    #[serde(rename = "not reproduced")]
     NotReproduced,
-    /// The saved results cannot tell.
-    #[serde(rename = "not testable")]
+    /// The saved results cannot decide it.
     NotTestable,
 }
 
 impl Verdict {
-    /// Its name, also in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
+    /// All of them.
+    pub const ALL: [Verdict; 3] =
+        [Verdict::Reproduced, Verdict::NotReproduced, Verdict::NotTestable];
+}
+
+/// The name, also in JSON.
+impl From<Verdict> for &'static str {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
             Verdict::Reproduced => "reproduced",
             Verdict::NotReproduced => "not reproduced",
             Verdict::NotTestable => "not testable",
@@ -103,16 +83,95 @@ impl Verdict {
     }
 }
 
+/// How large an effect is, and how sure; nothing where exact numbers are compared.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Evidence {
+    /// p value of the test, adjusted for the number of tests where the strongest of several counts.
+    pub p: Option<f64>,
+    /// The effect in the comparison that decides.
+    pub effect: Option<f64>,
+    /// Lower end of its 95 % confidence interval, not adjusted.
+    pub low: Option<f64>,
+    /// Upper end.
+    pub high: Option<f64>,
+    /// Number of independent blocks (of the smaller side) behind it.
+    pub blocks: Option<usize>,
+    /// What the effect is: its unit, and which comparison.
+    pub effect_of: Option<String>,
+}
+
+/// What the effect of a comparison is.
+#[derive(Clone, Copy)]
+pub(super) enum Shown {
+    /// A difference in this unit.
+    Difference(&'static str),
+    /// A difference of logarithms, as a ratio of this.
+    Ratio(&'static str),
+}
+
+/// A comparison that was tested.
+#[derive(Debug, Clone)]
+pub(super) struct Tested {
+    pub p: f64,
+    pub effect: Effect,
+    /// Which comparison.
+    pub of: String,
+}
+
+impl Tested {
+    /// Whether all comparisons are significant: as sure as the one with the largest p.
+    pub fn all(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
+        let weakest = tests.iter().max_by(|a, b| a.p.total_cmp(&b.p));
+        Self::decided_by(weakest.cloned(), shown)
+    }
+
+    /// Whether any comparison is significant: as sure as the one with the smallest p, adjusted after Holm
+    /// (times the number of comparisons).
+    pub fn any(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
+        let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
+        let strongest = Self::strongest(tests)
+            .map(|index| Tested { p: adjusted[index], ..tests[index].clone() });
+        Self::decided_by(strongest, shown)
+    }
+
+    /// The place of the comparison with the smallest p.
+    pub fn strongest(tests: &[Tested]) -> Option<usize> {
+        (0..tests.len()).min_by(|&a, &b| tests[a].p.total_cmp(&tests[b].p))
+    }
+
+    fn decided_by(test: Option<Tested>, shown: Shown) -> (bool, Evidence) {
+        let Some(Tested { p, effect, of }) = test else { return Default::default() };
+        let (unit, value): (_, fn(f64) -> f64) = match shown {
+            Shown::Difference(unit) => (unit, |difference| difference),
+            Shown::Ratio(of) => (of, f64::exp),
+        };
+        let evidence = Evidence {
+            p: Some(p),
+            effect: Some(value(effect.mean_difference)),
+            low: Some(value(effect.interval.low)),
+            high: Some(value(effect.interval.high)),
+            blocks: effect.blocks.into_iter().min(),
+            effect_of: Some(format!("{unit} {of}")),
+        };
+        (p < ALPHA, evidence)
+    }
+}
+
+/// How many of the p values of a family are below α after Holm.
+pub(super) fn significant(p_values: impl Iterator<Item = f64>) -> usize {
+    holm(&p_values.collect::<Vec<f64>>()).into_iter().filter(|&p| p < ALPHA).count()
+}
+
 /// Outcome of a test that could be made.
 pub(super) struct Finding {
     /// Whether the claim holds.
     pub holds: bool,
-    pub p: Option<f64>,
     pub measured: String,
+    pub evidence: Evidence,
 }
 
-/// Why the saved results cannot tell whether a claim holds.
-#[derive(Debug, Clone)]
+/// Why the saved results cannot decide a claim.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Untestable(pub String);
 
 impl From<MetricsError> for Untestable {
@@ -121,18 +180,35 @@ impl From<MetricsError> for Untestable {
     }
 }
 
-impl Statement {
-    /// The claim, decided by a test where one can be made.
-    pub(super) fn decide(
-        self,
-        place: &Place,
-        test: impl FnOnce() -> Result<Finding, Untestable>,
-    ) -> Claim {
-        let (verdict, p, measured) = match test() {
-            Ok(Finding { holds: true, p, measured }) => (Verdict::Reproduced, p, measured),
-            Ok(Finding { holds: false, p, measured }) => (Verdict::NotReproduced, p, measured),
-            Err(Untestable(reason)) => (Verdict::NotTestable, None, reason),
+impl From<TooFew> for Untestable {
+    fn from(error: TooFew) -> Self {
+        Untestable(error.to_string())
+    }
+}
+
+/// What comes of the test of a statement.
+pub(super) type Outcome = Result<Finding, Untestable>;
+
+/// A statement of the paper with the function that tests it.
+pub(super) struct Test<F> {
+    pub id: &'static str,
+    pub section: &'static str,
+    pub statement: &'static str,
+    pub test: &'static str,
+    pub decide: F,
+}
+
+impl<F> Test<F> {
+    /// The claim that comes of an outcome.
+    pub fn claim(&self, place: Place, outcome: Outcome) -> Claim {
+        let Test { id, section, statement, test, .. } = *self;
+        let (verdict, measured, evidence) = match outcome {
+            Ok(Finding { holds: true, measured, evidence }) => {
+                (Verdict::Reproduced, measured, evidence)
+            }
+            Ok(Finding { measured, evidence, .. }) => (Verdict::NotReproduced, measured, evidence),
+            Err(Untestable(reason)) => (Verdict::NotTestable, reason, Evidence::default()),
         };
-        Claim { place: place.clone(), statement: self, measured, p, verdict }
+        Claim { place, id, section, statement, test, measured, evidence, verdict }
     }
 }

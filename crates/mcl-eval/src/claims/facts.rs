@@ -1,100 +1,86 @@
 //! Numbers of points that the paper gives.
 
-use mcl_maps::MapSize;
-
-use super::claim::{Claim, Finding, Place, Section, Statement, Untestable};
-use crate::experiment::DatasetFacts;
 use mcl_core::text::thousands;
+use mcl_maps::MapSize;
+use mcl_study::data::facts::DataFacts;
 
-pub(super) const CLAIMS: [fn(&DatasetFacts) -> Claim; 3] = [figure_1_size, figure_2_size, points];
+use crate::claims::claim::{Evidence, Finding, Outcome, Test, Untestable};
+
+const EXACT: &str = "no test, the numbers are exact";
+
+/// A statement about the data.
+type FactsTest = Test<fn(&DataFacts) -> Outcome>;
+
+pub(super) const CLAIMS: [FactsTest; 3] = [
+    Test {
+        id: "figure-1-size",
+        section: "I",
+        statement: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
+                   are less than 1 % of them",
+        test: EXACT,
+        decide: figure_1_size,
+    },
+    Test {
+        id: "figure-2-size",
+        section: "IV",
+        statement: "The two maps of figure 2 have 389 points each: 0.25 % of the Intel log",
+        test: EXACT,
+        decide: figure_2_size,
+    },
+    Test {
+        id: "points",
+        section: "V",
+        statement: "The Intel log has 155,648 points within 10 m",
+        test: EXACT,
+        decide: points,
+    },
+];
 
 const INTEL: &str = "intel-lab";
 const BUILDING_79: &str = "freiburg-079";
-/// Readings beyond this do not count, in the paper (m).
-const PAPER_RANGE: f64 = 10.0;
-const EXACT: &str = "no test, the numbers are exact";
 
-fn figure_1_size(facts: &DatasetFacts) -> Claim {
-    // The caption's number; the text says 706,528.
-    const POINTS: usize = 706_628;
-    const MAP_POINTS: usize = 5_749;
-    let statement = Statement {
-        id: "figure-1-size",
-        section: Section::Introduction,
-        text: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
-               are less than 1 % of them",
-        test: EXACT,
-    };
-    statement.decide(&place(facts), || {
-        require(facts, BUILDING_79)?;
-        let share = 100.0 * MAP_POINTS as f64 / facts.points as f64;
-        Ok(Finding {
-            holds: facts.points == POINTS && share < 1.0,
-            p: None,
-            measured: format!(
-                "{} points with 0 < r ≤ {} m; 5,749 are {share:.2} % of them. The paper gives two \
-                 numbers itself, 706,628 under figure 1 and 706,528 in the text, and no limit of \
-                 the range",
-                thousands(facts.points),
-                facts.max_range.unwrap_or(f64::INFINITY)
-            ),
-        })
-    })
+fn figure_1_size(facts: &DataFacts) -> Outcome {
+    require(facts, BUILDING_79)?;
+    let share = 100.0 * 5_749.0 / facts.points as f64;
+    let measured = format!(
+        "{} points with 0 < r ≤ {} m; 5,749 are {share:.2} % of them. The paper gives two numbers \
+         itself, 706,628 under figure 1 and 706,528 in the text, and no limit of the range",
+        thousands(facts.points),
+        range(facts)
+    );
+    Ok(exact(facts.points == 706_628 && share < 1.0, measured))
 }
 
-fn figure_2_size(facts: &DatasetFacts) -> Claim {
-    const MAP_POINTS: usize = 389;
-    let statement = Statement {
-        id: "figure-2-size",
-        section: Section::InitialMap,
-        text: "The two maps of figure 2 have 389 points each: 0.25 % of the Intel log",
-        test: EXACT,
-    };
-    statement.decide(&place(facts), || {
-        require(facts, INTEL)?;
-        let found = MapSize::Percent(0.25)
-            .resolve(facts.points)
-            .map_err(|error| Untestable(error.to_string()))?;
-        let share = 0.0025 * facts.points as f64;
-        Ok(Finding {
-            holds: found == MAP_POINTS,
-            p: None,
-            measured: format!(
-                "0.25 % of {} points are {share:.2}, rounded down {found}",
-                thousands(facts.points)
-            ),
-        })
-    })
+fn figure_2_size(facts: &DataFacts) -> Outcome {
+    require(facts, INTEL)?;
+    let found = MapSize::Percent(0.25).resolve(facts.points);
+    let found = found.map_err(|error| Untestable(error.to_string()))?;
+    let (share, points) = (0.0025 * facts.points as f64, thousands(facts.points));
+    let measured = format!("0.25 % of {points} points are {share:.2}, rounded down {found}");
+    Ok(exact(found == 389, measured))
 }
 
-fn points(facts: &DatasetFacts) -> Claim {
-    const POINTS: usize = 155_648;
-    let statement = Statement {
-        id: "points",
-        section: Section::Results,
-        text: "The Intel log has 155,648 points within 10 m",
-        test: EXACT,
-    };
-    statement.decide(&place(facts), || {
-        require(facts, INTEL)?;
-        if facts.max_range != Some(PAPER_RANGE) {
-            let range = facts.max_range.unwrap_or(f64::INFINITY);
-            return Err(Untestable(format!("measured with a limit of {range} m, not 10 m")));
-        }
-        Ok(Finding {
-            holds: facts.points == POINTS,
-            p: None,
-            measured: format!("{} points with 0 < r ≤ 10 m", thousands(facts.points)),
-        })
-    })
+fn points(facts: &DataFacts) -> Outcome {
+    require(facts, INTEL)?;
+    if facts.max_range != Some(10.0) {
+        let reason = format!("measured with a limit of {} m, not 10 m", range(facts));
+        return Err(Untestable(reason));
+    }
+    let measured = format!("{} points with 0 < r ≤ 10 m", thousands(facts.points));
+    Ok(exact(facts.points == 155_648, measured))
 }
 
-fn place(facts: &DatasetFacts) -> Place {
-    Place { dataset: facts.name.clone(), experiment: None, split: None }
+fn exact(holds: bool, measured: String) -> Finding {
+    Finding { holds, measured, evidence: Evidence::default() }
+}
+
+/// Readings beyond this do not count (m).
+fn range(facts: &DataFacts) -> f64 {
+    facts.max_range.unwrap_or(f64::INFINITY)
 }
 
 /// The statement is about one log only.
-fn require(facts: &DatasetFacts, name: &str) -> Result<(), Untestable> {
+fn require(facts: &DataFacts, name: &str) -> Result<(), Untestable> {
     match facts.name == name {
         true => Ok(()),
         false => Err(Untestable(format!("a statement about {name} only"))),
@@ -103,33 +89,28 @@ fn require(facts: &DatasetFacts, name: &str) -> Result<(), Untestable> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict::{self, *};
     use super::*;
+    use crate::claims::planted;
 
-    fn verdicts(name: &str, points: usize, max_range: f64) -> [Verdict; 3] {
-        let facts = DatasetFacts {
+    /// Verdicts: Some of whether the claim holds.
+    fn verdicts(name: &str, points: usize, max_range: f64) -> [Option<bool>; 3] {
+        let facts = DataFacts {
             name: name.into(),
-            title: "A log".into(),
-            sha256: "00".into(),
-            dimensions: 2,
-            scans: 1,
-            max_range: Some(max_range),
             points,
-            skipped_records: 0,
+            max_range: Some(max_range),
+            ..planted::office_facts()
         };
-        CLAIMS.map(|claim| claim(&facts).verdict)
+        CLAIMS.map(|test| (test.decide)(&facts).ok().map(|finding| finding.holds))
     }
 
     #[test]
     fn numbers_belong_to_their_log() {
-        assert_eq!(verdicts(INTEL, 155_648, 10.0), [NotTestable, Reproduced, Reproduced]);
-        assert_eq!(verdicts(INTEL, 150_000, 10.0), [NotTestable, NotReproduced, NotReproduced]);
-        assert_eq!(verdicts(INTEL, 160_000, 80.0), [NotTestable, NotReproduced, NotTestable]);
-        assert_eq!(verdicts(BUILDING_79, 706_628, 80.0), [Reproduced, NotTestable, NotTestable]);
-        assert_eq!(
-            verdicts(BUILDING_79, 1_654_968, 10.0),
-            [NotReproduced, NotTestable, NotTestable]
-        );
-        assert_eq!(verdicts("office", 155_648, 10.0), [NotTestable; 3]);
+        let (yes, no) = (Some(true), Some(false));
+        assert_eq!(verdicts(INTEL, 155_648, 10.0), [None, yes, yes]);
+        assert_eq!(verdicts(INTEL, 150_000, 10.0), [None, no, no]);
+        assert_eq!(verdicts(INTEL, 160_000, 80.0), [None, no, None]);
+        assert_eq!(verdicts(BUILDING_79, 706_628, 80.0), [yes, None, None]);
+        assert_eq!(verdicts(BUILDING_79, 1_654_968, 10.0), [no, None, None]);
+        assert_eq!(verdicts("office", 155_648, 10.0), [None; 3]);
     }
 }

@@ -1,336 +1,256 @@
-//! Section V-A: what fuzzy k-means makes of the likelihood.
+//! Section V-A: what fuzzy k-means makes of the likelihood, in nats per point.
 
-use mcl_metrics::{spearman, welch_equivalence_p, welch_t_test};
+use std::collections::BTreeMap;
 
-use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::saved::LikelihoodResults;
-use super::{ALPHA, mean};
-use crate::experiment::{Builder, LikelihoodRow};
 use mcl_core::text::{list, number};
+use mcl_metrics::{Blocked, one_sample};
+use mcl_study::study::views::TestKind;
 
-pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 4] =
-    [improvement, improvement_shrinks, strategy_above_10, rnd_fkm_below_gbs];
+use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, kinds};
+use crate::claims::claim::{ALPHA, Finding, Outcome, Shown, Test, Tested, Untestable, significant};
 
-/// Above this size (percent) it is said not to matter how points are chosen.
-const LARGE_ABOVE: f64 = 10.0;
+pub(super) const CLAIMS: [SampledTest; 4] = [
+    Test {
+        id: "improvement",
+        section: "V-A",
+        statement: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
+                   every size",
+        test: "Welch's t test over maps per initialization and size: improved above initial; p: \
+                   the largest",
+        decide: improvement,
+    },
+    Test {
+        id: "improvement-shrinks",
+        section: "V-A",
+        statement: "The larger the map, the smaller the improvement",
+        test: "t test over draws: the slope of the gain over the logarithm of the size is \
+                   negative, p: the larger of both initializations; and the mean gain falls from \
+                   each size to the next",
+        decide: improvement_shrinks,
+    },
+    Test {
+        id: "strategy-above-10",
+        section: "V-A",
+        statement: "Above 10 % of the points it hardly matters how they were chosen",
+        test: "equivalence (two one-sided Welch tests) of each two of the four kinds of map at \
+                   each size above 10 %, within 1 % of the range of mean likelihoods from 0.25 % on; \
+                   p: the largest",
+        decide: strategy_above_10,
+    },
+    Test {
+        id: "rnd-fkm-below-gbs",
+        section: "V-A",
+        statement: "Improved random maps are sometimes less likely than grid-based maps of the same \
+                   size that were not improved",
+        test: "Welch's t test over maps per size: rnd+f-km below gbs; p: the smallest times the \
+                   number of sizes (Bonferroni)",
+        decide: rnd_fkm_below_gbs,
+    },
+];
+
+const COLUMN: &str = "log_likelihood";
 
 /// What counts as equally likely, as a share of the range of figure 4: about the width of a line in
 /// a figure of 100 line widths' height, in which the paper sees no difference.
 const LINE_WIDTH: f64 = 0.01;
 
-/// That range is of sizes from here on (percent), the smallest that the paper names as selected:
-/// still smaller random maps are so unlikely that beside them nothing else would matter.
-const FIGURE_FROM: f64 = 0.25;
-
-/// The maps of one initialization and size: log-likelihoods in nats per point, before and after
-/// fuzzy k-means.
-struct Cell {
-    builder: Builder,
-    size_percent: f64,
-    initial: Vec<f64>,
-    improved: Vec<f64>,
-}
-
-impl Cell {
-    fn values(&self, improved: bool) -> &[f64] {
-        if improved { &self.improved } else { &self.initial }
+fn improvement(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    for [kind, improved] in INITIALIZATIONS {
+        for [improved, initial] in data.pairs(improved, kind, &Sizes::ALL)? {
+            let test = welch(&improved, &initial)?;
+            tests.push(Tested { p: test.effect.p_greater, of: initial.name(), ..test });
+        }
     }
-
-    /// Gain of each map.
-    fn gains(&self) -> impl Iterator<Item = f64> {
-        self.improved.iter().zip(&self.initial).map(|(improved, initial)| improved - initial)
+    tests.sort_by(|a, b| a.effect.mean_difference.total_cmp(&b.effect.mean_difference));
+    let gain = |test: &Tested| format!("{} ({})", test.of, number(test.effect.mean_difference));
+    let failing: Vec<String> = tests.iter().filter(|test| test.p >= ALPHA).map(gain).collect();
+    let [least, most] = [tests.first(), tests.last()].map(|t| t.map(gain).unwrap_or_default());
+    let mut measured = format!(
+        "{} of {} cells gain significantly; least nats per point on {least}, most on {most}",
+        tests.len() - failing.len(),
+        tests.len()
+    );
+    if !failing.is_empty() {
+        measured += &format!("; not: {}", list(&failing));
     }
+    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point gained on"));
+    Ok(Finding { holds, measured, evidence })
+}
 
-    fn mean_gain(&self) -> f64 {
-        mean(&self.improved) - mean(&self.initial)
+fn improvement_shrinks(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    let mut shown = Vec::new();
+    let mut rising = Vec::new();
+    for [kind, improved] in INITIALIZATIONS {
+        let pairs = data.pairs(improved, kind, &Sizes::ALL)?;
+        let gain = |[improved, initial]: &[Cell; 2]| -> Result<_, Untestable> {
+            let gain = improved.values(COLUMN)?.minus(&initial.values(COLUMN)?);
+            Ok((initial.percent, gain.map_err(|error| initial.because(error))?))
+        };
+        let gains = pairs.iter().map(gain).collect::<Result<Vec<(f64, Blocked)>, _>>()?;
+        let [(smallest, first), .., (largest, last)] = gains.as_slice() else {
+            return Err(Untestable("all maps have the same size".to_owned()));
+        };
+        let effect = one_sample(&slopes(&gains)?)?;
+        tests.push(Tested { p: effect.p_less, effect, of: kind.to_owned() });
+        let [first, last] = [first, last].map(|gain| number(gain.mean()));
+        shown.push(format!("{kind} from {first} at {smallest} % to {last} at {largest} %"));
+        for step in gains.windows(2) {
+            if step[1].1.mean() >= step[0].1.mean() {
+                rising.push(format!("{kind} {} to {} %", step[0].0, step[1].0));
+            }
+        }
     }
+    let steps = match rising.is_empty() {
+        true => "falls at every step".to_owned(),
+        false => format!("does not fall from {}", list(&rising)),
+    };
+    let measured = format!("the mean gain (nats per point) of {} {steps}", shown.join(", of "));
+    let unit = "nats per point gained more per tenfold size, on";
+    let (falls, evidence) = Tested::all(&tests, Shown::Difference(unit));
+    Ok(Finding { holds: falls && rising.is_empty(), measured, evidence })
+}
 
-    /// "gbs 0.25 %"
-    fn name(&self) -> String {
-        format!("{} {} %", self.builder.label(false), self.size_percent)
+/// The slope of a value over lg size by least squares, of every block that has two sizes or more.
+fn slopes(values: &[(f64, Blocked)]) -> Result<Blocked, Untestable> {
+    let mut blocks: BTreeMap<u64, Vec<(f64, f64)>> = BTreeMap::new();
+    for (size, values) in values {
+        for &(block, value) in values.block_means() {
+            blocks.entry(block).or_default().push((size.log10(), value));
+        }
     }
+    let slope = |(block, points): (u64, Vec<(f64, f64)>)| {
+        let mean = points.iter().map(|point| point.0).sum::<f64>() / points.len() as f64;
+        let products = points.iter().map(|(x, y)| (x - mean) * y).sum::<f64>();
+        let squares = points.iter().map(|(x, _)| (x - mean).powi(2)).sum::<f64>();
+        (points.len() > 1).then_some((block, products / squares))
+    };
+    Ok(Blocked::new(blocks.into_iter().filter_map(slope))?)
 }
 
-/// The cells of all sizes and both initializations, sizes ascending; each has maps enough to be
-/// tested.
-fn cells(data: &LikelihoodResults) -> Result<[Vec<Cell>; 2], Untestable> {
-    let rows = data.rows()?;
-    let measured = rows.iter().map(|row| row.size_percent);
-    let mut sizes: Vec<f64> = data.planned_sizes.iter().copied().chain(measured).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    sizes.dedup();
-    let of_builder = |builder| -> Result<Vec<Cell>, Untestable> {
-        let cell = |&size_percent: &f64| {
-            let of_cell =
-                |row: &&LikelihoodRow| row.builder == builder && row.size_percent == size_percent;
-            let rows = || rows.iter().filter(of_cell);
-            let cell = Cell {
-                builder,
-                size_percent,
-                initial: rows().map(|row| row.initial_log_likelihood).collect(),
-                improved: rows().map(|row| row.improved_log_likelihood).collect(),
-            };
-            match cell.initial.len() {
-                0 => Err(Untestable(format!("there is no map {}", cell.name()))),
-                1 => Err(Untestable(format!("there is only one map {}", cell.name()))),
-                _ => Ok(cell),
+fn strategy_above_10(data: &Sampled) -> Outcome {
+    // Still smaller random maps are so unlikely that beside them nothing else would matter.
+    let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+    for cell in data.all_cells(&Sizes::NOT_TINY)?.concat() {
+        let mean = cell.values(COLUMN)?.mean();
+        (lowest, highest) = (lowest.min(mean), highest.max(mean));
+    }
+    let margin = LINE_WIDTH * (highest - lowest);
+    let mut tests = Vec::new();
+    for (index, kind) in kinds().enumerate() {
+        for other in kinds().skip(index + 1) {
+            for [a, b] in data.pairs(kind, other, &Sizes::LARGE)? {
+                let test = welch(&a, &b)?;
+                tests.push(Tested { p: test.effect.equivalence_p(margin)?, ..test });
             }
-        };
-        sizes.iter().map(cell).collect()
-    };
-    let [grid, random] = Builder::ALL.map(of_builder);
-    Ok([grid?, random?])
+        }
+    }
+    let size = |test: &Tested| test.effect.mean_difference.abs();
+    let furthest = tests.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    let furthest = furthest.map_or(String::new(), |t| format!("{} ({})", number(size(t)), t.of));
+    let measured = format!(
+        "largest difference {furthest}, margin {} nats per point; nevertheless {} of {} pairs differ \
+         significantly",
+        number(margin),
+        significant(tests.iter().map(|test| test.effect.p_two_sided)),
+        tests.len()
+    );
+    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point of"));
+    Ok(Finding { holds, measured, evidence })
 }
 
-fn improvement(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
-        id: "improvement",
-        section: Section::Likelihood,
-        text: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
-               every size",
-        test: "Welch's t test per initialization and size: improved above initial; p: the largest",
-    };
-    statement.decide(&data.place, || {
-        let cells: Vec<Cell> = cells(data)?.into_iter().flatten().collect();
-        let mut largest_p: f64 = 0.0;
-        let mut failing = Vec::new();
-        for cell in &cells {
-            let p = welch_t_test(&cell.improved, &cell.initial)?.p_greater;
-            if p >= ALPHA {
-                failing.push(format!("{} ({})", cell.name(), number(cell.mean_gain())));
-            }
-            largest_p = largest_p.max(p);
+fn rnd_fkm_below_gbs(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    let mut below = Vec::new();
+    for [random, grid] in data.pairs("rnd+f-km", "gbs", &Sizes::ALL)? {
+        let test = welch(&random, &grid)?;
+        let difference = test.effect.mean_difference;
+        if difference < 0.0 {
+            below.push(format!("{} % (by {})", grid.percent, number(-difference)));
         }
-        let by_gain = |a: &&Cell, b: &&Cell| a.mean_gain().total_cmp(&b.mean_gain());
-        let told = |cell: Option<&Cell>| {
-            cell.map_or(String::new(), |cell| {
-                format!("{} ({})", number(cell.mean_gain()), cell.name())
-            })
-        };
-        let mut measured = format!(
-            "{} of {} cells gain significantly; mean gains from {} to {} nats per point",
-            cells.len() - failing.len(),
-            cells.len(),
-            told(cells.iter().min_by(by_gain)),
-            told(cells.iter().max_by(by_gain)),
-        );
-        if !failing.is_empty() {
-            measured += &format!("; not: {}", list(&failing));
-        }
-        Ok(Finding { holds: failing.is_empty(), p: Some(largest_p), measured })
-    })
+        tests.push(Tested { p: test.effect.p_less, ..test });
+    }
+    let mut measured = format!("the mean is lower at {} of {} sizes", below.len(), tests.len());
+    if !below.is_empty() {
+        measured += &format!(": {}, nats per point", list(&below));
+    }
+    let (holds, evidence) = Tested::any(&tests, Shown::Difference("nats per point of"));
+    Ok(Finding { holds, measured, evidence })
 }
 
-fn improvement_shrinks(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
-        id: "improvement-shrinks",
-        section: Section::Likelihood,
-        text: "The larger the map, the smaller the improvement",
-        test: "Spearman's rank correlation of the maps' gains with their size is negative (t \
-               approximation), p: the larger of both initializations; and the mean gain falls from \
-               each size to the next",
-    };
-    statement.decide(&data.place, || {
-        let mut largest_p: f64 = 0.0;
-        let mut told = Vec::new();
-        let mut rising = Vec::new();
-        for cells in cells(data)? {
-            let (first, last) = match cells.as_slice() {
-                [first, .., last] => (first, last),
-                _ => return Err(Untestable("all maps have the same size".to_owned())),
-            };
-            let sizes = cells.iter().flat_map(|cell| vec![cell.size_percent; cell.initial.len()]);
-            let gains: Vec<f64> = cells.iter().flat_map(Cell::gains).collect();
-            let correlation = spearman(&sizes.collect::<Vec<f64>>(), &gains)?;
-            largest_p = largest_p.max(correlation.p_less);
-            told.push(format!(
-                "{}: ρ = {:.3}, mean gain from {} nats per point at {} % to {} at {} %",
-                first.builder.label(false),
-                correlation.rho,
-                number(first.mean_gain()),
-                first.size_percent,
-                number(last.mean_gain()),
-                last.size_percent
-            ));
-            for step in cells.windows(2) {
-                if step[1].mean_gain() >= step[0].mean_gain() {
-                    let (from, to) = (step[0].name(), step[1].size_percent);
-                    rising.push(format!("{} to {to} %", from.trim_end_matches(" %")));
-                }
-            }
-        }
-        let steps = match rising.is_empty() {
-            true => "falls at every step".to_owned(),
-            false => format!("does not fall from {}", list(&rising)),
-        };
-        Ok(Finding {
-            holds: largest_p < ALPHA && rising.is_empty(),
-            p: Some(largest_p),
-            measured: format!("{}; {steps}", told.join("; ").replace("= -", "= −")),
-        })
-    })
-}
-
-fn strategy_above_10(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
-        id: "strategy-above-10",
-        section: Section::Likelihood,
-        text: "Above 10 % of the points it hardly matters how they were chosen",
-        test: "equivalence (two one-sided Welch tests) of each two of the four strategies at each \
-               size above 10 %, within 1 % of the range of mean likelihoods from 0.25 % on; p: the \
-               largest",
-    };
-    statement.decide(&data.place, || {
-        let [grid, random] = cells(data)?;
-        let means: Vec<f64> = grid
-            .iter()
-            .chain(&random)
-            .filter(|cell| cell.size_percent >= FIGURE_FROM)
-            .flat_map(|cell| [mean(&cell.initial), mean(&cell.improved)])
-            .collect();
-        let lowest = means.iter().copied().fold(f64::INFINITY, f64::min);
-        let highest = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let margin = LINE_WIDTH * (highest - lowest);
-        let (mut largest_p, mut largest_difference): (f64, f64) = (0.0, -1.0);
-        let (mut pairs, mut significant) = (0, 0);
-        let mut furthest = String::new();
-        for (grid, random) in grid.iter().zip(&random) {
-            if grid.size_percent <= LARGE_ABOVE {
-                continue;
-            }
-            let strategies = [(grid, false), (grid, true), (random, false), (random, true)];
-            for (index, &(cell_a, improved_a)) in strategies.iter().enumerate() {
-                for &(cell_b, improved_b) in &strategies[index + 1..] {
-                    let (a, b) = (cell_a.values(improved_a), cell_b.values(improved_b));
-                    let test = welch_t_test(a, b)?;
-                    pairs += 1;
-                    significant += usize::from(test.p_two_sided < ALPHA);
-                    largest_p = largest_p.max(welch_equivalence_p(a, b, margin)?);
-                    if test.mean_difference.abs() > largest_difference {
-                        largest_difference = test.mean_difference.abs();
-                        let (a, b) =
-                            (cell_a.builder.label(improved_a), cell_b.builder.label(improved_b));
-                        furthest = format!("{a} and {b} at {} %", grid.size_percent);
-                    }
-                }
-            }
-        }
-        if pairs == 0 {
-            return Err(Untestable("there is no map above 10 %".to_owned()));
-        }
-        Ok(Finding {
-            holds: largest_p < ALPHA,
-            p: Some(largest_p),
-            measured: format!(
-                "largest difference {} nats per point ({furthest}), margin {}; nevertheless \
-                 {significant} of {pairs} pairs differ significantly",
-                number(largest_difference),
-                number(margin)
-            ),
-        })
-    })
-}
-
-fn rnd_fkm_below_gbs(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
-        id: "rnd-fkm-below-gbs",
-        section: Section::Likelihood,
-        text: "Improved random maps are sometimes less likely than grid-based maps of the same \
-               size that were not improved",
-        test: "Welch's t test per size: rnd+f-km below gbs; p: the smallest times the number of \
-               sizes (Bonferroni)",
-    };
-    statement.decide(&data.place, || {
-        let [grid, random] = cells(data)?;
-        let mut smallest_p: f64 = 1.0;
-        let mut below = Vec::new();
-        let (mut pairs, mut pairs_below) = (0, 0);
-        for (grid, random) in grid.iter().zip(&random) {
-            let test = welch_t_test(&random.improved, &grid.initial)?;
-            smallest_p = smallest_p.min(test.p_less);
-            if test.mean_difference < 0.0 {
-                let difference = number(-test.mean_difference);
-                below.push(format!("{} % (by {difference})", grid.size_percent));
-            }
-            pairs += random.improved.len() * grid.initial.len();
-            pairs_below += random
-                .improved
-                .iter()
-                .map(|random| grid.initial.iter().filter(|grid| random < grid).count())
-                .sum::<usize>();
-        }
-        let p = (smallest_p * grid.len() as f64).min(1.0);
-        let sizes = match below.is_empty() {
-            true => String::new(),
-            false => format!(": {}, nats per point", list(&below)),
-        };
-        Ok(Finding {
-            holds: p < ALPHA,
-            p: Some(p),
-            measured: format!(
-                "the mean is lower at {} of {} sizes{sizes}; of all pairs of one map each, the \
-                 random one is less likely in {:.1} %",
-                below.len(),
-                grid.len(),
-                100.0 * pairs_below as f64 / pairs as f64
-            ),
-        })
-    })
+/// The paper's two-sample t test: a sample is a map. Its p is the two-sided one.
+fn welch(a: &Cell, b: &Cell) -> Result<Tested, Untestable> {
+    let effect = a.against(b, COLUMN, TestKind::Welch, false)?;
+    let of = format!("{} over {} at {} %", a.kind, b.kind, a.percent);
+    Ok(Tested { p: effect.p_two_sided, effect, of })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict::{self, *};
-    use super::super::planted;
+    use mcl_study::store::results::Results;
+
     use super::*;
+    use crate::claims::claim::Claim;
+    use crate::claims::claim::Verdict::{self, *};
+    use crate::claims::{decide, planted};
 
     const SIZES: [f64; 4] = [1.0, 5.0, 20.0, 50.0];
 
     /// What the paper sees: gains that fall with the size, random maps far below, no difference in
     /// the end.
-    fn as_in_the_paper() -> LikelihoodResults {
-        planted::likelihood(&SIZES, |builder, size, scatter| {
-            let random = if builder == Builder::Random { 100.0 / (size * size) } else { 0.0 };
+    fn as_in_the_paper() -> Results {
+        planted::likelihood(&SIZES, |is_random, size, scatter| {
+            let random = if is_random { 100.0 / (size * size) } else { 0.0 };
             let initial = -4.0 - 20.0 / size - 2.0 * random + 0.01 * scatter;
             (initial, initial + 1.0 / size + 0.9 * random)
         })
     }
 
-    fn verdicts(data: &LikelihoodResults) -> [Verdict; 4] {
-        CLAIMS.map(|claim| claim(data).verdict)
+    /// The claims of section V-A.
+    fn claims(results: &Results) -> Vec<Claim> {
+        let claims = decide(std::slice::from_ref(results)).remove(0).claims;
+        claims.into_iter().filter(|claim| claim.section == "V-A").collect()
+    }
+
+    fn find(results: &Results, id: &str) -> Claim {
+        claims(results).into_iter().find(|claim| claim.id == id).unwrap()
+    }
+
+    fn verdicts(results: &Results) -> Vec<Verdict> {
+        claims(results).iter().map(|claim| claim.verdict).collect()
     }
 
     #[test]
     fn the_papers_picture_is_reproduced() {
-        let data = as_in_the_paper();
-        assert_eq!(verdicts(&data), [Reproduced; 4]);
-        for claim in CLAIMS.map(|claim| claim(&data)) {
-            assert!(claim.p.is_some_and(|p| p < ALPHA), "{claim:?}");
+        let results = as_in_the_paper();
+        assert_eq!(verdicts(&results), [Reproduced; 4]);
+        for claim in claims(&results) {
+            assert!(claim.evidence.p.is_some_and(|p| p < ALPHA), "{claim:?}");
         }
     }
 
     #[test]
     fn its_opposite_is_not() {
-        // Gains that grow, strategies that part at large sizes, random maps above grid-based ones.
-        let data = planted::likelihood(&SIZES, |builder, size, scatter| {
-            let random = if builder == Builder::Random { 1.0 } else { 0.0 };
+        // Gains that grow, kinds that part at large sizes, random maps above grid-based ones.
+        let results = planted::likelihood(&SIZES, |is_random, size, scatter| {
+            let random = if is_random { 1.0 } else { 0.0 };
             let initial = -10.0 + random + 0.01 * scatter;
             (initial, initial + 0.05 * size)
         });
-        assert_eq!(verdicts(&data)[1..], [NotReproduced; 3]);
-        assert_eq!(improvement(&data).verdict, Reproduced);
+        let expected = [Reproduced, NotReproduced, NotReproduced, NotReproduced];
+        assert_eq!(verdicts(&results), expected);
     }
 
     #[test]
     fn tiny_maps_do_not_widen_the_margin() {
-        // At 20 % strategies differ by 0.3: more than 1 % of the range above 0.25 %, less than that
-        // of all.
-        let data = planted::likelihood(&[0.1, 1.0, 20.0], |builder, size, scatter| {
-            let random = if builder == Builder::Random && size == 20.0 { 0.3 } else { 0.0 };
+        // At 20 % kinds differ by 0.3: more than 1 % of the range above 0.25 %, less than that of all.
+        let results = planted::likelihood(&[0.1, 1.0, 20.0], |is_random, size, scatter| {
+            let random = if is_random && size == 20.0 { 0.3 } else { 0.0 };
             let initial = -4.0 - 20.0 / (size * size) + random + 0.01 * scatter;
             (initial, initial)
         });
-        let claim = strategy_above_10(&data);
+        let claim = find(&results, "strategy-above-10");
         assert_eq!(claim.verdict, NotReproduced);
         assert!(claim.measured.contains("difference 0.300"), "{}", claim.measured);
         assert!(claim.measured.contains("margin 0.203"), "{}", claim.measured);
@@ -338,53 +258,61 @@ mod tests {
 
     #[test]
     fn one_cell_without_a_gain_is_enough() {
-        let mut data = as_in_the_paper();
-        for row in data.rows.as_mut().unwrap() {
-            if row.builder == Builder::Random && row.size_percent == 50.0 {
-                row.improved_log_likelihood = row.initial_log_likelihood - 0.001;
+        let mut results = as_in_the_paper();
+        planted::edit(&mut results, |row| {
+            if row.text("map") == "rnd+f-km" && row.number("size_percent") == 50.0 {
+                let improvement = 1.0 / 50.0 + 0.9 * 100.0 / 2500.0;
+                row.set(COLUMN, row.number(COLUMN) - improvement - 0.001);
             }
-        }
-        let claim = improvement(&data);
+            true
+        });
+        let claim = find(&results, "improvement");
         assert_eq!(claim.verdict, NotReproduced);
-        assert!(claim.p.unwrap() > 0.5);
+        assert!(claim.evidence.p.unwrap() > 0.5);
+        assert!((claim.evidence.effect.unwrap() + 0.001).abs() < 1e-9, "{claim:?}");
+        assert_eq!(claim.evidence.blocks, Some(5));
         assert!(claim.measured.contains("7 of 8"), "{}", claim.measured);
         assert!(claim.measured.contains("not: rnd 50 % (−0.00100)"), "{}", claim.measured);
     }
 
     #[test]
-    fn a_gain_that_falls_only_mostly_is_told() {
-        let mut data = as_in_the_paper();
-        for row in data.rows.as_mut().unwrap() {
-            if row.builder == Builder::Grid && row.size_percent == 20.0 {
-                row.improved_log_likelihood += 0.3;
+    fn a_gain_that_falls_only_mostly_is_reported() {
+        let mut results = as_in_the_paper();
+        planted::edit(&mut results, |row| {
+            if row.text("map") == "gbs+f-km" && row.number("size_percent") == 20.0 {
+                row.set(COLUMN, row.number(COLUMN) + 0.3);
             }
-        }
-        let claim = improvement_shrinks(&data);
+            true
+        });
+        let claim = find(&results, "improvement-shrinks");
         assert_eq!(claim.verdict, NotReproduced);
         assert!(claim.measured.contains("does not fall from gbs 5 to 20 %"), "{}", claim.measured);
     }
 
+    /// By hand: lg sizes 0, 1, 2 with values 5, 3, 1, and 0, 1 with 4, 1.
+    #[test]
+    fn slopes_are_per_tenfold_size_and_draw() {
+        let values = [
+            (1.0, Blocked::new([(0, 5.0), (1, 4.0), (2, 9.0)]).unwrap()),
+            (10.0, Blocked::new([(0, 3.0), (1, 1.0)]).unwrap()),
+            (100.0, Blocked::new([(0, 1.0)]).unwrap()),
+        ];
+        assert_eq!(slopes(&values).unwrap().block_means(), [(0, -2.0), (1, -3.0)]);
+    }
+
     #[test]
     fn what_is_missing_is_named() {
-        let reason = |data: &LikelihoodResults| {
-            assert_eq!(verdicts(data), [NotTestable; 4]);
-            improvement(data).measured
-        };
-        let mut data = as_in_the_paper();
-        data.rows
-            .as_mut()
-            .unwrap()
-            .retain(|row| row.builder == Builder::Grid || row.size_percent != 5.0);
-        assert_eq!(reason(&data), "there is no map rnd 5 %");
-        let mut data = as_in_the_paper();
-        data.rows.as_mut().unwrap().retain(|row| row.size_percent != 1.0 || row.repeat == 0);
-        assert_eq!(reason(&data), "there is only one map gbs 1 %");
-        data.rows = Err(Untestable("no trials".into()));
-        assert_eq!(reason(&data), "no trials");
+        let mut results = as_in_the_paper();
+        planted::edit(&mut results, |row| row.number("draw") == 0.0);
+        assert_eq!(verdicts(&results), [NotTestable; 4]);
+        assert_eq!(
+            find(&results, "improvement").measured,
+            "gbs+f-km 1 %: against gbs 1 %: too few to tell: 1 independent block, at least 2 needed"
+        );
         let small = planted::likelihood(&[1.0], |_, _, scatter| {
             (-5.0 + 0.1 * scatter, -4.0 + 0.1 * scatter)
         });
-        assert_eq!(improvement(&small).verdict, Reproduced);
-        assert_eq!(verdicts(&small)[1..], [NotTestable, NotTestable, NotReproduced]);
+        let expected = [Reproduced, NotTestable, NotTestable, NotReproduced];
+        assert_eq!(verdicts(&small), expected);
     }
 }

@@ -1,301 +1,314 @@
-//! Section V-B: how well a robot localizes itself, by equation 7's weighted error. How errors are
-//! compared: [`super::paired`].
+//! Section V-B: how well a robot localizes itself, by equation 7's weighted error, and when the filter
+//! loses it for good. How errors are compared: [`crate::claims::cells`].
 
-use mcl_metrics::{TTest, paired_t_test};
+use mcl_core::text::{list, number, p_value};
+use mcl_metrics::{Blocked, BlockedRate, one_sample, paired};
+use mcl_study::study::views::TestKind;
 
-use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::paired::{Cell, Sampled, Sizes, compare, log_errors};
-use super::saved::LocalizationResults;
-use super::{ALPHA, mean};
-use crate::experiment::{Builder, MapStrategy};
-use mcl_core::text::{number, p_value};
+use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, log_ratios};
+use crate::claims::claim::{
+    Evidence, Finding, Outcome, Shown, Test, Tested, Untestable, significant,
+};
 
-pub(super) const CLAIMS: [fn(&LocalizationResults) -> Claim; 5] =
-    [improved, most_on_small, gbs_over_rnd, no_gain, slightly_worse];
+pub(super) const CLAIMS: [SampledTest; 7] = [
+    Test {
+        id: "localization-improved",
+        section: "V-B",
+        statement: "The localization error is in general smaller on improved maps",
+        test: "paired t test over draws of ln error, all sizes: improved below initial, p: the \
+                   larger of both initializations; and the mean error is lower in more than half of \
+                   the cells",
+        decide: improved,
+    },
+    Test {
+        id: "localization-most-on-small",
+        section: "V-B",
+        statement: "Improved maps gain most where maps are small",
+        test: "paired t test over draws of ln(improved error / initial error): below 1 % lower \
+                   than from 1 % on; p: the larger of both initializations",
+        decide: most_on_small,
+    },
+    Test {
+        id: "localization-gbs-over-rnd",
+        section: "V-B",
+        statement: "Small grid-based maps are better to localize on than random ones of the same size",
+        test: "paired t test over draws of ln error, sizes below 1 %: gbs below rnd",
+        decide: gbs_over_rnd,
+    },
+    Test {
+        id: "localization-no-gain",
+        section: "V-B",
+        statement: "Beyond 1 % more points do not always lower the error",
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
+                   the next size: above 95 % of the error before; p: the smallest times the number of \
+                   steps (Bonferroni)",
+        decide: no_gain,
+    },
+    Test {
+        id: "localization-slightly-worse",
+        section: "V-B",
+        statement: "Beyond 1 % more points in some cases make localization slightly worse",
+        test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
+                   the next size: above the error before, p: the smallest times the number of steps \
+                   (Bonferroni); and after that step the mean error is higher, too",
+        decide: slightly_worse,
+    },
+    Test {
+        id: "localization-recovers",
+        section: "V-B",
+        statement: "From 0.25 % of the points on, the filter is never lost for good",
+        test: "no test: holds if no run diverged (ended more than 1 m off)",
+        decide: recovers,
+    },
+    Test {
+        id: "localization-diverges-below",
+        section: "V-B",
+        statement: "Below 0.25 % of the points the filter diverges in some runs",
+        test: "holds if a run diverged; p: paired t test over draws of the share of diverged \
+                   runs, higher below 0.25 % than from there on",
+        decide: diverges_below,
+    },
+];
+
+const COLUMN: &str = "weighted";
+
+const ERROR_RATIO: Shown = Shown::Ratio("error ratio");
 
 /// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a
 /// tracked robot is off.
 const SAME_ERROR: f64 = 0.05;
 
-fn improved(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-improved",
-        section: Section::Localization,
-        text: "The localization error is in general smaller on improved maps",
-        test: "paired t test over maps of ln error, all sizes: improved below initial, p: the \
-               larger of both initializations; and the mean error is lower in more than half of \
-               the cells",
-    };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let mut largest_p: f64 = 0.0;
-        let mut ratios = Vec::new();
-        let (mut total, mut lower, mut surely_lower, mut surely_higher) = (0, 0, 0, 0);
-        let mut maps = 0;
-        for builder in Builder::ALL {
-            let [initial, improved] = before_and_after(&runs, builder, &Sizes::ALL)?;
-            let test = compare(&improved, &initial)?;
-            largest_p = largest_p.max(test.p_less);
-            maps = pairs(&test);
-            ratios.push(format!("{} {}", builder.label(false), ratio(test.mean_difference)));
-            for (improved, initial) in improved.iter().zip(&initial) {
-                let test = compare(std::slice::from_ref(improved), std::slice::from_ref(initial))?;
-                total += 1;
-                lower += usize::from(improved.mean_error() < initial.mean_error());
-                surely_lower += usize::from(test.p_less < ALPHA);
-                surely_higher += usize::from(test.p_greater < ALPHA);
-            }
+fn improved(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    let mut cells = Vec::new();
+    let mut lower = 0;
+    for [kind, improved] in INITIALIZATIONS {
+        let pairs = data.pairs(improved, kind, &Sizes::ALL)?;
+        tests.push(pooled(&pairs, format!("{improved} over {kind}"))?);
+        for [after, before] in &pairs {
+            lower += usize::from(mean_error(after)? < mean_error(before)?);
+            cells.push(compare(after, before)?.effect);
         }
-        Ok(Finding {
-            holds: largest_p < ALPHA && 2 * lower > total,
-            p: Some(largest_p),
-            measured: format!(
-                "ratio of geometric mean errors on {maps} maps: {}; the mean is lower in {lower} \
-                 of {total} cells; cell by cell, {surely_lower} significantly lower, \
-                 {surely_higher} higher",
-                ratios.join(", ")
-            ),
-        })
-    })
+    }
+    let measured = format!(
+        "ratio of geometric mean errors: {}; the mean is lower in {lower} of {} cells; cell by cell, \
+         {} significantly lower, {} higher",
+        tests.iter().map(ratio).collect::<Vec<String>>().join(", "),
+        cells.len(),
+        significant(cells.iter().map(|effect| effect.p_less)),
+        significant(cells.iter().map(|effect| effect.p_greater))
+    );
+    let (is_lower, evidence) = Tested::all(&tests, ERROR_RATIO);
+    Ok(Finding { holds: is_lower && 2 * lower > cells.len(), measured, evidence })
 }
 
-fn most_on_small(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-most-on-small",
-        section: Section::Localization,
-        text: "Improved maps gain most where maps are small",
-        test: "paired t test over maps of ln(improved error / initial error): below 1 % lower than \
-               from 1 % on; p: the larger of both initializations",
-    };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let (mut largest_p, mut maps): (f64, usize) = (0.0, 0);
-        let mut told = Vec::new();
-        for builder in Builder::ALL {
-            let small = before_and_after(&runs, builder, &Sizes::SMALL)?;
-            let large = before_and_after(&runs, builder, &Sizes::NOT_SMALL)?;
-            let [initial_small, improved_small, initial_large, improved_large] =
-                log_errors([&small[0], &small[1], &large[0], &large[1]])?;
-            let gain = |improved: &[f64], initial: &[f64]| -> Vec<f64> {
-                improved.iter().zip(initial).map(|(improved, initial)| improved - initial).collect()
-            };
-            let small = gain(&improved_small, &initial_small);
-            let large = gain(&improved_large, &initial_large);
-            let test = paired_t_test(&small, &large)?;
-            largest_p = largest_p.max(test.p_less);
-            maps = pairs(&test);
-            told.push(format!(
-                "{} {} below 1 %, {} from 1 % on",
-                builder.label(false),
-                ratio(mean(&small)),
-                ratio(mean(&large))
-            ));
-        }
-        Ok(Finding {
-            holds: largest_p < ALPHA,
-            p: Some(largest_p),
-            measured: format!("ratio of geometric mean errors on {maps} maps: {}", told.join("; ")),
-        })
-    })
-}
-
-fn gbs_over_rnd(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-gbs-over-rnd",
-        section: Section::Localization,
-        text: "Small grid-based maps are better to localize on than random ones of the same size",
-        test: "paired t test over maps of ln error, sizes below 1 %: gbs below rnd",
-    };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let [grid, grid_improved] = before_and_after(&runs, Builder::Grid, &Sizes::SMALL)?;
-        let [random, random_improved] = before_and_after(&runs, Builder::Random, &Sizes::SMALL)?;
-        let test = compare(&grid, &random)?;
-        let after = compare(&grid_improved, &random_improved)?;
-        let diverged = |cells: &[Cell]| -> usize { cells.iter().map(Cell::diverged).sum() };
-        let count: usize = grid.iter().map(|cell| cell.runs.len()).sum();
-        Ok(Finding {
-            holds: test.p_less < ALPHA,
-            p: Some(test.p_less),
-            measured: format!(
-                "ratio of geometric mean errors on {} maps: {}, after fuzzy k-means {} ({}); \
-                 diverged in {} against {} of {count} runs, after fuzzy k-means in {} against {}",
-                pairs(&test),
-                ratio(test.mean_difference),
-                ratio(after.mean_difference),
-                p_value(after.p_less),
-                diverged(&grid),
-                diverged(&random),
-                diverged(&grid_improved),
-                diverged(&random_improved)
-            ),
-        })
-    })
-}
-
-fn no_gain(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-no-gain",
-        section: Section::Localization,
-        text: "Beyond 1 % more points do not always lower the error",
-        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
-               next size: above 95 % of the error before; p: the smallest times the number of steps \
-               (Bonferroni)",
-    };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let steps = steps_up(&runs)?;
-        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
-        let mut without_gain = 0;
-        let mut told: Vec<(f64, String)> = Vec::new();
-        for Step { larger, smaller } in &steps {
-            let test = compare_to(larger, smaller, 1.0 - SAME_ERROR)?;
-            smallest_p = smallest_p.min(test.p_greater);
-            maps = pairs(&test);
-            without_gain += usize::from(test.mean_difference > 0.0);
-            let log_ratio = test.mean_difference + (1.0 - SAME_ERROR).ln();
-            told.push((log_ratio, format!("{} ({})", ratio(log_ratio), larger.name())));
-        }
-        told.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let p = (smallest_p * steps.len() as f64).min(1.0);
-        let ends = match told.as_slice() {
-            [(_, first), .., (_, last)] => format!("from {first} to {last}"),
-            ends => ends.iter().map(|(_, only)| only.clone()).collect(),
+fn most_on_small(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    let mut shown = Vec::new();
+    for [kind, improved] in INITIALIZATIONS {
+        let gain = |sizes: &Sizes| -> Result<Blocked, Untestable> {
+            log_ratios(&data.pairs(improved, kind, sizes)?, COLUMN)
         };
-        Ok(Finding {
-            holds: p < ALPHA,
-            p: Some(p),
-            measured: format!(
-                "{without_gain} of {} steps gain less than 5 %; ratio of geometric mean errors on \
-                 {maps} maps {ends}",
-                steps.len()
-            ),
-        })
-    })
+        let (small, large) = (gain(&Sizes::SMALL)?, gain(&Sizes::NOT_SMALL)?);
+        let effect = paired(&small, &large)?;
+        let of = format!("{improved} over {kind}, below 1 % over from 1 % on");
+        tests.push(Tested { p: effect.p_less, effect, of });
+        let [small, large] = [small, large].map(|gain| number(gain.mean_of_blocks().exp()));
+        shown.push(format!("{improved} over {kind} {small} below 1 %, {large} from 1 % on"));
+    }
+    let measured = format!("ratio of geometric mean errors: {}", shown.join("; "));
+    let (holds, evidence) = Tested::all(&tests, Shown::Ratio("ratio of error ratios"));
+    Ok(Finding { holds, measured, evidence })
 }
 
-fn slightly_worse(data: &LocalizationResults) -> Claim {
-    let statement = Statement {
-        id: "localization-slightly-worse",
-        section: Section::Localization,
-        text: "Beyond 1 % more points in some cases make localization slightly worse",
-        test: "paired t test over maps of ln error, per strategy and step from 1 % or more to the \
-               next size: above the error before, and the mean error too; p: the smallest times \
-               the number of steps (Bonferroni)",
+fn gbs_over_rnd(data: &Sampled) -> Outcome {
+    let [[grid, grid_improved], [random, random_improved]] = INITIALIZATIONS;
+    let tested =
+        |a, b| pooled(&data.pairs(a, b, &Sizes::SMALL)?, format!("{a} over {b}, below 1 %"));
+    let (test, after) = (tested(grid, random)?, tested(grid_improved, random_improved)?);
+    let diverged = |kind| -> Result<String, Untestable> {
+        Ok(hits(&rate(&data.cells(kind, &Sizes::SMALL)?)?))
     };
-    statement.decide(&data.place, || {
-        let runs = data.sampled()?;
-        let steps = steps_up(&runs)?;
-        let (mut smallest_p, mut maps): (f64, usize) = (1.0, 0);
-        let mut higher = Vec::new();
-        for Step { larger, smaller } in &steps {
-            let test = compare_to(larger, smaller, 1.0)?;
-            maps = pairs(&test);
-            let (error, before) = (larger.mean_error(), smaller.mean_error());
-            if error > before {
-                smallest_p = smallest_p.min(test.p_greater);
-                let told = format!(
-                    "{} with {} against {} at {} % ({:+.1} %, {})",
-                    larger.name(),
-                    number(error),
-                    number(before),
-                    smaller.size_percent,
-                    100.0 * (error / before - 1.0),
-                    p_value(test.p_greater)
-                );
-                higher.push((test.p_greater, told));
-            }
+    let measured = format!(
+        "ratio of geometric mean errors: {}; {} ({}); runs diverged: {grid} {}, {random} {}, \
+         {grid_improved} {}, {random_improved} {}",
+        ratio(&test),
+        ratio(&after),
+        p_value(after.p),
+        diverged(grid)?,
+        diverged(random)?,
+        diverged(grid_improved)?,
+        diverged(random_improved)?
+    );
+    let (holds, evidence) = Tested::all(&[test], ERROR_RATIO);
+    Ok(Finding { holds, measured, evidence })
+}
+
+fn no_gain(data: &Sampled) -> Outcome {
+    let mut tests = Vec::new();
+    let limit = (1.0 - SAME_ERROR).ln();
+    for step in steps_up(data)? {
+        let above = log_ratios(std::slice::from_ref(&step), COLUMN)?.map(|log| log - limit)?;
+        let p = one_sample(&above)?.p_greater;
+        tests.push(Tested { p, ..compare(&step[0], &step[1])? });
+    }
+    tests.sort_by(|a, b| a.effect.mean_difference.total_cmp(&b.effect.mean_difference));
+    let without = tests.iter().filter(|test| test.effect.mean_difference > limit).count();
+    let [least, most] = [tests.first(), tests.last()].map(|t| t.map(ratio).unwrap_or_default());
+    let measured = format!(
+        "{without} of {} steps gain less than 5 %; ratios of geometric mean errors from {least} to \
+         {most}",
+        tests.len()
+    );
+    let (holds, evidence) = Tested::any(&tests, ERROR_RATIO);
+    Ok(Finding { holds, measured, evidence })
+}
+
+fn slightly_worse(data: &Sampled) -> Outcome {
+    let steps = steps_up(data)?;
+    let mut tests = Vec::new();
+    let mut rises = Vec::new();
+    for [larger, smaller] in &steps {
+        let test = compare(larger, smaller)?;
+        tests.push(Tested { p: test.effect.p_greater, ..test });
+        rises.push((mean_error(smaller)?, mean_error(larger)?));
+    }
+    let higher = rises.iter().filter(|(before, error)| error > before).count();
+    let surest = Tested::strongest(&tests).unwrap_or_default();
+    let (before, error) = rises[surest];
+    let measured = format!(
+        "the mean error is higher after {higher} of {} steps; the surest is {} with {} against {}",
+        tests.len(),
+        tests[surest].of,
+        number(error),
+        number(before)
+    );
+    let (is_worse, evidence) = Tested::any(&tests, ERROR_RATIO);
+    Ok(Finding { holds: is_worse && error > before, measured, evidence })
+}
+
+fn recovers(data: &Sampled) -> Outcome {
+    let cells = data.all_cells(&Sizes::NOT_TINY)?.concat();
+    let diverged = rate(&cells)?;
+    let (runs, interval) = (diverged.of_units(), diverged.interval(0.95)?);
+    let mut measured = format!("{} runs diverged", hits(&diverged));
+    let mut lost = Vec::new();
+    for cell in &cells {
+        let diverged = rate(std::slice::from_ref(cell))?;
+        if diverged.of_units().hits() > 0 {
+            lost.push(format!("{} on {}", hits(&diverged), cell.name()));
         }
-        higher.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let surest =
-            higher.first().map_or(String::new(), |(_, told)| format!("; the surest is {told}"));
-        let p = (smallest_p * steps.len() as f64).min(1.0);
-        Ok(Finding {
-            holds: p < ALPHA,
-            p: Some(p),
-            measured: format!(
-                "on {maps} maps the mean error is higher after {} of {} steps{surest}",
-                higher.len(),
-                steps.len()
-            ),
-        })
-    })
+    }
+    if !lost.is_empty() {
+        measured += &format!(" ({})", list(&lost));
+    }
+    let evidence = Evidence {
+        p: None,
+        effect: Some(runs.hits() as f64 / runs.trials() as f64),
+        low: Some(interval.low),
+        high: Some(interval.high),
+        blocks: Some(diverged.of_blocks().trials() as usize),
+        effect_of: Some("share of diverged runs".to_owned()),
+    };
+    Ok(Finding { holds: runs.hits() == 0, measured, evidence })
 }
 
-/// Two cells of one strategy, neighbours in size.
-struct Step<'a> {
-    larger: Cell<'a>,
-    smaller: Cell<'a>,
+fn diverges_below(data: &Sampled) -> Outcome {
+    let below = data.all_cells(&Sizes::TINY)?.concat();
+    let runs = rate(&below)?;
+    let mut measured = format!("{} runs diverged", hits(&runs));
+    // Without larger maps there is nothing to compare with, but runs have diverged or not.
+    let mut evidence = Evidence::default();
+    if let Ok(above) = data.all_cells(&Sizes::NOT_TINY) {
+        let above = above.concat();
+        let effect = paired(&diverged(&below)?, &diverged(&above)?)?;
+        let of = "below 0.25 % less that from there on".to_owned();
+        let test = Tested { p: effect.p_greater, effect, of };
+        evidence = Tested::all(&[test], Shown::Difference("share of diverged runs")).1;
+        measured += &format!(", from 0.25 % on {}", hits(&rate(&above)?));
+    }
+    Ok(Finding { holds: runs.of_units().hits() > 0, measured, evidence })
 }
 
-/// The steps of all four strategies from 1 % or more to the next size.
-fn steps_up<'a>(runs: &Sampled<'a>) -> Result<Vec<Step<'a>>, Untestable> {
-    runs.all_cells(&Sizes::ABOVE_SMALL)?;
+/// Tests whether errors in the first cell of each pair are below those in the second, all sizes together.
+fn pooled(pairs: &[[Cell; 2]], of: String) -> Result<Tested, Untestable> {
+    let effect = one_sample(&log_ratios(pairs, COLUMN)?)?;
+    Ok(Tested { p: effect.p_less, effect, of })
+}
+
+/// Compares the errors in two cells; p is the two-sided one.
+fn compare(a: &Cell, b: &Cell) -> Result<Tested, Untestable> {
+    let effect = a.against(b, COLUMN, TestKind::Paired, true)?;
+    Ok(Tested { p: effect.p_two_sided, effect, of: format!("{} over {}", a.name(), b.name()) })
+}
+
+/// From 1 % or more to the next size: the cells of one kind of map after and before, of all four kinds.
+fn steps_up<'a>(data: &Sampled<'a>) -> Result<Vec<[Cell<'a>; 2]>, Untestable> {
+    data.all_cells(&Sizes::ABOVE_SMALL)?;
     let mut steps = Vec::new();
-    for strategy in MapStrategy::SAMPLED {
-        let cells = runs.cells(strategy, &Sizes::NOT_SMALL)?;
-        steps.extend(
-            cells.windows(2).map(|pair| Step { larger: pair[1].clone(), smaller: pair[0].clone() }),
-        );
+    for cells in data.all_cells(&Sizes::NOT_SMALL)? {
+        steps.extend(cells.windows(2).map(|pair| [pair[1].clone(), pair[0].clone()]));
     }
-    if steps.is_empty() {
-        return Err(Untestable("there is only one size from 1 % on".to_owned()));
+    match steps.is_empty() {
+        true => Err(Untestable("there is only one size from 1 % on".to_owned())),
+        false => Ok(steps),
     }
-    Ok(steps)
 }
 
-/// Tests ln error in one cell against that in another times a factor, paired by map.
-fn compare_to(cell: &Cell, other: &Cell, factor: f64) -> Result<TTest, Untestable> {
-    let [errors, others] = log_errors([std::slice::from_ref(cell), std::slice::from_ref(other)])?;
-    let limits: Vec<f64> = others.iter().map(|error| error + factor.ln()).collect();
-    Ok(paired_t_test(&errors, &limits)?)
+/// Mean of all runs, as in figure 5.
+fn mean_error(cell: &Cell) -> Result<f64, Untestable> {
+    Ok(cell.values(COLUMN)?.mean())
 }
 
-/// The cells of a builder's maps before and after fuzzy k-means.
-fn before_and_after<'a>(
-    runs: &Sampled<'a>,
-    builder: Builder,
-    of: &Sizes,
-) -> Result<[Vec<Cell<'a>>; 2], Untestable> {
-    let cells = |improved| runs.cells(MapStrategy::of(builder, improved), of);
-    Ok([cells(false)?, cells(true)?])
+/// Of every run on these maps 1 if it diverged and 0 if not, by draw.
+fn diverged(cells: &[Cell]) -> Result<Blocked, Untestable> {
+    let of_cells = cells.iter().map(|cell| cell.values("diverged"));
+    let of_cells = of_cells.collect::<Result<Vec<Blocked>, Untestable>>()?;
+    Ok(Blocked::new(of_cells.iter().flat_map(Blocked::values))?)
 }
 
-/// How many pairs a paired test had: maps with their runs.
-fn pairs(test: &TTest) -> usize {
-    test.degrees_of_freedom as usize + 1
+/// How often runs on these maps diverged.
+fn rate(cells: &[Cell]) -> Result<BlockedRate, Untestable> {
+    Ok(BlockedRate::new(diverged(cells)?.values().map(|(draw, hit)| (draw, hit > 0.0)))?)
 }
 
-fn ratio(log_ratio: f64) -> String {
-    number(log_ratio.exp())
+/// "3 of 20"
+fn hits(rate: &BlockedRate) -> String {
+    format!("{} of {}", rate.of_units().hits(), rate.of_units().trials())
+}
+
+/// "gbs+f-km over gbs 0.87"
+fn ratio(test: &Tested) -> String {
+    format!("{} {}", test.of, number(test.effect.mean_difference.exp()))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict::*;
-    use super::super::divergence::{self, diverges_below, recovers};
-    use super::super::planted;
-    use super::*;
+    use mcl_study::store::results::Results;
+
+    use crate::claims::claim::Claim;
+    use crate::claims::claim::Verdict::*;
+    use crate::claims::{decide, planted};
 
     const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
 
-    fn is_improved(strategy: MapStrategy) -> bool {
-        matches!(strategy, MapStrategy::GridImproved | MapStrategy::RandomImproved)
+    fn is_improved(kind: &str) -> bool {
+        kind.ends_with("+f-km")
     }
 
-    fn is_random(strategy: MapStrategy) -> bool {
-        matches!(strategy, MapStrategy::Random | MapStrategy::RandomImproved)
+    fn is_random(kind: &str) -> bool {
+        kind.starts_with("rnd")
     }
 
     /// What the paper sees.
-    fn as_in_the_paper() -> LocalizationResults {
-        planted::localization(&SIZES, |strategy, size, run, scatter| {
+    fn as_in_the_paper() -> Results {
+        planted::localization(&SIZES, |kind, size, run, scatter| {
             let small = size < 1.0;
             let mut error = 0.03 * scatter;
             if small {
-                error *= if is_random(strategy) { 6.0 } else { 3.0 };
+                error *= if is_random(kind) { 6.0 } else { 3.0 };
             }
-            if is_improved(strategy) {
+            if is_improved(kind) {
                 error *= if small { 0.5 } else { 0.9 };
             }
             if size == 5.0 {
@@ -309,90 +322,92 @@ mod tests {
         })
     }
 
-    /// All claims of section V-B.
-    fn claims(data: &LocalizationResults) -> Vec<Claim> {
-        CLAIMS.iter().chain(&divergence::CLAIMS).map(|claim| claim(data)).collect()
+    /// The claims of section V-B.
+    fn claims(results: &Results) -> Vec<Claim> {
+        let claims = decide(std::slice::from_ref(results)).remove(0).claims;
+        claims.into_iter().filter(|claim| claim.section == "V-B").collect()
+    }
+
+    fn find(results: &Results, id: &str) -> Claim {
+        let id = format!("localization-{id}");
+        claims(results).into_iter().find(|claim| claim.id == id).unwrap()
     }
 
     #[test]
     fn the_papers_picture_is_reproduced() {
-        let data = as_in_the_paper();
-        for claim in claims(&data) {
+        let results = as_in_the_paper();
+        for claim in claims(&results) {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
-        let claim = slightly_worse(&data);
-        assert!(claim.measured.contains(" 5 % with 0.03"), "{}", claim.measured);
-        let claim = diverges_below(&data);
+        let claim = find(&results, "slightly-worse");
+        assert!(claim.measured.contains(" 2 % with 0.03"), "{}", claim.measured);
+        let claim = find(&results, "diverges-below");
         assert_eq!(claim.measured, "4 of 32 runs diverged, from 0.25 % on 0 of 128");
-        // All four of the 160 are among the 32: (32·31·30·29) / (160·159·158·157).
-        assert!((claim.p.unwrap() - 863_040.0 / 631_064_640.0).abs() < 1e-9, "{:?}", claim.p);
+        // Shares of 0, 0, ½ and 0 on four draws: t = 1 with three degrees of freedom.
+        let angle = std::f64::consts::FRAC_PI_6;
+        let p = 0.5 - (angle + angle.sin() * angle.cos()) / std::f64::consts::PI;
+        assert!((claim.evidence.p.unwrap() - p).abs() < 1e-12, "{claim:?}");
+        assert!((claim.evidence.effect.unwrap() - 0.125).abs() < 1e-12, "{claim:?}");
+        assert_eq!(claim.evidence.blocks, Some(4));
     }
 
     #[test]
     fn its_opposite_is_not() {
         // Improved maps are worse, most of all small ones; random beats grid-based; more points are
         // always better; the filter is lost on large maps only.
-        let data = planted::localization(&SIZES, |strategy, size, run, scatter| {
+        let results = planted::localization(&SIZES, |kind, size, run, scatter| {
             let mut error = 0.3 / size.sqrt() * scatter;
-            if is_improved(strategy) {
+            if is_improved(kind) {
                 error *= if size < 1.0 { 2.0 } else { 1.2 };
             }
-            if is_random(strategy) {
+            if is_random(kind) {
                 error *= 0.5;
             }
-            if size == 1.0 && strategy == MapStrategy::Grid && run < 4 {
+            if size == 1.0 && kind == "gbs" && run < 4 {
                 error = 5.0;
             }
             error.min(if size < 1.0 { 0.99 } else { 9.0 })
         });
-        for claim in claims(&data) {
+        for claim in claims(&results) {
             assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
         }
-        let claim = recovers(&data);
-        assert!(claim.measured.contains("4 of 128 runs diverged (4 of 8 on gbs 1 %)"), "{claim:?}");
+        let claim = find(&results, "recovers");
+        assert_eq!(claim.measured, "4 of 128 runs diverged (4 of 8 on gbs 1 %)");
+        assert_eq!((claim.evidence.effect, claim.evidence.blocks), (Some(4.0 / 128.0), Some(4)));
+        // As sure as four trials are, not 128.
+        assert!(claim.evidence.high.unwrap() > 0.5, "{claim:?}");
     }
 
     #[test]
     fn chance_is_no_difference() {
-        let data = planted::localization(&SIZES, |_, _, _, scatter| 0.03 * scatter);
-        for claim in [improved, most_on_small, gbs_over_rnd, slightly_worse] {
-            assert_eq!(claim(&data).verdict, NotReproduced);
+        let results = planted::localization(&SIZES, |_, _, _, scatter| 0.03 * scatter);
+        for id in ["improved", "most-on-small", "gbs-over-rnd", "slightly-worse"] {
+            assert_eq!(find(&results, id).verdict, NotReproduced);
         }
         // The same error at all sizes surely is no gain of 5 %.
-        assert_eq!(no_gain(&data).verdict, Reproduced);
+        assert_eq!(find(&results, "no-gain").verdict, Reproduced);
     }
 
     #[test]
     fn what_is_missing_is_named() {
-        let reason = |claim: Claim| {
-            assert_eq!((claim.verdict, claim.p), (NotTestable, None), "{claim:?}");
+        let reason = |results: &Results, id: &str| {
+            let claim = find(results, id);
+            assert_eq!((claim.verdict, claim.evidence.p), (NotTestable, None), "{claim:?}");
             claim.measured
         };
         let large = planted::localization(&[1.0, 2.0], |_, _, _, scatter| 0.03 * scatter);
-        assert_eq!(reason(most_on_small(&large)), "there are no maps below 1 %, only of 1, 2 %");
-        assert_eq!(reason(gbs_over_rnd(&large)), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(reason(&large, "most-on-small"), "there are no maps below 1 %, only of 1, 2 %");
+        assert_eq!(reason(&large, "gbs-over-rnd"), "there are no maps below 1 %, only of 1, 2 %");
         assert_eq!(
-            reason(diverges_below(&large)),
+            reason(&large, "diverges-below"),
             "there are no maps below 0.25 %, only of 1, 2 %"
         );
-        assert_eq!(recovers(&large).verdict, Reproduced);
+        assert_eq!(find(&large, "recovers").verdict, Reproduced);
         let small = planted::localization(&[0.1], |_, _, _, scatter| 2.0 * scatter);
-        assert_eq!(reason(recovers(&small)), "there are no maps from 0.25 % on, only of 0.1 %");
-        assert_eq!(reason(no_gain(&small)), "there are no maps above 1 %, only of 0.1 %");
-        assert_eq!(reason(slightly_worse(&small)), "there are no maps above 1 %, only of 0.1 %");
-        assert_eq!((diverges_below(&small).verdict, diverges_below(&small).p), (Reproduced, None));
-
-        let mut data = as_in_the_paper();
-        data.rows.as_mut().unwrap().retain(|row| row.strategy != MapStrategy::RandomImproved);
-        assert_eq!(reason(improved(&data)), "there is no run on rnd+f-km 0.1 %");
-        assert_eq!(reason(recovers(&data)), "there is no run on rnd+f-km 0.5 %");
-        let mut data = as_in_the_paper();
-        data.rows.as_mut().unwrap().retain(|row| row.size_percent != 1.0);
-        assert_eq!(reason(no_gain(&data)), "there is no run on gbs 1 %");
-        let mut data = as_in_the_paper();
-        data.rows = Err(Untestable("nothing was run".into()));
-        for claim in claims(&data) {
-            assert_eq!(reason(claim), "nothing was run");
-        }
+        assert_eq!(reason(&small, "recovers"), "there are no maps from 0.25 % on, only of 0.1 %");
+        assert_eq!(reason(&small, "no-gain"), "there are no maps above 1 %, only of 0.1 %");
+        assert_eq!(reason(&small, "slightly-worse"), "there are no maps above 1 %, only of 0.1 %");
+        let below = find(&small, "diverges-below");
+        assert_eq!((below.verdict, below.evidence.p), (Reproduced, None));
     }
 }

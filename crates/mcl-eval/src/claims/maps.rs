@@ -1,90 +1,93 @@
 //! Section IV: how grid-based sampling chooses points.
 
-use mcl_core::{NearestNeighbors, PointMap};
+use mcl_core::PointMap;
+use mcl_maps::files::read_map;
+use mcl_study::store::results::Results;
+use mcl_study::table::Value;
 
-use super::claim::{Claim, Finding, Section, Statement, Untestable};
-use super::saved::LikelihoodResults;
-use crate::experiment::Builder;
+use crate::claims::cells::{Sampled, SampledTest, Sizes};
+use crate::claims::claim::{Evidence, Finding, Outcome, Test, Untestable};
 
-pub(super) const CLAIMS: [fn(&LikelihoodResults) -> Claim; 3] =
-    [even_spread, size_not_exact, cost_of_grid];
-
-fn even_spread(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
+pub(super) const CLAIMS: [SampledTest; 3] = [
+    Test {
         id: "even-spread",
-        section: Section::InitialMap,
-        text: "Grid-based maps spread their points more evenly than random maps of the same size \
-               (figure 2)",
+        section: "IV",
+        statement: "Grid-based maps spread their points more evenly than random maps of the same size \
+                   (figure 2)",
         test: "no test, one map of each kind: the distances from map points to their nearest map \
-               point vary less (coefficient of variation)",
-    };
-    statement.decide(&data.place, || {
-        let maps = data.maps.as_ref().map_err(Untestable::clone)?;
-        let grid = spread(&maps.grid)?;
-        let random = spread(&maps.random)?;
-        Ok(Finding {
-            holds: grid < random,
-            p: None,
-            measured: format!(
-                "coefficient of variation {grid:.2} of the grid-based map ({} points), {random:.2} \
-                 of the random one ({})",
-                maps.grid.len(),
-                maps.random.len()
-            ),
-        })
-    })
-}
-
-fn size_not_exact(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
+                   point vary less (coefficient of variation)",
+        decide: even_spread,
+    },
+    Test {
         id: "size-not-exact",
-        section: Section::InitialMap,
-        text: "The number of points of a grid-based map cannot be asked for exactly",
-        test: "no test: holds if a map of the experiment, whose cell size is searched for, has not \
-               the number of points that was asked for",
-    };
-    statement.decide(&data.place, || {
-        let maps: Vec<_> = data.rows()?.iter().filter(|row| row.builder == Builder::Grid).collect();
-        if maps.is_empty() {
-            return Err(Untestable("no grid-based map".to_owned()));
-        }
-        let missed: Vec<_> =
-            maps.iter().filter(|row| row.initial_points != row.requested_points).collect();
-        let furthest = missed
-            .iter()
-            .max_by_key(|row| row.requested_points.abs_diff(row.initial_points))
-            .map_or(String::new(), |row| {
-                let (found, requested) = (row.initial_points, row.requested_points);
-                let percent = 100.0 * (found as f64 / requested as f64 - 1.0);
-                format!(
-                    "; the furthest has {found} instead of {requested} points ({percent:+.2} %)"
-                )
-                .replace('-', "−")
-            });
-        Ok(Finding {
-            holds: !missed.is_empty(),
-            p: None,
-            measured: format!(
-                "bisection of the cell size met {} of {} requests exactly{furthest}",
-                maps.len() - missed.len(),
-                maps.len()
-            ),
-        })
-    })
+        section: "IV",
+        statement: "The number of points of a grid-based map cannot be asked for exactly",
+        test: "no test: holds if a map of the experiment, whose cell size is searched for, has \
+                   not the number of points that was asked for",
+        decide: size_not_exact,
+    },
+    Test {
+        id: "cost-of-grid",
+        section: "IV",
+        statement: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
+                   each of K cells",
+        test: "no test",
+        decide: |_| {
+            let reason = "saved times are of a search over many grids; `make bench` times one";
+            Err(Untestable(reason.to_owned()))
+        },
+    },
+];
+
+/// The picture of a random and a grid-based map of the same size.
+const FIGURE_2: &str = "figure2-sampling";
+
+fn even_spread(data: &Sampled) -> Outcome {
+    let [grid, random] = [figure_2(data.results, "gbs")?, figure_2(data.results, "rnd")?];
+    let (of_grid, of_random) = (spread(&grid)?, spread(&random)?);
+    let measured = format!(
+        "coefficient of variation {of_grid:.2} of the grid-based map ({} points), {of_random:.2} of \
+         the random one ({})",
+        grid.len(),
+        random.len()
+    );
+    Ok(Finding { holds: of_grid < of_random, measured, evidence: Evidence::default() })
 }
 
-fn cost_of_grid(data: &LikelihoodResults) -> Claim {
-    let statement = Statement {
-        id: "cost-of-grid",
-        section: Section::InitialMap,
-        text: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
-               each of K cells",
-        test: "no test",
-    };
-    statement.decide(&data.place, || {
-        let reason = "saved times are of a search over many grids; `make bench` times one";
-        Err(Untestable(reason.to_owned()))
-    })
+/// The map of a kind in the picture.
+fn figure_2(results: &Results, kind: &str) -> Result<PointMap<2>, Untestable> {
+    let pictures = results.study.views.pictures.iter().zip(&results.pictured);
+    let shown = pictures.filter(|(picture, _)| picture.name == FIGURE_2).flat_map(|(_, maps)| maps);
+    let is_kind = |cell: &(String, Value)| cell.0 == "map" && cell.1.text() == Some(kind);
+    let map = shown.flatten().find(|map| map.cells.iter().any(is_kind));
+    let missing = || Untestable("the maps of figure 2 are not saved".to_owned());
+    read_map(&map.ok_or_else(missing)?.map).map_err(|error| Untestable(format!("{error:#}")))
+}
+
+fn size_not_exact(data: &Sampled) -> Outcome {
+    let (mut maps, mut exact) = (0, 0);
+    // Relative miss, points that were found, points that were asked for.
+    let mut furthest = (0.0, 0.0, 0.0);
+    for cell in data.cells("gbs", &Sizes::ALL)? {
+        let (found, requested) = (cell.values("map_points")?, cell.values("requested_points")?);
+        for (&(_, found), &(_, requested)) in
+            found.block_means().iter().zip(requested.block_means())
+        {
+            maps += 1;
+            exact += usize::from(found == requested);
+            let miss = found / requested - 1.0;
+            if miss.abs() > f64::abs(furthest.0) {
+                furthest = (miss, found, requested);
+            }
+        }
+    }
+    let mut measured = format!("bisection of the cell size met {exact} of {maps} requests exactly");
+    if exact < maps {
+        let (miss, found, requested) = furthest;
+        let miss = format!("{:+.2}", 100.0 * miss).replace('-', "−");
+        measured += &format!("; the furthest has {found} instead of {requested} points ({miss} %)");
+    }
+    Ok(Finding { holds: exact < maps, measured, evidence: Evidence::default() })
 }
 
 /// Coefficient of variation of the distances from each point to the nearest other one: 0 on a
@@ -100,41 +103,26 @@ fn spread(map: &PointMap<2>) -> Result<f64, Untestable> {
     Ok(variance.sqrt() / mean)
 }
 
-/// Distance from each point to the nearest other one (m).
+/// Distance from each point to the nearest other one (m), of all pairs: maps of figure 2 are small.
 fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
     let points = map.points();
     if points.len() < 2 {
         return Err(Untestable("a map of one point has no spread".to_owned()));
     }
-    let index = NearestNeighbors::new(points).map_err(|error| Untestable(error.to_string()))?;
-    let bounds = map.bounds();
-    let extent = bounds.extent(0).max(bounds.extent(1));
-    let distance_of = |(number, point)| {
-        // Some other point is within a radius that is doubled often enough, and then so is the
-        // nearest.
-        let mut radius = extent / (points.len() as f64).sqrt();
-        loop {
-            let mut nearest = f64::INFINITY;
-            index.for_each_within(point, radius, |neighbor| {
-                if neighbor.index != number {
-                    nearest = nearest.min(neighbor.distance_squared);
-                }
-            });
-            if nearest.is_finite() {
-                return nearest.sqrt();
-            }
-            radius *= 2.0;
-        }
+    let nearest = |(index, [x, y]): (usize, &[f64; 2])| {
+        let others = points[..index].iter().chain(&points[index + 1..]);
+        others.map(|[u, v]| (u - x).hypot(v - y)).fold(f64::INFINITY, f64::min)
     };
-    Ok(points.iter().enumerate().map(distance_of).collect())
+    Ok(points.iter().enumerate().map(nearest).collect())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict;
-    use super::super::planted;
+    use mcl_maps::files::{Encoding, write_map};
+    use mcl_study::store::results::Pictured;
+
     use super::*;
-    use crate::results::ComparisonMaps;
+    use crate::claims::planted;
 
     /// On a lattice, and with half of the points crowded into a corner.
     fn maps() -> [PointMap<2>; 2] {
@@ -147,56 +135,48 @@ mod tests {
         [PointMap::new(crowded.collect()).unwrap(), PointMap::new(lattice.clone()).unwrap()]
     }
 
-    #[test]
-    fn distances_are_those_of_brute_force() {
-        let [crowded, _] = maps();
-        let found = nearest_other_distances(&crowded).unwrap();
-        for (i, a) in crowded.points().iter().enumerate() {
-            let others = crowded.points().iter().enumerate().filter(|(j, _)| *j != i);
-            let nearest = others
-                .map(|(_, b)| ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt())
-                .fold(f64::INFINITY, f64::min);
-            assert!((found[i] - nearest).abs() < 1e-12);
-        }
-        // Twins are 0 apart, also when there is nothing else.
-        let twins = PointMap::new(vec![[1.0, 1.0]; 2]).unwrap();
-        assert_eq!(nearest_other_distances(&twins).unwrap(), [0.0, 0.0]);
+    fn outcome(claim: fn(&Sampled) -> Outcome, results: &Results) -> Outcome {
+        claim(&Sampled::of(results, "log_likelihood", false).unwrap()[0])
     }
 
     #[test]
     fn the_lattice_is_even() {
         let [random, grid] = maps();
         assert!(spread(&grid).unwrap() < 1e-12);
-        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
-        assert_eq!(even_spread(&data).verdict, Verdict::NotTestable);
-        data.maps = Ok(ComparisonMaps { random: random.clone(), grid: grid.clone() });
-        assert_eq!(even_spread(&data).verdict, Verdict::Reproduced);
-        data.maps = Ok(ComparisonMaps { random: grid, grid: random });
-        assert_eq!(even_spread(&data).verdict, Verdict::NotReproduced);
+        // Twins are 0 apart, also when there is nothing else.
+        let twins = PointMap::new(vec![[1.0, 1.0]; 2]).unwrap();
+        assert_eq!(nearest_other_distances(&twins).unwrap(), [0.0, 0.0]);
+        let folder = tempfile::tempdir().unwrap();
+        let mut results = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
+        let missing = || Some("the maps of figure 2 are not saved".to_owned());
+        assert_eq!(outcome(even_spread, &results).err().map(|reason| reason.0), missing());
+        for (maps, holds) in [([&random, &grid], true), ([&grid, &random], false)] {
+            let shown = ["rnd", "gbs"].into_iter().zip(maps).map(|(kind, points)| {
+                let map = folder.path().join(format!("{kind}.ply"));
+                write_map(&map, points, Encoding::Binary).unwrap();
+                Some(Pictured { cells: vec![("map".to_owned(), kind.into())], map, paths: None })
+            });
+            results.pictured = vec![shown.collect()];
+            assert_eq!(outcome(even_spread, &results).ok().unwrap().holds, holds);
+        }
+        std::fs::write(folder.path().join("gbs.ply"), "no map").unwrap();
+        let reason = outcome(even_spread, &results).err().unwrap().0;
+        assert!(reason.contains("gbs.ply"), "{reason}");
     }
 
     #[test]
-    fn a_size_that_is_missed_is_told() {
-        let mut data = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
-        let claim = size_not_exact(&data);
-        assert_eq!(claim.verdict, Verdict::NotReproduced);
-        assert!(claim.measured.contains("5 of 5"), "{}", claim.measured);
-        let rows = data.rows.as_mut().unwrap();
-        let row = rows.iter_mut().find(|row| row.builder == Builder::Grid).unwrap();
-        row.initial_points = row.requested_points - 5;
-        let claim = size_not_exact(&data);
-        assert_eq!(claim.verdict, Verdict::Reproduced);
-        assert!(
-            claim.measured.contains("95 instead of 100 points (−5.00 %)"),
-            "{}",
-            claim.measured
-        );
-        rows_of_random_only(&mut data);
-        assert_eq!(size_not_exact(&data).verdict, Verdict::NotTestable);
-        assert_eq!(cost_of_grid(&data).verdict, Verdict::NotTestable);
-    }
-
-    fn rows_of_random_only(data: &mut LikelihoodResults) {
-        data.rows.as_mut().unwrap().retain(|row| row.builder == Builder::Random);
+    fn a_size_that_is_missed_is_reported() {
+        let mut results = planted::likelihood(&[1.0], |_, _, _| (-5.0, -4.0));
+        let finding = outcome(size_not_exact, &results).ok().unwrap();
+        assert!(!finding.holds && finding.measured.contains("5 of 5"), "{}", finding.measured);
+        planted::edit(&mut results, |row| {
+            if row.text("map") == "gbs" && row.number("draw") == 2.0 {
+                row.set("map_points", 95u32);
+            }
+            true
+        });
+        let finding = outcome(size_not_exact, &results).ok().unwrap();
+        let missed = finding.measured.contains("95 instead of 100 points (−5.00 %)");
+        assert!(finding.holds && missed, "{}", finding.measured);
     }
 }

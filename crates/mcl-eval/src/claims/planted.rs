@@ -1,105 +1,144 @@
-//! Rows in which tests plant a truth.
+//! Studies in whose rows tests plant a truth.
+
+use std::path::PathBuf;
 
 use mcl_core::Seed;
+use mcl_study::data::facts::DataFacts;
+use mcl_study::store::results::Results;
+use mcl_study::study::definition::Study;
+use mcl_study::table::{Cells, Table, Value};
 use rand::RngExt;
 
-use super::Place;
-use super::claim::Untestable;
-use super::saved::{LikelihoodResults, LocalizationResults};
-use crate::experiment::{Builder, LikelihoodRow, LocalizationRow, MapStrategy, Split};
+const FOUR_KINDS: &str = r#"["gbs", "gbs+f-km", "rnd", "rnd+f-km"]"#;
 
-/// Five maps per initialization and size, with likelihoods (initial, improved) chosen by the truth
-/// that a test plants: a function of initialization, size and a scatter of about ±1 that sums to 0.
-pub(super) fn likelihood(
-    sizes: &[f64],
-    truth: impl Fn(Builder, f64, f64) -> (f64, f64),
-) -> LikelihoodResults {
-    let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
-    let mut rows = Vec::new();
-    for builder in Builder::ALL {
-        for &size_percent in sizes {
-            for (repeat, &scatter) in scatter.iter().enumerate() {
-                let (initial, improved) = truth(builder, size_percent, scatter);
-                rows.push(LikelihoodRow {
-                    dataset: "office".into(),
-                    builder,
-                    size_percent,
-                    repeat: repeat as u32,
-                    seed: 1,
-                    data_points: 10_000,
-                    requested_points: (100.0 * size_percent) as usize,
-                    cell_m: None,
-                    offset_x_m: None,
-                    offset_y_m: None,
-                    initial_points: (100.0 * size_percent) as usize,
-                    initial_log_likelihood: initial,
-                    iterations: 10,
-                    converged: true,
-                    fitted_log_likelihood: improved,
-                    improved_points: (100.0 * size_percent) as usize,
-                    improved_log_likelihood: improved,
-                });
-            }
+/// A row that a test fills or edits.
+#[derive(Clone, Default)]
+pub(super) struct PlantedRow(Cells);
+
+impl PlantedRow {
+    pub fn text(&self, column: &str) -> &str {
+        self.get(column).and_then(Value::text).unwrap_or_default()
+    }
+
+    pub fn number(&self, column: &str) -> f64 {
+        self.get(column).and_then(Value::number).unwrap_or(f64::NAN)
+    }
+
+    pub fn set(&mut self, column: &str, value: impl Into<Value>) {
+        match self.0.iter_mut().find(|(name, _)| name == column) {
+            Some((_, old)) => *old = value.into(),
+            None => self.0.push((column.to_owned(), value.into())),
         }
     }
-    LikelihoodResults {
-        place: Place {
-            dataset: "office".into(),
-            experiment: Some("likelihood".into()),
-            split: None,
-        },
-        planned_sizes: sizes.to_vec(),
-        rows: Ok(rows),
-        maps: Err(Untestable("no maps".into())),
+
+    fn get(&self, column: &str) -> Option<&Value> {
+        self.0.iter().find(|(name, _)| name == column).map(|(_, value)| value)
     }
 }
 
-const RUNS: u32 = 8;
-const MAPS: u32 = 4;
-
-/// Eight runs on four maps of every strategy and size, with errors chosen by the truth that a test
-/// plants: a function of strategy, size, run, and a random scatter of up to 1 % about 1. Errors
-/// above 1 are divergences.
-pub(super) fn localization(
-    sizes: &[f64],
-    truth: impl Fn(MapStrategy, f64, u32, f64) -> f64,
-) -> LocalizationResults {
+/// A complete study of this text on the office, each row filled by a function.
+pub(super) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
+    let study = Study::parse(&format!("seed = 1\n{text}")).unwrap();
+    let plan = study.plan("office").unwrap();
     let mut rows = Vec::new();
-    let mut rng = Seed::new(1).derive("scatter").rng();
-    for strategy in MapStrategy::SAMPLED {
-        for &size_percent in sizes {
-            for run in 0..RUNS {
-                let scatter = rng.random_range(0.99..1.01);
-                let weighted = truth(strategy, size_percent, run, scatter);
-                rows.push(LocalizationRow {
-                    dataset: "office".into(),
-                    split: Split::Same,
-                    strategy,
-                    size_percent,
-                    map: run % MAPS,
-                    map_seed: 1,
-                    run,
-                    data_points: 10_000,
-                    map_points: 100,
-                    scans: 50,
-                    used_beams: 9000,
-                    weighted,
-                    translation: weighted,
-                    heading: 0.0,
-                    translation_max: weighted,
-                    diverged: weighted > 1.0,
-                    lost_episodes: 0,
-                    recovered_episodes: 0,
-                    mean_effective_sample_size: 250.0,
-                    resamplings: 2,
-                });
-            }
+    for trial in &plan.trials {
+        let map = PlantedRow(trial.map.cells());
+        match trial.runs.is_empty() {
+            true => rows.push(map),
+            false => rows.extend(trial.runs.iter().map(|run| {
+                let mut row = map.clone();
+                row.0.extend(run.cells().unwrap());
+                row
+            })),
         }
     }
-    let place = Place {
-        dataset: "office".into(),
-        experiment: Some("localization".into()),
-        split: Some(Split::Same),
+    rows.iter_mut().for_each(fill);
+    let asked = plan.trials.len();
+    Results {
+        folder: PathBuf::new(),
+        name: name.into(),
+        study,
+        facts: office_facts(),
+        table: Table::of_cells(rows.into_iter().map(|row| row.0)),
+        done: asked,
+        asked,
+        pictured: Vec::new(),
+        damage: Vec::new(),
+    }
+}
+
+/// What the data of planted studies is.
+pub(super) fn office_facts() -> DataFacts {
+    DataFacts {
+        name: "office".into(),
+        title: "Simulated office".into(),
+        sha256: "00".into(),
+        dimensions: 2,
+        scans: 50,
+        max_range: Some(10.0),
+        points: 10_000,
+        skipped_records: 0,
+    }
+}
+
+/// Five maps of each kind and size, with likelihoods (initial, improved) chosen by the truth that a test
+/// plants: a function of whether the map is a random one, size, and a scatter of about ±1 that sums to
+/// 0.
+pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, f64)) -> Results {
+    let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
+    let text = format!(
+        "measures = [\"likelihood\"]\n[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 5\n\
+         [[views.pictures]]\nname = \"figure2-sampling\"\nmaps = [{{ map = \"rnd\", size = 1 }}, \
+         {{ map = \"gbs\", size = 1 }}]\n"
+    );
+    study("likelihood", &text, |row| {
+        let size = row.number("size_percent");
+        let is_random = row.text("map").starts_with("rnd");
+        let (initial, improved) = truth(is_random, size, scatter[row.number("draw") as usize]);
+        let likelihood = if row.text("map").ends_with("+f-km") { improved } else { initial };
+        row.set("log_likelihood", likelihood);
+        row.set("requested_points", (100.0 * size) as usize);
+        row.set("map_points", (100.0 * size) as usize);
+    })
+}
+
+/// Eight runs on four maps of every kind and size, with errors chosen by the truth that a test plants: a
+/// function of kind, size, run, and a random scatter of up to 1 % about 1. Errors above 1 are
+/// divergences.
+pub(super) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
+    let mut rng = Seed::new(1).derive("scatter").rng();
+    let text = format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
+    study("localization", &text, |row| {
+        let (size, run) = (row.number("size_percent"), row.number("run") as u32);
+        let weighted = truth(row.text("map"), size, run, rng.random_range(0.99..1.01));
+        row.set("weighted", weighted);
+        row.set("diverged", weighted > 1.0);
+    })
+}
+
+/// Edits the rows of a study, or takes them away where the function says no.
+pub(super) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool) {
+    let mut rows = rows(results);
+    rows.retain_mut(keep);
+    results.table = Table::of_cells(rows.into_iter().map(|row| row.0));
+}
+
+/// The study with every run as many times, under numbers of their own.
+pub(super) fn with_repeated_runs(results: &Results, times: u32) -> Results {
+    let rows = rows(results);
+    let repeated = (0..times).flat_map(|time| {
+        rows.iter().cloned().map(move |mut row| {
+            row.set("run", row.number("run") as u32 + 1000 * time);
+            row.0
+        })
+    });
+    Results { table: Table::of_cells(repeated), ..results.clone() }
+}
+
+fn rows(results: &Results) -> Vec<PlantedRow> {
+    let columns = results.table.columns();
+    let cells = |row: mcl_study::table::Row| {
+        columns.iter().map(|column| (column.clone(), row.get(column).clone())).collect()
     };
-    LocalizationResults { place, planned_sizes: sizes.to_vec(), rows: Ok(rows) }
+    results.table.rows().map(|row| PlantedRow(cells(row))).collect()
 }

@@ -1,34 +1,49 @@
 use anyhow::{Context, Result, bail};
+use mcl_core::text::printable;
+use mcl_study::store::results::read_all;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ClaimsArgs;
-use super::output::print;
-use crate::claims::{Claim, DatasetClaims, decide, render};
-use crate::results;
+use super::output::{print, told_once};
+use crate::claims::claim::{Claim, DatasetClaims};
+use crate::claims::{decide, render, without_results};
+use crate::progress::tell;
 
 #[derive(Serialize)]
 struct Claims<'a> {
     claims: Vec<&'a Claim>,
 }
 
-/// Sets every claim of the paper beside what was measured.
+/// Sets every claim of the paper beside what was measured. A damaged result folder is named on stderr
+/// and stops no other.
 pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
-    let datasets = decide(&results::folders(&args.root)?)?;
+    let found = read_all(&args.root)?;
+    let mut is_whole = found.damaged.is_empty();
+    for (folder, error) in &found.damaged {
+        tell!("warning: {}: {}", printable(&folder.to_string_lossy()), told_once(error));
+    }
+    for damage in found.results.iter().flat_map(|results| &results.damage) {
+        tell!("warning: {}", printable(damage));
+        is_whole = false;
+    }
+    let datasets = decide(&found.results);
     if datasets.is_empty() {
         bail!(
-            "{}: results of other kinds only, the claims are about likelihood and localization \
-             experiments in the plane; `make experiments` runs them",
+            "{}: no rows that the claims are about: likelihoods or localization errors in the plane, \
+             of maps gbs, gbs+f-km, rnd and rnd+f-km; `make experiments` computes some",
             args.root.display()
         );
     }
+    let missing = without_results(&found.results, &datasets);
     if let Some(path) = &args.output {
-        mcl_core::files::write_atomically(path, render::markdown(&datasets).as_bytes())
+        let document = render::markdown(&datasets, &missing);
+        mcl_core::files::write_atomically(path, document.as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let claims = datasets.iter().flat_map(|dataset: &DatasetClaims| &dataset.claims).collect();
-    print(args.json, &Claims { claims }, |_| render::text(&datasets, width()))?;
-    Ok(Outcome::Done)
+    print(args.json, &Claims { claims }, |_| render::text(&datasets, &missing, width()))?;
+    Ok(Outcome::of(is_whole))
 }
 
 /// Columns of the terminal. `COLUMNS` speaks louder, and for a file or a pipe, which have none.

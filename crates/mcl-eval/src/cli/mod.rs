@@ -1,7 +1,7 @@
 //! The command line: what can be asked for, and the glue from there to the libraries.
 
 mod args;
-//mod claims;
+mod claims;
 mod compare;
 mod convert;
 mod datasets;
@@ -73,7 +73,7 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Compare(args) => compare::run(&args),
-        Command::Claims(_) => unreachable!(),
+        Command::Claims(args) => claims::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Datasets(args) => datasets::run(&args, &cli.global),

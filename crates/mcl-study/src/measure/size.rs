@@ -3,12 +3,12 @@
 use anyhow::Result;
 
 use super::{MapContext, MapMeasure};
-use crate::recipe::map::Sigma;
 use crate::table::Value;
 use crate::trial::map::Shape;
 
 /// Points of data and map, and of a grid cell size and offset (m). `elements` are points, cells,
-/// Gaussians or segments; `chosen_sigma_m` and `tried` are of a size or σ that the data chose.
+/// Gaussians or segments; `used_sigma_m` is σ as given or as the data chose it, `tried` how many values were
+/// tried for a size or σ that the data chose.
 pub const SIZE: MapMeasure = MapMeasure {
     name: "size",
     columns: &[
@@ -20,7 +20,7 @@ pub const SIZE: MapMeasure = MapMeasure {
         "cell_m",
         "offset_x_m",
         "offset_y_m",
-        "chosen_sigma_m",
+        "used_sigma_m",
         "tried",
     ],
     planar: measure::<2>,
@@ -28,7 +28,7 @@ pub const SIZE: MapMeasure = MapMeasure {
 };
 
 fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {
-    let MapContext { division, map, recipe, .. } = context;
+    let MapContext { division, map, .. } = context;
     let (data_points, map_points) = (division.building.len(), map.points().map(|map| map.len()));
     let elements = match &map.shape {
         Shape::Points(built) => built.map.len(),
@@ -41,7 +41,6 @@ fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {
         _ => (None, None),
     };
     let axis = |axis: usize| offset.map(|offset| offset[axis]);
-    let chosen_sigma = matches!(recipe.sigma, Sigma::Chosen(_)).then_some(map.sigma);
     Ok(vec![
         data_points.into(),
         map.requested_points.into(),
@@ -51,7 +50,7 @@ fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {
         cell.into(),
         axis(0).into(),
         axis(1).into(),
-        chosen_sigma.into(),
+        map.sigma.into(),
         map.tried.into(),
     ])
 }

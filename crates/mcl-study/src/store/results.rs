@@ -145,6 +145,11 @@ impl Results {
         self.done == self.asked
     }
 
+    /// "32 of 36 trials", where some are missing: whatever is made of the rows says so.
+    pub fn missing(&self) -> Option<String> {
+        (!self.is_complete()).then(|| format!("{} of {} trials", self.done, self.asked))
+    }
+
     /// Reads a result folder; `None` where it has no rows, as those that are committed with the program.
     ///
     /// # Errors

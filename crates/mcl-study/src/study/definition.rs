@@ -16,6 +16,7 @@ use crate::measure::Measures;
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
+use crate::study::check::{Known, Mistake, check, line_of};
 use crate::study::factors::{Draft, is_factor, is_list};
 use crate::study::plan::Plan;
 use crate::study::views::Views;
@@ -183,10 +184,9 @@ impl Study {
             bail!("line {line}: trials.datasets: {name:?} is not listed as a [[dataset]]");
         }
         // A data set that is not listed gets the study's own trials.
-        for name in study.datasets.iter().map(|d| d.name.as_str()).chain(["unlisted"]) {
-            let plan = study.plan(name)?;
-            study.check_views(name, &plan)?;
-        }
+        let names: Vec<&str> = study.dataset_names().chain(["unlisted"]).collect();
+        let plans = names.iter().map(|name| study.plan(name)).collect::<Result<Vec<_>>>()?;
+        study.check_views(&names, &plans)?;
         Ok(study)
     }
 
@@ -289,18 +289,22 @@ impl Study {
         Ok(Trial { map, runs: runs.into_iter().collect() })
     }
 
-    fn check_views(&self, dataset: &str, plan: &Plan) -> Result<()> {
-        for picture in &self.views.pictures {
-            if !is_plain_name(&picture.name) {
-                bail!("views.pictures: {:?} is no name of a file", picture.name);
-            }
-            for map in &picture.maps {
-                self.pictured(dataset, map, picture.run)
-                    .with_context(|| format!("views.pictures {:?}", picture.name))?;
+    fn check_views(&self, datasets: &[&str], plans: &[Plan]) -> Result<()> {
+        let at = |path: &str| format!("line {}: {path}", line_of(&self.text, path));
+        let known = Known::of(plans, &self.measures)?;
+        if let Err(Mistake { path, message }) = check(&self.views, &known)? {
+            bail!("{}: {message}", at(&path));
+        }
+        for (place, picture) in self.views.pictures.iter().enumerate() {
+            for (map, factors) in picture.maps.iter().enumerate() {
+                let path = format!("views.pictures.{place}.maps.{map}");
+                datasets
+                    .iter()
+                    .try_for_each(|dataset| self.pictured(dataset, factors, picture.run).map(drop))
+                    .with_context(|| at(&path))?;
             }
         }
-        let columns = plan.columns(&self.measures)?;
-        self.views.check(&columns, &plan.entry_names())
+        Ok(())
     }
 }
 
@@ -572,5 +576,76 @@ name = "b"
             message.contains("log_likelihod") && message.contains("log_likelihood"),
             "{message}"
         );
+    }
+
+    /// Every name that a view can get wrong is told with its line, and what there is instead.
+    #[test]
+    fn mistakes_in_views_are_named_with_their_line() {
+        const VIEWS: &str = r#"
+[views.summary]
+columns = ["log_likelihood"]
+kept = ["weighted"]
+[[views.factors]]
+name = "factor"
+x = "map_points"
+y = "log_likelihood"
+than = "gbs"
+[[views.tests]]
+y = "log_likelihood"
+pairs = [["gbs+f-km", "gbs"]]
+[[views.tests]]
+of = "filters"
+y = "weighted"
+column = "alpha"
+pairs = [["(0.1, 0.1, 0.1, 0.1)", "(0.2, 0.2, 0.2, 0.2)"]]
+[[views.charts]]
+name = "chart-{split}"
+x = { column = ["map_points", "size_percent"] }
+y = { column = "factor" }
+curves = ["map"]
+parts = [{ title = "small", sizes = [0, 1] }]
+[[views.charts]]
+name = "settings"
+of = "filters"
+y = { column = "weighted" }
+marks = "diverged"
+[[views.pictures]]
+name = "picture"
+maps = [{ map = "all" }, { map = "gbs", size = 1 }]
+[views.ranking]
+of = ["filters"]
+y = "weighted"
+"#;
+        let right_text = format!("{SMALL}{VIEWS}");
+        let lines = SMALL.lines().count();
+        Study::parse(&right_text).unwrap();
+        for (right, wrong, line, named) in [
+            ("kept = [\"weighted\"]", "kept = [\"wheighted\"]", 4, "views.summary.kept"),
+            ("name = \"factor\"", "name = \"map_points\"", 6, "views.factors.0.name"),
+            ("x = \"map_points\"", "x = \"points\"", 7, "\"points\", expected"),
+            ("than = \"gbs\"", "than = \"gbs+best\"", 9, "no map \"gbs+best\""),
+            ("\"gbs\"]]", "\"rdn\"]]", 12, "\"rdn\", expected one of: all, gbs"),
+            ("of = \"filters\"\ny", "of = \"filter\"\ny", 14, "views.tests.1.of"),
+            ("column = \"alpha\"", "column = \"beta\"", 16, "no setting \"beta\""),
+            ("(0.2, 0.2, 0.2, 0.2)", "0.2", 17, "(0.1, 0.1, 0.1, 0.1)"),
+            ("{split}", "{spilt}", 19, "no setting \"spilt\""),
+            ("chart-{split}", "../{split}", 19, "no name of a file"),
+            ("\"size_percent\"]", "\"size\"]", 20, "views.charts.0.x.column"),
+            ("column = \"factor\"", "column = \"size_percent\"", 21, "views.charts.0.y.column"),
+            ("curves = [\"map\"]", "curves = [\"weighted\"]", 22, "no setting"),
+            ("sizes = [0, 1]", "sizes = [1, 0]", 23, "the smaller first"),
+            ("name = \"settings\"", "name = \"chart-{split}\"", 25, "used twice"),
+            ("marks = \"diverged\"", "marks = \"divergd\"", 28, "views.charts.1.marks"),
+            ("name = \"picture\"", "name = \"settings\"", 30, "used twice"),
+            ("{ map = \"gbs\", size = 1 }", "{ map = \"gbs\" }", 31, "needs size"),
+            ("of = [\"filters\"]", "of = [\"a\"]", 33, "views.ranking.of"),
+        ] {
+            let text = right_text.replacen(right, wrong, 1);
+            assert_ne!(text, right_text, "{wrong}");
+            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
+            let message = format!("{error:#}");
+            let line = format!("line {}: views.", lines + line);
+            assert!(message.starts_with(&line) && message.contains(named), "{wrong}: {message}");
+        }
     }
 }

@@ -3,11 +3,16 @@
 use serde::{Deserialize, Serialize};
 
 /// Everything that is made of a study's rows.
+///
+/// A *column* is one of `trials.csv`. Settings that belong together are one: `alpha` stands for
+/// `alpha1` … `alpha4`, `noise` for `noise_xy` and `noise_theta`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Views {
     /// `summary.csv`.
     pub summary: Summary,
+    /// Columns of `summary.csv`, and axes of charts, that compare sizes.
+    pub factors: Vec<Factor>,
     /// `tests.csv`: what is tested against what.
     pub tests: Vec<TestView>,
     /// Charts.
@@ -25,6 +30,25 @@ pub struct Views {
 pub struct Summary {
     /// The columns; none: every column that was measured.
     pub columns: Vec<String>,
+    /// Columns that are given without diverged runs, too, as `kept_…`. They depend on the outcome, so
+    /// they are reported and never tested.
+    pub kept: Vec<String>,
+}
+
+/// How many times as much `x` another kind of map needs for the same `y`: where its curve over `x`
+/// reaches the `y` of a map, over the map's own `x`. Between sizes the logarithm of `x` is
+/// interpolated; where the curve does not reach that far, there is no value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Factor {
+    /// Name of the column.
+    pub name: String,
+    /// What the map takes, `map_points` say.
+    pub x: String,
+    /// What it is worth, `log_likelihood` say.
+    pub y: String,
+    /// The kind of map that others are measured by, in the column `map`.
+    pub than: String,
 }
 
 /// Tests of one value of a column against another, wherever the rows differ in nothing else but draw
@@ -32,9 +56,9 @@ pub struct Summary {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TestView {
-    /// Only rows of the entry of `[[trials]]` with this name.
-    #[serde(default)]
-    pub of: Option<String>,
+    /// Only the settings that the entries of `[[trials]]` with these names ask for; none: all.
+    #[serde(default, deserialize_with = "one_or_many")]
+    pub of: Vec<String>,
     /// What is compared.
     pub y: String,
     /// The column whose values are compared.
@@ -66,30 +90,40 @@ pub enum TestKind {
     Welch,
 }
 
-/// Curves over a column.
+/// Curves over a column, or coloured cells over two.
+///
+/// Settings that vary and that no part of a chart names make further panels, so that nothing is
+/// averaged or drawn over each other that differs in more than draw and run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Chart {
     /// Name of the file without its ending. `{column}` stands for a value: there is a figure per value of
     /// that column.
     pub name: String,
-    /// Only rows of the entry of `[[trials]]` with this name.
+    /// Only the settings that the entries of `[[trials]]` with these names ask for; none: all.
+    #[serde(default, deserialize_with = "one_or_many")]
+    pub of: Vec<String>,
+    /// How it is drawn.
     #[serde(default)]
-    pub of: Option<String>,
-    /// The horizontal axis.
-    pub x: Axis,
-    /// The vertical axis.
+    pub kind: ChartKind,
+    /// The horizontal axis; several columns make a curve each. Without it, the setting with the most
+    /// values, numbers first.
+    #[serde(default)]
+    pub x: Option<Axis>,
+    /// The vertical axis, or the colour; several columns make a panel each.
     pub y: Axis,
-    /// Columns whose values make a curve.
-    #[serde(default = "map_columns")]
-    pub curves: Vec<String>,
+    /// Columns whose values make a curve, or a row of cells; `map` where they are not given, or without `x`
+    /// the setting with the next most values.
+    #[serde(default)]
+    pub curves: Option<Vec<String>>,
     /// Columns whose values make a panel.
     #[serde(default)]
     pub panels: Vec<String>,
     /// Panels that show parts of the rows; each is drawn for every value of `panels`.
     #[serde(default)]
     pub parts: Vec<Part>,
-    /// A column of yes or no: points where some runs say yes are open symbols, with their number.
+    /// What makes open symbols: of a column of yes or no, points where some runs say yes, with their
+    /// number; of a setting (`size_by`), points that have one, with its value.
     #[serde(default)]
     pub marks: Option<String>,
     /// What stands beneath, before what is known of data, blocks and settings.
@@ -97,26 +131,45 @@ pub struct Chart {
     pub caption: String,
 }
 
-fn map_columns() -> Vec<String> {
-    vec![map_column()]
+/// How a chart is drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChartKind {
+    /// As curves.
+    #[default]
+    Curves,
+    /// As cells whose colours are values.
+    Heat,
 }
 
 /// An axis of a chart.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
-    /// The column; several make a curve each.
+    /// The columns.
     #[serde(deserialize_with = "one_or_many")]
     pub column: Vec<String>,
-    /// What it shows, with its unit; the column's name where it is not given.
+    /// What it shows, with its unit; where it is not given, what is known of the column.
     #[serde(default)]
     pub label: Option<String>,
-    /// How values are laid out.
+    /// How values are laid out; without `x` and for `places`, as its values need it.
     #[serde(default)]
     pub scale: Scale,
-    /// Values less the smallest of their curve.
+    /// What values are seen against; they have no interval then.
     #[serde(default)]
-    pub above_smallest: bool,
+    pub relative: Option<Relative>,
+}
+
+/// What the values of a curve are seen against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Relative {
+    /// How far they are above the smallest of their curve.
+    AboveSmallest,
+    /// How far they are below the largest of their curve.
+    BelowLargest,
+    /// How many times as large they are as on all points, under the same settings.
+    TimesAll,
 }
 
 fn one_or_many<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
@@ -133,7 +186,7 @@ fn one_or_many<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<
 }
 
 /// How values are laid out along an axis.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scale {
     /// Evenly.
@@ -141,11 +194,11 @@ pub enum Scale {
     Linear,
     /// By their logarithm.
     Log,
-    /// By their logarithm on both sides of zero, evenly between −1 and 1 (or as given).
+    /// By their logarithm on both sides of zero, evenly between −1 and 1.
     Symlog,
     /// By their logarithm on both sides of zero, evenly between −0.1 and 0.1.
     SymlogFine,
-    /// In the order in which they come, a place per value.
+    /// In ascending order, a place per value.
     Places,
 }
 
@@ -184,7 +237,7 @@ pub struct Picture {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ranking {
-    /// Entries of `[[trials]]` whose settings are ranked; none: all of them.
+    /// Entries of `[[trials]]` whose settings are ranked, each on its own; none: all settings together.
     #[serde(default)]
     pub of: Vec<String>,
     /// What is ranked; smaller is better.
@@ -192,48 +245,4 @@ pub struct Ranking {
     /// Data sets that have no say: nothing may be tuned to a log that results are reported on.
     #[serde(default)]
     pub except: Vec<String>,
-}
-
-impl Views {
-    /// Checks that the columns and entries of `[[trials]]` that views name exist.
-    ///
-    /// # Errors
-    /// When one does not; the message names the view.
-    pub fn check(&self, columns: &[String], entries: &[&str]) -> anyhow::Result<()> {
-        let column = |place: &str, name: &str| match columns.iter().any(|known| known == name) {
-            true => Ok(()),
-            false => anyhow::bail!(
-                "{place}: there is no column {name:?}, expected one of {}",
-                columns.join(", ")
-            ),
-        };
-        let entry = |place: &str, name: Option<&String>| match name {
-            Some(name) if !entries.contains(&name.as_str()) => anyhow::bail!(
-                "{place}: none of [[trials]] has the name {name:?}, expected one of {}",
-                entries.join(", ")
-            ),
-            _ => Ok(()),
-        };
-        for name in &self.summary.columns {
-            column("views.summary", name)?;
-        }
-        for test in &self.tests {
-            entry("views.tests.of", test.of.as_ref())?;
-            column("views.tests.y", &test.y)?;
-            column("views.tests.column", &test.column)?;
-        }
-        for chart in &self.charts {
-            let place = format!("views.charts {:?}", chart.name);
-            entry(&place, chart.of.as_ref())?;
-            let named = chart.x.column.iter().chain(&chart.y.column).chain(&chart.curves);
-            for name in named.chain(&chart.panels).chain(&chart.marks) {
-                column(&place, name)?;
-            }
-        }
-        if let Some(ranking) = &self.ranking {
-            column("views.ranking.y", &ranking.y)?;
-            ranking.of.iter().try_for_each(|name| entry("views.ranking.of", Some(name)))?;
-        }
-        Ok(())
-    }
 }

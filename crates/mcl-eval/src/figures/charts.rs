@@ -1,0 +1,174 @@
+//! Charts from their data.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use mcl_core::text::number;
+use mcl_figures::{
+    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, HeatCell, HeatFigure,
+    HeatPanel, Interval, Scale, draw_curves, draw_heat, styles,
+};
+use mcl_study::study::views::{self, ChartKind};
+use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
+
+/// Curves of more points have no symbols.
+const MOST_SYMBOLS: usize = 20;
+
+/// Draws a chart as `<stem>.svg` and `<stem>.png`.
+///
+/// # Errors
+/// When a file cannot be made.
+pub fn draw(stem: &Path, chart: &ChartData) -> Result<[PathBuf; 2]> {
+    Ok(match chart.kind {
+        ChartKind::Curves => draw_curves(stem, &curve_figure(chart))?,
+        ChartKind::Heat => draw_heat(stem, &heat_figure(chart))?,
+    })
+}
+
+fn curve_figure(chart: &ChartData) -> CurveFigure {
+    let labels: Vec<&String> = chart.panels.iter().flat_map(|panel| &panel.labels).collect();
+    let styled: Vec<(&String, CurveStyle)> = labels.iter().copied().zip(styles(&labels)).collect();
+    let mut is_cut = false;
+    let panels = chart.panels.iter().map(|panel| {
+        let [x, y] = ranges(chart, panel);
+        let lowest = y.map(|[low, _]| low);
+        let curves = panel.labels.iter().enumerate().map(|(place, label)| {
+            let of_curve = || panel.points.iter().filter(|point| point.curve == place);
+            let points = of_curve().map(|point| {
+                let [mut low, high] = point.interval.unwrap_or([f64::NAN; 2]);
+                if is_below(panel, point) && lowest.is_some() {
+                    // Beyond the frame, which cuts it off.
+                    low = 0.5 * lowest.unwrap_or(low);
+                    is_cut = true;
+                }
+                CurvePoint { x: point.x, mean: point.y, low, high, mark: point.mark.clone() }
+            });
+            let points = points.collect();
+            let style = styled.iter().find(|(known, _)| *known == label).map(|(_, style)| *style);
+            let mut style = style.unwrap_or(CurveStyle::nth(place));
+            if of_curve().count() > MOST_SYMBOLS {
+                style.marker = None;
+            }
+            Curve { label: label.clone(), style, points }
+        });
+        let curves = curves.collect();
+        CurvePanel {
+            title: panel.title.clone(),
+            x: AxisSpec { label: label_with_places(&panel.x), scale: scale(&panel.x), range: x },
+            y: AxisSpec { label: panel.y.label.clone(), scale: scale(&panel.y), range: y },
+            curves,
+        }
+    });
+    let panels = panels.collect();
+    let mut caption = chart.caption.clone();
+    if is_cut && let Some(last) = caption.last_mut() {
+        *last += " Intervals that the lower edge cuts off reach down to zero or below.";
+    }
+    CurveFigure { panels, interval: Interval::Bars, caption }
+}
+
+/// Whether an interval reaches where a logarithmic axis has no place.
+fn is_below(panel: &Panel, point: &Point) -> bool {
+    scale(&panel.y) == Scale::Log && point.interval.is_some_and(|[low, _]| low <= 0.0)
+}
+
+fn scale(axis: &PanelAxis) -> Scale {
+    match axis.scale {
+        views::Scale::Linear | views::Scale::Places => Scale::Linear,
+        views::Scale::Log => Scale::Log,
+        views::Scale::Symlog => Scale::Symlog { linear_below: 1.0 },
+        views::Scale::SymlogFine => Scale::Symlog { linear_below: 0.1 },
+    }
+}
+
+/// "α: 1 = (0.1, 0.2), 2 = (0.3, 0.4)": values that are no numbers stand at their places in the list.
+fn label_with_places(axis: &PanelAxis) -> String {
+    if axis.places.is_empty() {
+        return axis.label.clone();
+    }
+    let places =
+        axis.places.iter().enumerate().map(|(place, text)| format!("{} = {text}", place + 1));
+    format!("{}: {}", axis.label, places.collect::<Vec<_>>().join(", "))
+}
+
+/// Ends of the axes of a panel, where they are not those of its own points: panels of a part with the same
+/// axes share them, marked points need room for the text beside them, and intervals may have an end
+/// that a logarithmic axis has no place for.
+fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
+    let is_alike =
+        |other: &&Panel| (other.part, &other.x, &other.y) == (panel.part, &panel.x, &panel.y);
+    let alike: Vec<&Panel> = chart.panels.iter().filter(is_alike).collect();
+    let points = || alike.iter().flat_map(|panel| &panel.points);
+    let is_shared = alike.len() > 1;
+    let x = if panel.x.scale == views::Scale::Places {
+        Some([0.5, panel.x.places.len() as f64 + 0.5])
+    } else if is_shared || points().any(|point| point.mark.is_some()) {
+        around(points().map(|point| point.x), scale(&panel.x), 0.4)
+    } else {
+        None
+    };
+    let y = if is_shared || points().any(|point| is_below(panel, point)) {
+        let ends = points().flat_map(|point| {
+            let [low, high] = point.interval.unwrap_or([point.y; 2]);
+            [low, point.y, high]
+        });
+        around(ends, scale(&panel.y), 0.2)
+    } else {
+        None
+    };
+    [x, y]
+}
+
+/// Ends around those values that a scale has a place for, with room: on a logarithmic scale a share of
+/// the values, else of their extent.
+fn around(values: impl Iterator<Item = f64>, scale: Scale, room: f64) -> Option<[f64; 2]> {
+    let is_held = |value: &f64| value.is_finite() && (scale != Scale::Log || *value > 0.0);
+    let (low, high) = values
+        .filter(is_held)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let range = match scale {
+        Scale::Log => [low / (1.0 + room), high * (1.0 + room)],
+        Scale::Linear => {
+            let room = 0.2 * room * (high - low);
+            // Values that are nowhere negative need none of an axis that is.
+            let least = if low >= 0.0 { (low - room).max(0.0) } else { low - room };
+            [least, high + room]
+        }
+        Scale::Symlog { linear_below } => {
+            [low - room * low.abs().max(linear_below), high + room * high.abs().max(linear_below)]
+        }
+    };
+    (range[0] < range[1] && range.iter().all(|end| end.is_finite())).then_some(range)
+}
+
+fn heat_figure(chart: &ChartData) -> HeatFigure {
+    let panels = chart.panels.iter().map(|panel| {
+        let (width, height) = (panel.x.places.len(), panel.labels.len());
+        let mut cells = vec![None; width * height];
+        for point in &panel.points {
+            let place = (point.x as usize).saturating_sub(1);
+            let text = match &point.mark {
+                Some(mark) => format!("{} ({mark})", number(point.y)),
+                None => number(point.y),
+            };
+            if let Some(cell) = cells.get_mut(point.curve * width + place) {
+                *cell = Some(HeatCell { value: point.y, text });
+            }
+        }
+        HeatPanel {
+            title: panel.title.clone(),
+            x_label: panel.x.label.clone(),
+            y_label: panel.curves.clone(),
+            x: panel.x.places.clone(),
+            y: panel.labels.clone(),
+            cells,
+        }
+    });
+    let y = chart.panels.first().map(|panel| &panel.y);
+    HeatFigure {
+        panels: panels.collect(),
+        log: y.is_some_and(|y| y.scale == views::Scale::Log),
+        label: y.map_or(String::new(), |y| y.label.clone()),
+        caption: chart.caption.clone(),
+    }
+}

@@ -1,0 +1,331 @@
+//! Whether views name what there is.
+
+use std::cmp::Ordering;
+use std::collections::BTreeSet;
+
+use anyhow::Result;
+use mcl_datasets::registry::is_plain_name;
+use toml::de::{DeTable, DeValue};
+
+use crate::measure::Measures;
+use crate::study::plan::{ENTRIES, Plan};
+use crate::study::settings::{Setting, settings, text_of};
+use crate::study::views::{Chart, ChartKind, Views};
+use crate::table::Table;
+
+/// A mistake in a study's file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mistake {
+    /// Keys and places in lists, outermost first, joined by dots: `views.charts.0.y.column`.
+    pub path: String,
+    /// What was found and what was expected.
+    pub message: String,
+}
+
+/// What views can name: that of the plans on all data sets together.
+pub struct Known<'a> {
+    plans: &'a [Plan],
+    measured: Vec<String>,
+    settings: Vec<Setting>,
+    entries: BTreeSet<String>,
+}
+
+impl<'a> Known<'a> {
+    /// Of the plans on all data sets.
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn of(plans: &'a [Plan], measures: &Measures) -> Result<Self> {
+        let (mut measured, mut known) = (Vec::new(), Vec::<Setting>::new());
+        for plan in plans {
+            let columns = plan.columns(measures)?;
+            let of_measures = measures.columns();
+            for setting in settings(&columns, &of_measures, &[ENTRIES]) {
+                if !known.iter().any(|other| other.name == setting.name) {
+                    known.push(setting);
+                }
+            }
+            let is_new = |name: &String, measured: &[String]| {
+                of_measures.contains(&name.as_str()) && !measured.contains(name)
+            };
+            let new: Vec<String> = columns.into_iter().filter(|c| is_new(c, &measured)).collect();
+            measured.extend(new);
+        }
+        let entries = plans.iter().flat_map(Plan::entry_names).map(str::to_owned).collect();
+        Ok(Known { plans, measured, settings: known, entries })
+    }
+
+    /// Values of a setting in all trials, as text.
+    fn values(&self, setting: &Setting) -> Result<BTreeSet<String>> {
+        let mut values = BTreeSet::new();
+        for trial in self.plans.iter().flat_map(|plan| &plan.trials) {
+            let mut rows = vec![trial.map.cells()];
+            if !setting.of_map {
+                rows = trial.runs.iter().map(|run| run.cells()).collect::<Result<_>>()?;
+            }
+            let table = Table::of_cells(rows);
+            values.extend(table.rows().map(|row| text_of(&setting.values(&row))));
+        }
+        Ok(values)
+    }
+
+    fn setting(&self, path: &str, name: &str) -> Result<&Setting, Mistake> {
+        self.settings.iter().find(|setting| setting.name == name).ok_or_else(|| {
+            let known = self.settings.iter().map(|setting| setting.name.as_str());
+            none(path, "setting", name, known)
+        })
+    }
+
+    fn measured(&self, path: &str, name: &str, also: &[&str]) -> Result<(), Mistake> {
+        let known = || self.measured.iter().map(String::as_str).chain(also.iter().copied());
+        if known().any(|known| known == name) {
+            return Ok(());
+        }
+        Err(none(path, "measured column", name, known()))
+    }
+
+    fn either(&self, path: &str, name: &str, also: &[&str]) -> Result<(), Mistake> {
+        if self.setting(path, name).is_ok() {
+            return Ok(());
+        }
+        let settings = self.settings.iter().map(|setting| setting.name.as_str());
+        let also: Vec<&str> = also.iter().copied().chain(settings).collect();
+        self.measured(path, name, &also)
+    }
+
+    fn entry(&self, path: &str, name: &str) -> Result<(), Mistake> {
+        if self.entries.contains(name) {
+            return Ok(());
+        }
+        Err(none(
+            path,
+            "entry of [[trials]] with the name",
+            name,
+            self.entries.iter().map(|e| &**e),
+        ))
+    }
+}
+
+fn none<'n>(path: &str, what: &str, name: &str, known: impl Iterator<Item = &'n str>) -> Mistake {
+    let known: Vec<&str> = known.collect();
+    let expected = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+    mistake(path, format!("there is no {what} {name:?}, expected one of: {expected}"))
+}
+
+fn mistake(path: &str, message: impl Into<String>) -> Mistake {
+    Mistake { path: path.to_owned(), message: message.into() }
+}
+
+/// Checks that columns, values and entries of `[[trials]]` that views name exist, and that names of files
+/// are some.
+///
+/// # Errors
+/// When a recipe cannot be written as JSON. The inner result is the first mistake.
+pub fn check(views: &Views, known: &Known<'_>) -> Result<Result<(), Mistake>> {
+    let checked = check_columns(views, known);
+    if checked.is_err() {
+        return Ok(checked);
+    }
+    // Values last: they take all trials.
+    for (place, test) in views.tests.iter().enumerate() {
+        let Some(setting) = known.settings.iter().find(|setting| setting.name == test.column)
+        else {
+            continue;
+        };
+        if test.pairs.is_empty() {
+            continue;
+        }
+        let values = known.values(setting)?;
+        if let Some(value) = test.pairs.iter().flatten().find(|value| !values.contains(*value)) {
+            let path = format!("views.tests.{place}.pairs");
+            let known = values.iter().map(String::as_str);
+            return Ok(Err(none(
+                &path,
+                &format!("value of {} that is", test.column),
+                value,
+                known,
+            )));
+        }
+    }
+    if let Some(map) = known.settings.iter().find(|setting| setting.name == "map")
+        && !views.factors.is_empty()
+    {
+        let maps = known.values(map)?;
+        for (place, factor) in views.factors.iter().enumerate() {
+            if !maps.contains(&factor.than) {
+                let path = format!("views.factors.{place}.than");
+                let known = maps.iter().map(String::as_str);
+                return Ok(Err(none(&path, "map", &factor.than, known)));
+            }
+        }
+    }
+    Ok(Ok(()))
+}
+
+fn check_columns(views: &Views, known: &Known<'_>) -> Result<(), Mistake> {
+    for (key, columns) in [("columns", &views.summary.columns), ("kept", &views.summary.kept)] {
+        let path = format!("views.summary.{key}");
+        columns.iter().try_for_each(|name| known.measured(&path, name, &[]))?;
+    }
+    for (place, factor) in views.factors.iter().enumerate() {
+        let path = |key: &str| format!("views.factors.{place}.{key}");
+        known.measured(&path("x"), &factor.x, &[])?;
+        known.measured(&path("y"), &factor.y, &[])?;
+        let name = &factor.name;
+        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        if name.is_empty() || !name.chars().all(is_word) || known.either("", name, &[]).is_ok() {
+            let message = format!("{name:?}, expected a new name of letters, digits and _");
+            return Err(mistake(&path("name"), message));
+        }
+    }
+    let factors: Vec<&str> = views.factors.iter().map(|factor| factor.name.as_str()).collect();
+    for (place, test) in views.tests.iter().enumerate() {
+        let path = |key: &str| format!("views.tests.{place}.{key}");
+        test.of.iter().try_for_each(|name| known.entry(&path("of"), name))?;
+        known.measured(&path("y"), &test.y, &[])?;
+        known.setting(&path("column"), &test.column)?;
+    }
+    let mut files: BTreeSet<&str> = BTreeSet::new();
+    let file = |path: &str, name: &str, shown: &str| -> Result<(), Mistake> {
+        if !is_plain_name(shown) {
+            return Err(mistake(path, format!("{name:?} is no name of a file")));
+        }
+        Ok(())
+    };
+    for (place, chart) in views.charts.iter().enumerate() {
+        let path = |key: &str| format!("views.charts.{place}.{key}");
+        let (columns, shown) = placeholders(&chart.name);
+        columns.iter().try_for_each(|name| known.setting(&path("name"), name).map(drop))?;
+        file(&path("name"), &chart.name, &shown)?;
+        check_chart(chart, &path, &factors, known)?;
+        if !files.insert(&chart.name) {
+            return Err(mistake(&path("name"), format!("{:?} is used twice", chart.name)));
+        }
+    }
+    for (place, picture) in views.pictures.iter().enumerate() {
+        let path = format!("views.pictures.{place}.name");
+        file(&path, &picture.name, &picture.name)?;
+        if !files.insert(&picture.name) {
+            return Err(mistake(&path, format!("{:?} is used twice", picture.name)));
+        }
+    }
+    if let Some(ranking) = &views.ranking {
+        known.measured("views.ranking.y", &ranking.y, &[])?;
+        ranking.of.iter().try_for_each(|name| known.entry("views.ranking.of", name))?;
+    }
+    Ok(())
+}
+
+fn check_chart(
+    chart: &Chart,
+    path: &impl Fn(&str) -> String,
+    factors: &[&str],
+    known: &Known<'_>,
+) -> Result<(), Mistake> {
+    chart.of.iter().try_for_each(|name| known.entry(&path("of"), name))?;
+    if let Some(x) = &chart.x {
+        x.column.iter().try_for_each(|name| known.either(&path("x.column"), name, factors))?;
+        if x.relative.is_some() {
+            return Err(mistake(&path("x.relative"), "expected it of y only"));
+        }
+    }
+    chart.y.column.iter().try_for_each(|name| known.measured(&path("y.column"), name, factors))?;
+    let axes = [("x.column", chart.x.as_ref()), ("y.column", Some(&chart.y))];
+    for (key, axis) in axes {
+        if axis.is_some_and(|axis| axis.column.is_empty()) {
+            return Err(mistake(&path(key), "there is no column, expected at least one"));
+        }
+    }
+    if chart.kind == ChartKind::Heat
+        && let Some(x) = &chart.x
+    {
+        match &x.column[..] {
+            [one] => known.setting(&path("x.column"), one)?,
+            _ => return Err(mistake(&path("x.column"), "expected one column of cells")),
+        };
+    }
+    for (key, names) in
+        [("curves", chart.curves.as_deref().unwrap_or_default()), ("panels", &chart.panels)]
+    {
+        names.iter().try_for_each(|name| known.setting(&path(key), name).map(drop))?;
+    }
+    chart.marks.iter().try_for_each(|name| known.either(&path("marks"), name, &[]))?;
+    for (place, part) in chart.parts.iter().enumerate() {
+        if part.sizes.is_some_and(|[low, high]| low.partial_cmp(&high) != Some(Ordering::Less)) {
+            let path = path(&format!("parts.{place}.sizes"));
+            return Err(mistake(&path, "expected two sizes (%), the smaller first"));
+        }
+    }
+    Ok(())
+}
+
+/// The columns in braces in the name of a chart, and the name with a letter in their place.
+pub fn placeholders(name: &str) -> (Vec<&str>, String) {
+    let (mut columns, mut shown) = (Vec::new(), String::new());
+    let mut rest = name;
+    while let Some((before, after)) = rest.split_once('{') {
+        let Some((column, after)) = after.split_once('}') else { break };
+        columns.push(column);
+        shown.push_str(before);
+        shown.push('x');
+        rest = after;
+    }
+    shown.push_str(rest);
+    (columns, shown)
+}
+
+/// The line of a study's text on which a path ends, or as much of it as is there.
+pub fn line_of(text: &str, path: &str) -> usize {
+    let Ok(parsed) = DeTable::parse(text) else { return 1 };
+    let mut offset = 0;
+    let mut at = DeValue::Table(parsed.into_inner());
+    for step in path.split('.') {
+        let next = match at {
+            DeValue::Table(table) => {
+                let found = table.into_iter().find(|(key, _)| key.get_ref() == step);
+                found.map(|(key, value)| (key.span().start, value))
+            }
+            DeValue::Array(array) => {
+                let place: Option<usize> = step.parse().ok();
+                let found = place.and_then(|place| array.into_iter().nth(place));
+                found.map(|value| (value.span().start, value))
+            }
+            _ => None,
+        };
+        let Some((start, value)) = next else { break };
+        // Tables that are only named by those below them stand nowhere.
+        if start > 0 {
+            offset = start;
+        }
+        at = value.into_inner();
+    }
+    1 + text.bytes().take(offset).filter(|&byte| byte == b'\n').count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_keys() {
+        let text = "seed = 1\n[views.summary]\ncolumns = []\n[[views.charts]]\nname = \"a\"\n\
+                    [[views.charts]]\nname = \"b\"\ny = { column = \"c\" }\nparts = [\n{ sizes = [1, 2] },\n{ x = 1 },\n]\n";
+        for (path, line) in [
+            ("seed", 1),
+            ("views.summary.columns", 3),
+            ("views.charts.0.name", 5),
+            ("views.charts.1.name", 7),
+            ("views.charts.1.y.column", 8),
+            ("views.charts.1.x.column", 6),
+            ("views.charts.1.parts.1.x", 11),
+        ] {
+            assert_eq!(line_of(text, path), line, "{path}");
+        }
+    }
+
+    #[test]
+    fn columns_in_braces() {
+        assert_eq!(placeholders("a-{split}-{map}.x"), (vec!["split", "map"], "a-x-x.x".to_owned()));
+        assert_eq!(placeholders("a{b"), (vec![], "a{b".to_owned()));
+    }
+}

@@ -1,0 +1,285 @@
+//! Rows of the same settings: those that differ in draw and run only.
+
+use std::cmp::Ordering;
+use std::collections::BTreeSet;
+use std::fmt;
+
+use anyhow::{Context, Result};
+use mcl_metrics::{Blocked, BlockedRate};
+
+use crate::store::results::Results;
+use crate::study::plan::ENTRIES;
+use crate::study::settings::{SIZE, Setting, settings, text_of};
+use crate::table::{Row, Table, Value};
+
+/// The groups of a study's rows on a data set.
+pub struct Groups<'r> {
+    /// What they are of.
+    pub results: &'r Results,
+    /// What groups can differ in.
+    pub settings: Vec<Setting>,
+    /// The groups, sorted by their settings. Where rows are missing, a group may have none.
+    pub all: Vec<Group<'r>>,
+}
+
+/// Rows of the same settings.
+#[derive(Debug, Clone)]
+pub struct Group<'r> {
+    /// Its place among the groups.
+    pub place: usize,
+    /// The rows.
+    pub rows: Vec<Row<'r>>,
+    /// How many rows the study asks for.
+    pub asked: usize,
+    /// Names of the entries of `[[trials]]` that ask for one of them.
+    pub entries: BTreeSet<String>,
+    /// Values of the settings, in their order.
+    values: Vec<Vec<Value>>,
+    /// What it is, for messages.
+    name: String,
+}
+
+/// A row, or one that is missing, with the values of its settings.
+struct Member<'r> {
+    values: Vec<Vec<Value>>,
+    row: Option<Row<'r>>,
+    entries: String,
+}
+
+impl<'r> Groups<'r> {
+    /// Groups the rows.
+    ///
+    /// # Errors
+    /// When recipes cannot be written as JSON.
+    pub fn of(results: &'r Results) -> Result<Self> {
+        let table = &results.table;
+        let settings = settings(table.columns(), &results.study.measures.columns(), &[ENTRIES]);
+        let values_of = |row: &Row<'_>| settings.iter().map(|s| s.values(row)).collect();
+        let mut members: Vec<Member<'r>> = table
+            .rows()
+            .map(|row| Member {
+                values: values_of(&row),
+                row: Some(row),
+                entries: row.text(ENTRIES).to_owned(),
+            })
+            .collect();
+        if !results.is_complete() {
+            let asked = asked(results)?;
+            members.extend(asked.rows().map(|row| Member {
+                values: values_of(&row),
+                row: None,
+                entries: row.text(ENTRIES).to_owned(),
+            }));
+        }
+        // Stable, so that rows keep their order.
+        members.sort_by(|a, b| order(&a.values, &b.values));
+        let same = |a: &Member<'_>, b: &Member<'_>| order(&a.values, &b.values).is_eq();
+        let all = members.chunk_by(same).enumerate();
+        let all = all.map(|(place, members)| Group::of(place, members, &settings)).collect();
+        Ok(Groups { results, settings, all })
+    }
+
+    /// Place of a setting among the settings.
+    pub fn place(&self, setting: &str) -> Option<usize> {
+        self.settings.iter().position(|known| known.name == setting)
+    }
+
+    /// The groups that have rows and that one of these entries of `[[trials]]` asks for; without names, all
+    /// that have rows. All rows of a group count, whoever asks for them, so that it has the same mean
+    /// everywhere.
+    pub fn of_entries(&self, names: &[String]) -> impl Iterator<Item = &Group<'r>> {
+        let is_asked = move |group: &&Group<'r>| {
+            names.is_empty() || names.iter().any(|name| group.entries.contains(name))
+        };
+        self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
+    }
+
+    /// Places of the settings in which some of these groups differ, among those for which they matter.
+    pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
+        let varies = |place: &usize| {
+            let mut values = groups.iter().filter(|group| self.matters(group, *place));
+            let first = values.next();
+            let differs = |group: &&Group<'_>| {
+                first.is_some_and(|f| !same_values(f.values(*place), group.values(*place)))
+            };
+            values.any(differs)
+        };
+        (0..self.settings.len()).filter(varies).collect()
+    }
+
+    /// Whether two groups differ in nothing else than some settings, so that they can be compared. What
+    /// does not matter for one of them is no difference.
+    pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
+        (0..self.settings.len()).all(|place| settings.contains(&place) || !self.differ(a, b, place))
+    }
+
+    /// Whether two groups differ in a setting that matters for both.
+    pub fn differ(&self, a: &Group<'_>, b: &Group<'_>, place: usize) -> bool {
+        !same_values(a.values(place), b.values(place))
+            && [a, b].iter().all(|group| self.matters(group, place))
+    }
+
+    /// Whether a setting makes a difference to a group: offsets do to grids only, sizes not to maps of all
+    /// points, and settings of runs not to maps on which nothing is localized.
+    pub fn matters(&self, group: &Group<'_>, place: usize) -> bool {
+        let Setting { name, of_map, .. } = &self.settings[place];
+        let has_value = |place: usize| group.values(place).iter().any(|value| !value.is_empty());
+        match name.as_str() {
+            "offset" => has_value(place),
+            name if SIZE.contains(&name) => !self.has_all_points(group),
+            _ if *of_map => true,
+            _ => (0..self.settings.len()).any(|run| !self.settings[run].of_map && has_value(run)),
+        }
+    }
+
+    /// Whether the maps of a group have all points.
+    pub fn has_all_points(&self, group: &Group<'_>) -> bool {
+        self.place("map").is_some_and(|map| group.text(map) == "all")
+    }
+}
+
+impl<'r> Group<'r> {
+    fn of(place: usize, members: &[Member<'r>], settings: &[Setting]) -> Self {
+        let rows: Vec<Row<'r>> = members.iter().filter_map(|member| member.row).collect();
+        // Where rows are missing, every row that is asked for is a member once more, without row.
+        let asked = members.len() - rows.len();
+        let entries = members.iter().flat_map(|m| m.entries.split_whitespace());
+        let values = members[0].values.clone();
+        let named = ["map", "size_percent", "split"];
+        let named = settings.iter().zip(&values).filter(|(s, _)| named.contains(&s.name.as_str()));
+        let name: Vec<String> = named.map(|(_, values)| text_of(values)).collect();
+        Group {
+            place,
+            asked: if asked > 0 { asked } else { rows.len() },
+            entries: entries.map(str::to_owned).collect(),
+            rows,
+            values,
+            name: name.join(" "),
+        }
+    }
+
+    /// Values of a setting, by its place.
+    pub fn values(&self, place: usize) -> &[Value] {
+        &self.values[place]
+    }
+
+    /// The value of a setting as text.
+    pub fn text(&self, place: usize) -> String {
+        text_of(self.values(place))
+    }
+
+    /// The value of a setting of one number.
+    pub fn number(&self, place: usize) -> Option<f64> {
+        match self.values(place) {
+            [value @ (Value::Count(_) | Value::Number(_))] => value.number(),
+            _ => None,
+        }
+    }
+
+    /// Number of independent units.
+    pub fn blocks(&self) -> usize {
+        self.rows.iter().map(block).collect::<BTreeSet<u64>>().len()
+    }
+
+    /// Values of a column by block (draw) and unit (run); `None` where a row has no number. What is not
+    /// known of one row is not known of their mean: a mean of the others would depend on the outcome.
+    ///
+    /// # Errors
+    /// When a run occurs twice in a draw, or a value cannot be computed with.
+    pub fn blocked(&self, column: &str) -> Result<Option<Blocked>> {
+        self.blocked_where(column, |_| true)
+    }
+
+    /// The same of those rows that are to be kept.
+    ///
+    /// # Errors
+    /// As [`Group::blocked`].
+    pub fn blocked_where(
+        &self,
+        column: &str,
+        is_kept: impl Fn(&Row<'_>) -> bool,
+    ) -> Result<Option<Blocked>> {
+        let rows = self.rows.iter().filter(|row| is_kept(row));
+        let has_runs = self.rows.iter().all(|row| !row.get("run").is_empty());
+        let value = |row: &Row<'_>| Some((block(row), unit(row), row.number(column)?));
+        let Some(values) = rows.map(value).collect::<Option<Vec<_>>>() else { return Ok(None) };
+        if values.is_empty() {
+            return Ok(None);
+        }
+        let blocked = match has_runs {
+            true => Blocked::with_units(values),
+            // Of a map alone: it is paired with the mean of a block.
+            false => Blocked::new(values.into_iter().map(|(block, _, value)| (block, value))),
+        };
+        blocked.map(Some).with_context(|| format!("{column} of {self}"))
+    }
+
+    /// How many runs say yes in a column; `None` where a row says neither.
+    ///
+    /// # Errors
+    /// When there is no row.
+    pub fn rate(&self, column: &str) -> Result<Option<BlockedRate>> {
+        let value = |row: &Row<'_>| match row.get(column) {
+            Value::Bool(truth) => Some((block(row), *truth)),
+            _ => None,
+        };
+        let Some(values) = self.rows.iter().map(value).collect::<Option<Vec<_>>>() else {
+            return Ok(None);
+        };
+        Ok(Some(BlockedRate::new(values)?))
+    }
+}
+
+/// "gbs+f-km 1 same".
+impl fmt::Display for Group<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+/// The maps of one draw number are one independent unit.
+fn block(row: &Row<'_>) -> u64 {
+    count(row, "draw")
+}
+
+/// Runs of the same number have the same noise on every map.
+fn unit(row: &Row<'_>) -> u64 {
+    count(row, "run")
+}
+
+fn count(row: &Row<'_>, column: &str) -> u64 {
+    match row.get(column) {
+        Value::Count(count) => *count,
+        _ => 0,
+    }
+}
+
+/// Whether two settings have the same values.
+pub fn same_values(a: &[Value], b: &[Value]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.order(b).is_eq())
+}
+
+/// The order of settings: by the first in which they differ.
+pub fn order(a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    pairs.map(|(a, b)| a.order(b)).fold(Ordering::Equal, Ordering::then)
+}
+
+/// The recipes of every row that the study asks for.
+fn asked(results: &Results) -> Result<Table> {
+    let plan = results.study.plan(&results.facts.name)?;
+    let mut entries = plan.identities(&results.study.measures)?.into_iter().map(|found| found.1);
+    let mut rows = Vec::with_capacity(plan.rows());
+    for trial in &plan.trials {
+        let of_map = trial.map.cells();
+        let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
+        let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
+        for run in runs {
+            let mut cells = of_map.clone();
+            cells.extend(run);
+            cells.push((ENTRIES.to_owned(), entries.next().unwrap_or_default().into()));
+            rows.push(cells);
+        }
+    }
+    Ok(Table::of_cells(rows))
+}

@@ -1,0 +1,68 @@
+//! What columns are called in figures, with their units.
+
+/// Column (or setting of several columns), name, unit.
+const LABELS: [(&str, &str, &str); 47] = [
+    ("size_percent", "requested map size", "% of the points that build the map"),
+    ("size_points", "requested map size", "points"),
+    ("resolution_m", "resolution", "m"),
+    ("size_by", "size by", ""),
+    ("sigma_m", "σ", "m"),
+    ("sigma_by", "σ by", ""),
+    ("used_sigma_m", "σ", "m"),
+    ("max_iterations", "most updates", ""),
+    ("map_points", "size of the map", "points"),
+    ("requested_points", "requested map size", "points"),
+    ("real_percent", "map size", "% of the points that build the map"),
+    ("elements", "elements of the map", ""),
+    ("cell_m", "cell", "m"),
+    ("log_likelihood", "log-likelihood", "nats per point"),
+    ("held_out_log_likelihood", "log-likelihood of other scans", "nats per point"),
+    ("fitted_log_likelihood", "log-likelihood of the fitted means", "nats per point"),
+    ("iterations", "updates of EM", ""),
+    ("evaluations", "evaluations of the likelihood", ""),
+    ("bic", "Bayesian information criterion", "nats per point"),
+    ("mdl", "description length", "nats per point"),
+    ("held_out", "minus log-likelihood of other scans", "nats per point"),
+    ("kilobytes", "size of the map", "kB"),
+    ("run_length_kilobytes", "run lengths", "kB"),
+    ("weighted", "mean weighted error d", "–"),
+    ("translation", "mean translation error", "m"),
+    ("heading", "mean heading error", "rad"),
+    ("translation_max", "largest translation error", "m"),
+    ("diverged", "share of diverged runs", "–"),
+    ("lost_share", "share of scans while lost", "–"),
+    ("lost_episodes", "times lost per run", ""),
+    ("recovered_episodes", "times found again per run", ""),
+    ("found_after_scans", "scans until found", ""),
+    ("mean_effective_sample_size", "mean effective sample size", "particles"),
+    ("smallest_effective_sample_size", "smallest effective sample size", "particles"),
+    ("nees", "mean NEES", "–"),
+    ("inside_95", "share of scans inside the 95 % ellipsoid", "–"),
+    ("initial_pose_kind", "start", ""),
+    ("initial_pose_std", "spread of the start", "m, m, rad"),
+    ("alpha", "α", ""),
+    ("sigma_hit", "σ_hit", "m"),
+    ("z_rand", "z_rand", ""),
+    ("max_distance", "distances cut at", "m"),
+    ("likelihood_exponent", "exponent on the likelihood", ""),
+    ("ess_fraction", "effective share that is resampled", ""),
+    ("noise", "noise added to the odometry", "m, rad"),
+    ("noise_xy", "noise added to the odometry", "m"),
+    ("noise_theta", "noise added to the odometry", "rad"),
+];
+
+/// Name and unit of a column; what is not known goes by the column's name.
+pub fn name_and_unit(column: &str) -> (String, &'static str) {
+    match LABELS.iter().find(|(known, ..)| *known == column) {
+        Some((_, name, unit)) => ((*name).to_owned(), unit),
+        None => (column.replace('_', " "), ""),
+    }
+}
+
+/// For an axis: "σ_hit \[m\]".
+pub fn axis_label(column: &str) -> String {
+    match name_and_unit(column) {
+        (name, "") => name,
+        (name, unit) => format!("{name} [{unit}]"),
+    }
+}

@@ -1,0 +1,148 @@
+//! What makes the axes, curves and panels of a chart.
+
+use std::cmp::Reverse;
+
+use crate::study::check::placeholders;
+use crate::study::settings::{SIGMA, SIZE};
+use crate::study::views::{Chart, Scale};
+use crate::table::Value;
+use crate::view::groups::{Group, Groups, order, same_values};
+
+/// Settings of a chart by what they make, as places among the settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// A figure per value.
+    pub figures: Vec<usize>,
+    /// The columns of the horizontal axis.
+    pub x: Vec<String>,
+    /// How they are laid out.
+    pub x_scale: Scale,
+    /// A curve per value.
+    pub curves: Vec<usize>,
+    /// A panel per value, beside what a chart names also every setting that would otherwise be drawn
+    /// over another.
+    pub panels: Vec<usize>,
+}
+
+impl Layout {
+    /// Of a chart and the groups that it shows.
+    pub fn of(chart: &Chart, groups: &Groups<'_>, shown: &[&Group<'_>]) -> Self {
+        let places = |names: &[String]| -> Vec<usize> {
+            names.iter().filter_map(|name| groups.place(name)).collect()
+        };
+        let names: Vec<String> =
+            placeholders(&chart.name).0.into_iter().map(str::to_owned).collect();
+        let figures = places(&names);
+        let mut panels = places(&chart.panels);
+        let mark = chart.marks.as_ref().and_then(|mark| groups.place(mark));
+        let (x, x_scale, curves) = match &chart.x {
+            Some(x) => {
+                let map = vec!["map".to_owned()];
+                let curves = places(chart.curves.as_ref().unwrap_or(&map));
+                (x.column.clone(), x.scale, curves)
+            }
+            None => {
+                let given = places(chart.curves.as_deref().unwrap_or_default());
+                let named = [&figures[..], &panels, &given, mark.as_slice()].concat();
+                let (x, curve) = automatic(groups, shown, &named);
+                let curves = match chart.curves {
+                    Some(_) => given,
+                    None => curve.into_iter().collect(),
+                };
+                (
+                    x.into_iter().map(|x| groups.settings[x].name.clone()).collect(),
+                    Scale::Log,
+                    curves,
+                )
+            }
+        };
+        let covered = x.iter().flat_map(|x| covered_by(groups, x));
+        let mut told: Vec<usize> = covered.chain(mark).collect();
+        told.extend([&figures[..], &curves, &panels].concat());
+        // What is left varies over each other.
+        while let Some(place) = overlaid(groups, shown, &told) {
+            panels.push(place);
+            told.push(place);
+        }
+        let x_scale = match x.iter().find_map(|x| groups.place(x)) {
+            Some(place) => scale_of(place, shown, x_scale),
+            None => x_scale,
+        };
+        Layout { figures, x, x_scale, curves, panels }
+    }
+}
+
+/// The settings that a horizontal axis stands for: the size of a map decides what is measured of it.
+fn covered_by(groups: &Groups<'_>, x: &str) -> Vec<usize> {
+    let places = |names: &[&str]| names.iter().filter_map(|name| groups.place(name)).collect();
+    if SIGMA.contains(&x) || x == "used_sigma_m" {
+        return places(&SIGMA);
+    }
+    match groups.place(x) {
+        Some(place) if !SIZE.contains(&x) => vec![place],
+        _ => places(&SIZE),
+    }
+}
+
+/// The setting with the most values that are numbers, or else of any kind; and that with the next most.
+/// Sizes count as one setting.
+fn automatic(
+    groups: &Groups<'_>,
+    shown: &[&Group<'_>],
+    named: &[usize],
+) -> (Option<usize>, Option<usize>) {
+    let mut varied: Vec<usize> = groups.varying(shown);
+    varied.retain(|place| !named.contains(place));
+    let name = |place: usize| groups.settings[place].name.as_str();
+    // The most values first; of as many, those of runs.
+    varied.sort_by_key(|&place| {
+        (Reverse(distinct(shown, place).len()), groups.settings[place].of_map)
+    });
+    let size = varied.iter().copied().find(|&place| SIZE.contains(&name(place)));
+    varied.retain(|&place| !SIZE.contains(&name(place)) || Some(place) == size);
+    if let Some(number) = varied.iter().position(|&place| is_number(shown, place)) {
+        varied[..=number].rotate_right(1);
+    }
+    (varied.first().copied(), varied.get(1).copied())
+}
+
+/// A setting in which two groups differ that are the same by all settings that are told.
+fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option<usize> {
+    let key = |group: &Group<'_>| -> Vec<Vec<Value>> {
+        told.iter().map(|&place| group.values(place).to_vec()).collect()
+    };
+    let mut keyed: Vec<(Vec<Vec<Value>>, &Group<'_>)> =
+        shown.iter().map(|g| (key(g), *g)).collect();
+    keyed.sort_by(|a, b| order(&a.0, &b.0));
+    let same = keyed.windows(2).filter(|pair| order(&pair[0].0, &pair[1].0).is_eq());
+    let differing = |pair: &[(Vec<Vec<Value>>, &Group<'_>)]| {
+        let (a, b) = (pair[0].1, pair[1].1);
+        (0..groups.settings.len()).find(|&place| groups.differ(a, b, place))
+    };
+    same.filter_map(differing).min()
+}
+
+/// The values of a setting, ascending, each once.
+pub fn distinct(shown: &[&Group<'_>], place: usize) -> Vec<Vec<Value>> {
+    let mut values: Vec<Vec<Value>> = shown.iter().map(|g| g.values(place).to_vec()).collect();
+    values.sort_by(|a, b| order(std::slice::from_ref(a), std::slice::from_ref(b)));
+    values.dedup_by(|a, b| same_values(a, b));
+    values
+}
+
+/// Whether a setting is one number in all groups that have it.
+fn is_number(shown: &[&Group<'_>], place: usize) -> bool {
+    let has = |group: &&&Group<'_>| group.values(place).iter().any(|value| !value.is_empty());
+    let mut numbers = shown.iter().filter(has).map(|group| group.number(place)).peekable();
+    numbers.peek().is_some() && numbers.all(|number| number.is_some())
+}
+
+/// The scale that the values of a setting can be laid out by.
+fn scale_of(place: usize, shown: &[&Group<'_>], wanted: Scale) -> Scale {
+    let numbers = || shown.iter().filter_map(|group| group.number(place));
+    match wanted {
+        _ if !is_number(shown, place) => Scale::Places,
+        Scale::Log if numbers().any(|number| number <= 0.0) => Scale::Linear,
+        wanted => wanted,
+    }
+}

@@ -1,0 +1,72 @@
+//! Results with planted rows, for tests.
+
+use std::path::PathBuf;
+
+use crate::data::facts::DataFacts;
+use crate::store::results::Results;
+use crate::study::definition::Study;
+use crate::study::plan::ENTRIES;
+use crate::table::{Row, Table, Value};
+
+/// What is measured of a recipe.
+pub type Measured = Vec<(&'static str, Value)>;
+
+/// Results of a study on a data set: a row per map and run, with what `measure` says of its recipe.
+pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured) -> Results {
+    let study = Study::parse(text).unwrap();
+    let plan = study.plan(dataset).unwrap();
+    let mut entries = plan.identities(&study.measures).unwrap().into_iter().map(|found| found.1);
+    let columns = plan.columns(&study.measures).unwrap();
+    let mut table = Table::new(columns.clone());
+    for trial in &plan.trials {
+        let runs: Vec<_> = trial.runs.iter().map(|run| run.cells().unwrap()).collect();
+        for run in if runs.is_empty() { vec![Vec::new()] } else { runs } {
+            let mut cells = [trial.map.cells(), run].concat();
+            cells.push((ENTRIES.to_owned(), entries.next().unwrap().into()));
+            let recipe = Table::of_cells([cells.clone()]);
+            let measured = measure(&recipe.rows().next().unwrap());
+            cells.extend(measured.into_iter().map(|(column, value)| (column.to_owned(), value)));
+            let value = |column: &String| {
+                let found = cells.iter().find(|(name, _)| name == column);
+                found.map_or(Value::Empty, |(_, value)| value.clone())
+            };
+            table.push(columns.iter().map(value).collect());
+        }
+    }
+    table.sort();
+    let facts = DataFacts {
+        name: dataset.to_owned(),
+        title: "Planted".to_owned(),
+        sha256: String::new(),
+        dimensions: 2,
+        scans: 910,
+        max_range: Some(10.0),
+        points: 10_000,
+        skipped_records: 0,
+    };
+    let asked = plan.trials.len();
+    Results {
+        folder: PathBuf::from("nowhere"),
+        name: "planted".to_owned(),
+        study,
+        facts,
+        table,
+        done: asked,
+        asked,
+        pictured: Vec::new(),
+        damage: Vec::new(),
+    }
+}
+
+impl Results {
+    /// The same without some rows, of trials that are not done.
+    pub fn without(mut self, trials: usize, is_missing: impl Fn(&Row<'_>) -> bool) -> Self {
+        let mut table = Table::new(self.table.columns().to_vec());
+        for row in self.table.rows().filter(|row| !is_missing(row)) {
+            table.push(self.table.columns().iter().map(|column| row.get(column).clone()).collect());
+        }
+        self.table = table;
+        self.done -= trials;
+        self
+    }
+}
