@@ -348,8 +348,11 @@ fn a_split_bag_is_read_as_one() {
     std::fs::write(at("metadata.yaml"), yaml("mcap", "")).unwrap();
     assert_eq!(read_log(folder.path()).unwrap(), whole);
     for (text, expected) in [
-        (yaml("sqlite3", ""), "sqlite3"),
-        (yaml("mcap", "FILE"), "compression_mode"),
+        (
+            yaml("mcap", "FILE").replace("  relative", "  compression_format: lz4\n  relative"),
+            "lz4",
+        ),
+        (yaml("mcap", "").replace("a_1.mcap", "./b_0.mcap"), "lists \"./b_0.mcap\" twice"),
         ("x: [".to_owned(), "metadata.yaml"),
         (yaml("mcap", "").replace("a_1", "c_1"), "c_1.mcap: no such file"),
     ] {

@@ -1,7 +1,8 @@
 //! Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1: XCDR version 1, plain), decoded as a
 //! schema says.
 
-use super::schema::{Count, Definition, ElementType, MessageSchema, NumberType, SchemaError};
+use super::layout::{Count, Definition, ElementType, NumberType, SchemaError};
+use super::schema::MessageSchema;
 
 /// A decoded message, or a part of one.
 #[derive(Debug, Clone, PartialEq)]

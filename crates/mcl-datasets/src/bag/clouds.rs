@@ -9,7 +9,7 @@ use super::motion::Motion;
 use super::point_cloud::CloudMessage;
 use super::recording::{Decoder, Logged, same_frame, time};
 use super::topics::{Content, Kind, cloud_topic, odometry_topic};
-use crate::log::ReadReport;
+use crate::log::report::ReadReport;
 
 /// How to read the clouds of a bag.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -45,7 +45,7 @@ pub struct BagCloud {
     pub assumptions: Vec<String>,
 }
 
-pub(super) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
+pub(crate) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
     let topic = cloud_topic(content, options.topic.as_deref())?;
     let mut decoder = Decoder::new(content);
     let mut frame: Option<String> = None;

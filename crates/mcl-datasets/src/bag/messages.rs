@@ -4,7 +4,7 @@ use mcl_core::{Pose2, ScanGeometry};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::cdr::{CdrError, View};
-use super::schema::SchemaError;
+use super::layout::SchemaError;
 
 /// Largest position accepted, in metres; beyond any place on Earth.
 pub(super) const MAX_POSITION: f64 = 1e9;

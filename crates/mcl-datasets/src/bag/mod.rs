@@ -54,54 +54,51 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bytes;
 pub mod cdr;
-mod chunk;
-mod clouds;
+pub(crate) mod clouds;
 mod encode;
-mod error;
-pub(crate) mod files;
+pub(crate) mod error;
 mod idl_text;
+mod layout;
 mod messages;
 mod motion;
 mod msg_text;
 pub mod planar;
 mod point_cloud;
-mod poses;
-mod recording;
+pub(crate) mod poses;
+pub(crate) mod recording;
 pub mod schema;
-pub mod stream;
-mod topics;
+pub(crate) mod topics;
 mod track;
 mod transforms;
 pub mod types;
 mod writer;
 
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::io::{BufReader, Read};
 
-pub use bytes::BadRecord;
-pub use chunk::MAX_CHUNK_BYTES;
+pub use crate::container::chunk::MAX_CHUNK_BYTES;
+pub use crate::container::folder::listed_files;
 pub use clouds::{BagCloud, CloudOptions};
 pub use encode::Encoder;
-pub use error::{BagError, StreamProblem};
-pub use files::listed_files;
+pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
 pub use recording::{MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
-use topics::Purpose;
+use topics::{Content, Purpose};
 pub use topics::{MAX_KEPT_BYTES, PoseRole};
 pub use writer::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
     write,
 };
 
-use crate::log::{Log, LogError, ReadOptions};
+use crate::container::item::Input;
+use crate::log::content::Log;
+use crate::log::options::ReadOptions;
 
 /// Reads a bag of one file.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, and for a bag without scans.
+/// [`BagError`] for bytes that are no bag or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
     recording::assemble(content_of(input, Purpose::Scans)?, options)
 }
@@ -109,7 +106,7 @@ pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
 /// Reads the point clouds of one topic of a bag of one file.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, for a bag without point clouds or with several
+/// [`BagError`] for bytes that are no bag or damaged, for a bag without point clouds or with several
 /// topics of them, and for several clouds of a scanner that nothing tells the place of.
 pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud, BagError> {
     clouds::join(&content_of(input, Purpose::Clouds)?, options)
@@ -119,7 +116,7 @@ pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud,
 /// name tell.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, and where no topic, or several, could be meant.
+/// [`BagError`] for bytes that are no bag or damaged, and where no topic, or several, could be meant.
 pub fn read_poses(
     input: impl Read,
     topic: Option<&str>,
@@ -128,57 +125,8 @@ pub fn read_poses(
     poses::poses(&content_of(input, Purpose::Scans)?, topic, role)
 }
 
-fn content_of(input: impl Read, purpose: Purpose) -> Result<topics::Content, BagError> {
-    let mut content = topics::Content::new(purpose);
-    content.add(input, None)?;
+fn content_of(input: impl Read, purpose: Purpose) -> Result<Content, BagError> {
+    let mut content = Content::new(purpose);
+    content.add(Input { stream: Box::new(BufReader::new(input)), file: None }, None)?;
     Ok(content)
-}
-
-/// Reads the bag in a folder. `open` opens one of its files.
-pub(crate) fn read_folder<R: Read>(
-    folder: &Path,
-    options: &ReadOptions,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<Log, LogError> {
-    let content = content_of_folder(folder, Purpose::Scans, open)?;
-    recording::assemble(content, options).map_err(at(folder))
-}
-
-/// [`read_clouds`] of the bag in a folder.
-pub(crate) fn read_clouds_of_folder<R: Read>(
-    folder: &Path,
-    options: &CloudOptions,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<BagCloud, LogError> {
-    let content = content_of_folder(folder, Purpose::Clouds, open)?;
-    clouds::join(&content, options).map_err(at(folder))
-}
-
-/// [`read_poses`] of the bag in a folder.
-pub(crate) fn read_poses_of_folder<R: Read>(
-    folder: &Path,
-    topic: Option<&str>,
-    role: PoseRole,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<PoseTopic, LogError> {
-    let content = content_of_folder(folder, Purpose::Scans, open)?;
-    poses::poses(&content, topic, role).map_err(at(folder))
-}
-
-fn content_of_folder<R: Read>(
-    folder: &Path,
-    purpose: Purpose,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<topics::Content, LogError> {
-    let mut content = topics::Content::new(purpose);
-    for file in files::files_of(folder).map_err(at(folder))? {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        content.add(open(&file)?, Some(&name)).map_err(at(&file))?;
-    }
-    Ok(content)
-}
-
-fn at(path: &Path) -> impl FnOnce(BagError) -> LogError {
-    let path: PathBuf = path.to_owned();
-    move |error| LogError::Bag { path, error: Box::new(error) }
 }

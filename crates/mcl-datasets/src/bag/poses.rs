@@ -5,7 +5,7 @@ use mcl_core::{Pose2, Stamp, Trajectory};
 use super::error::BagError;
 use super::recording::{Decoder, time};
 use super::topics::{Content, Kind, PoseRole, pose_topic};
-use crate::log::ReadReport;
+use crate::log::report::ReadReport;
 
 /// A pose topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +25,7 @@ pub struct PoseTopic {
     pub report: ReadReport,
 }
 
-pub(super) fn poses(
+pub(crate) fn poses(
     content: &Content,
     asked: Option<&str>,
     role: PoseRole,

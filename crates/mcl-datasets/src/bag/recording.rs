@@ -12,8 +12,10 @@ use super::messages::{
 use super::schema::MessageSchema;
 use super::topics::{Chosen, Content, Kept, Kind, choose};
 use super::track::PoseTrack;
-use super::transforms::{Mount, Transforms};
-use crate::log::{Log, LogKind, Place, ReadOptions, ReadReport, SkippedRecord};
+use super::transforms::{BASE_FRAMES, Mount, Transforms};
+use crate::log::content::{Log, LogKind};
+use crate::log::options::ReadOptions;
+use crate::log::report::{Place, ReadReport, SkippedRecord};
 
 /// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
 /// kind takes some fifty times its bytes.
@@ -21,13 +23,11 @@ pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
 /// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes as much again and
 /// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
 pub const MAX_CLOUD_BYTES: usize = 64 << 20;
-/// Frames that robots call their own, where no odometry says which it is.
-pub(super) const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 /// Parent of the robot's frame in odometry, by REP 105.
 const ODOMETRY_FRAME: &str = "odom";
 
 /// Makes a recording of a bag's content.
-pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
+pub(crate) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let chosen = choose(&content, &options.topics, options.reference)?;
     let mut decoder = Decoder::new(&content);
     let scans = decoder.scans(chosen.scan)?;
@@ -138,7 +138,7 @@ impl<'a> Decoder<'a> {
                         place: Place::Message {
                             topic: topic.name.clone(),
                             log_time: message.log_time,
-                            offset: message.offset,
+                            position: message.position,
                         },
                         record: match kind {
                             Kind::Cloud => {

@@ -1,14 +1,16 @@
 //! The topics of a bag, the messages of those that could be of use, and which of them are meant.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::io::Read;
 use std::sync::Arc;
 
-use super::error::{BagError, StreamProblem};
-use super::schema::plain_name;
-use super::stream::{Item, SchemaText, read_stream};
+use super::error::BagError;
+use super::layout::plain_name;
 use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
-use crate::log::{ReferencePoses, TopicChoice};
+use crate::container::item::{Input, Item, SchemaText};
+use crate::container::position::Position;
+use crate::container::problem::StreamProblem;
+use crate::container::read;
+use crate::log::options::{ReferencePoses, TopicChoice};
 
 /// Bytes of messages kept in memory, at most: some 300,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 2 << 30;
@@ -88,13 +90,13 @@ pub(super) struct Kept {
     pub topic: usize,
     pub sequence: u32,
     pub log_time: u64,
-    pub offset: u64,
+    pub position: Position,
     pub data: Vec<u8>,
 }
 
 /// What a bag is read for: messages of other kinds are counted, but not kept in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Purpose {
+pub(crate) enum Purpose {
     /// Laser scans and poses.
     #[default]
     Scans,
@@ -113,10 +115,12 @@ impl Purpose {
 
 /// The content of a bag, of one file or several.
 #[derive(Debug, Default)]
-pub(super) struct Content {
+pub(crate) struct Content {
     purpose: Purpose,
-    pub topics: Vec<Topic>,
-    pub messages: Vec<Kept>,
+    pub(super) topics: Vec<Topic>,
+    pub(super) messages: Vec<Kept>,
+    /// Types of messages by topic, where something beside the bag's files says them.
+    pub types: BTreeMap<String, String>,
     /// Why the bag ends early, if it does.
     pub truncated: Option<String>,
     /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
@@ -135,9 +139,9 @@ impl Content {
     }
 
     /// Reads one more file; `name` tells it from the others of a split bag.
-    pub fn add(&mut self, input: impl Read, name: Option<&str>) -> Result<(), BagError> {
-        let mut by_id: BTreeMap<u16, usize> = BTreeMap::new();
-        let truncated = read_stream(input, |item| {
+    pub fn add(&mut self, input: Input<'_>, name: Option<&str>) -> Result<(), BagError> {
+        let mut by_id: BTreeMap<u32, usize> = BTreeMap::new();
+        let truncated = read(input, &mut |item| {
             match item {
                 Item::Channel(channel) => {
                     let kind = channel
@@ -172,7 +176,7 @@ impl Content {
                             topic,
                             sequence: message.sequence,
                             log_time: message.log_time,
-                            offset: message.offset,
+                            position: message.position,
                             data: message.data.to_vec(),
                         });
                     }
@@ -207,7 +211,7 @@ impl Content {
     }
 
     /// Names of the topics with messages of one of these kinds.
-    pub fn names(&self, kinds: &[Kind]) -> Vec<&str> {
+    pub(super) fn names(&self, kinds: &[Kind]) -> Vec<&str> {
         let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
         let used = self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0);
         let names: BTreeSet<&str> = used.map(|topic| topic.name.as_str()).collect();

@@ -7,8 +7,9 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::error::BagError;
 use super::messages::{TransformMessage, planar};
-use super::recording::BASE_FRAMES;
 
+/// Frames that robots call their own, where no odometry says which it is.
+pub(super) const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 /// A transform on `/tf` that varies by less (metres, parts of a quaternion) is fixed.
 const FIXED: f64 = 1e-6;
 /// Tilt accepted between the plane of the scan and that of the robot, in degrees. Lasers are mounted

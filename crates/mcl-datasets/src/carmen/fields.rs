@@ -5,7 +5,7 @@ use std::str::SplitAsciiWhitespace;
 
 use mcl_core::{ParseStampError, Pose2, Stamp};
 
-use crate::log::{Place, SkippedRecord};
+use crate::log::report::{Place, SkippedRecord};
 
 /// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough
 /// that composing poses keeps them finite.

@@ -3,7 +3,8 @@
 use mcl_core::{LaserScan, Pose2, Recording, wrap_angle};
 
 use super::odometry::{Evidence, Gap};
-use crate::log::{LogKind, ReferencePoses};
+use crate::log::content::LogKind;
+use crate::log::options::ReferencePoses;
 
 /// A scan as logged, before the meaning of its poses is known.
 pub(super) struct LoggedScan {

@@ -7,7 +7,10 @@ use mcl_core::LaserScan;
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
 use super::record::{self, Record, RecordKind};
-use crate::log::{Log, ReadReport, ReferencePoses, damaged_gzip};
+use crate::log::content::Log;
+use crate::log::options::ReferencePoses;
+use crate::log::report::ReadReport;
+use crate::packed::damage;
 
 /// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a file
 /// that is no text at all could fill the memory.
@@ -61,7 +64,7 @@ pub fn read(
                 return Err(CarmenError::LineTooLong { line: pass.lines + 1 });
             }
             Ok(_) => pass.line(&line),
-            Err(error) => match damaged_gzip(&error) {
+            Err(error) => match damage(&error) {
                 Some(reason) => {
                     let reason = format!("{reason} after line {}", pass.lines);
                     pass.report.truncated = Some(reason);

@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 use mcl_core::{Pose2, ScanGeometry, Stamp};
 
 use super::fields::{Field, Fields, Malformed};
-use crate::log::ReferencePoses;
+use crate::log::options::ReferencePoses;
 
 /// Parameter that says how far ahead of the robot's centre the front laser is mounted (metres).
 pub(super) const FRONT_LASER_PARAM: &str = "robot_frontlaser_offset";
