@@ -236,8 +236,8 @@ fn messages_are_decoded_by_the_schema_of_the_bag() {
     unread.schema.2 = "float32 [] ranges".into();
     assert_says(&refused(&bag(&[unread])), &["/scan", "line 1", "float32 [] ranges"]);
     let mut other = entry;
-    other.encoding = "ros1";
-    assert_says(&refused(&bag(&[other])), &["/scan", "\"ros1\"", "expected \"cdr\""]);
+    other.encoding = "json";
+    assert_says(&refused(&bag(&[other])), &["/scan", "\"json\"", "expected \"cdr\""]);
 }
 
 #[test]

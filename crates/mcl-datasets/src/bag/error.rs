@@ -76,7 +76,7 @@ pub enum BagError {
     },
     /// Messages of a topic are encoded in a way that is not read.
     #[error(
-        "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2); convert the bag first"
+        "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2) or \"ros1\"; convert the bag first"
     )]
     Encoding {
         /// The topic.

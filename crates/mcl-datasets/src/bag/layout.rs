@@ -9,7 +9,7 @@ pub(super) const MAX_NAME_BYTES: usize = 255;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
     /// Not in a language that is read.
-    #[error("is written in {0:?}, expected ros2msg or ros2idl")]
+    #[error("is written in {0:?}, expected ros2msg, ros2idl or ros1msg")]
     Language(String),
     /// Not text.
     #[error("is not UTF-8")]

@@ -60,7 +60,8 @@ pub(super) fn header(view: &View<'_>) -> Result<Header, MessageError> {
         return Err(malformed("header.stamp.nanosec", nanosec.to_string(), "less than 1000000000"));
     }
     // 32-bit seconds, so there is no overflow.
-    let stamp = (sec as i32 as i64) * NANOSECONDS + nanosec as i64;
+    let stamp =
+        sec.clamp(f64::from(i32::MIN), f64::from(u32::MAX)) as i64 * NANOSECONDS + nanosec as i64;
     Ok(Header { stamp, frame: frame(header.text("frame_id")?) })
 }
 

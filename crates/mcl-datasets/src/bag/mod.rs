@@ -83,9 +83,8 @@ pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
-pub use recording::{MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
 use topics::{Content, Purpose};
-pub use topics::{MAX_KEPT_BYTES, PoseRole};
+pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
 pub use writer::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
     write,

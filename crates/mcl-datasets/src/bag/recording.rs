@@ -4,25 +4,23 @@ use std::collections::BTreeMap;
 
 use mcl_core::{LaserScan, Pose2, Recording, Stamp};
 
-use super::cdr::{self, View};
+use super::cdr::{Encoding, View};
 use super::error::BagError;
+use super::layout::{SchemaError, plain_name};
 use super::messages::{
     MessageError, PoseMessage, ScanMessage, TransformMessage, malformed, planar,
 };
 use super::schema::MessageSchema;
-use super::topics::{Chosen, Content, Kept, Kind, choose};
+use super::topics::{
+    Chosen, Content, Kept, Kind, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, Topic, choose,
+};
 use super::track::PoseTrack;
 use super::transforms::{BASE_FRAMES, Mount, Transforms};
+use super::types;
 use crate::log::content::{Log, LogKind};
 use crate::log::options::ReadOptions;
 use crate::log::report::{Place, ReadReport, SkippedRecord};
 
-/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
-/// kind takes some fifty times its bytes.
-pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
-/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes as much again and
-/// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
-pub const MAX_CLOUD_BYTES: usize = 64 << 20;
 /// Parent of the robot's frame in odometry, by REP 105.
 const ODOMETRY_FRAME: &str = "odom";
 
@@ -40,8 +38,8 @@ pub(crate) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, B
         None => Vec::new(),
     };
     let frames = decoder.frames()?;
-    let report = decoder.report;
-    let (notes, assumptions) = (Vec::new(), Vec::new());
+    let Decoder { report, notes, .. } = decoder;
+    let assumptions = Vec::new();
     Assembly {
         content: &content,
         chosen,
@@ -74,6 +72,8 @@ pub(super) struct Decoder<'a> {
     content: &'a Content,
     schemas: BTreeMap<usize, MessageSchema>,
     pub report: ReadReport,
+    /// How messages were decoded, where that is not as the bag describes them.
+    pub notes: Vec<String>,
 }
 
 impl<'a> Decoder<'a> {
@@ -83,7 +83,7 @@ impl<'a> Decoder<'a> {
             truncated: content.truncated.clone(),
             ..ReadReport::default()
         };
-        Decoder { content, schemas: BTreeMap::new(), report }
+        Decoder { content, schemas: BTreeMap::new(), report, notes: Vec::new() }
     }
 
     /// The values of all messages of a topic and of these kinds; malformed ones are skipped.
@@ -103,16 +103,26 @@ impl<'a> Decoder<'a> {
                 schema: topic.type_name().to_owned(),
                 error: Box::new(error),
             };
-            if topic.encoding != "cdr" {
+            let Some(encoding) = Encoding::named(&topic.encoding) else {
                 let encoding = topic.encoding.clone();
                 return Err(BagError::Encoding { topic: topic.name.clone(), encoding });
-            }
+            };
             let schema = match self.schemas.entry(message.topic) {
                 std::collections::btree_map::Entry::Occupied(known) => known.into_mut(),
                 std::collections::btree_map::Entry::Vacant(new) => {
                     // Kinds are told by the schema's name, so there is one.
                     let Some(text) = &topic.schema else { continue };
-                    let schema = MessageSchema::parse(&text.name, &text.encoding, &text.data);
+                    let standard = text.data.is_empty().then(|| standard(topic)).flatten();
+                    let schema = match standard {
+                        Some(standard) => {
+                            self.notes.push(format!(
+                                "{}: the bag does not describe {}, so it is read as the standard type",
+                                topic.name, text.name
+                            ));
+                            standard
+                        }
+                        None => MessageSchema::parse(&text.name, &text.encoding, &text.data),
+                    };
                     new.insert(schema.map_err(schema_error)?)
                 }
             };
@@ -122,7 +132,8 @@ impl<'a> Decoder<'a> {
                 let found = format!("{} bytes long", message.data.len());
                 Err(malformed("the message", found, format!("at most {limit}")))
             } else {
-                cdr::decode(schema, &message.data)
+                encoding
+                    .decode(schema, &message.data)
                     .map_err(MessageError::from)
                     .and_then(|decoded| value(kind, &View::new(schema, &decoded), message))
             };
@@ -225,6 +236,16 @@ impl<'a> Decoder<'a> {
         }
         Ok(Frames { tree, from_odometry })
     }
+}
+
+/// The layout of a standard type, for a topic without a description.
+fn standard(topic: &Topic) -> Option<Result<MessageSchema, SchemaError>> {
+    let kind = types::named(&plain_name(topic.type_name()))?;
+    let (language, text) = match topic.encoding.as_str() {
+        "ros1" => ("ros1msg", kind.description_of_ros1()),
+        _ => ("ros2msg", kind.description()),
+    };
+    Some(MessageSchema::parse(kind.name, language, text.as_bytes()))
 }
 
 /// Poses in different frames cannot be compared: those in another frame than the first are malformed.

@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::layout::{
-    Count, Definition, Described, ElementType, Field, MAX_DEPTH, SchemaError, plain_name,
-};
+pub use super::layout::{Count, Definition, ElementType, Field, NumberType, SchemaError};
+use super::layout::{Described, MAX_DEPTH, plain_name};
 use super::{idl_text, msg_text};
 
 /// The two types that every `.msg` may use without its bag describing them.
-const BUILTIN: &str = "int32 sec\nuint32 nanosec\n";
+const BUILTIN: [&str; 2] = ["builtin_interfaces/Time", "builtin_interfaces/Duration"];
 
 /// A message type with all types it holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,23 +17,27 @@ pub struct MessageSchema {
 }
 
 impl MessageSchema {
-    /// Parses a description as a bag holds it: `encoding` is `ros2msg` or `ros2idl`, `name` the
+    /// Parses a description as a bag holds it: `encoding` is `ros2msg`, `ros2idl` or `ros1msg`, `name` the
     /// message's type (`sensor_msgs/msg/LaserScan`).
     ///
     /// # Errors
     /// [`SchemaError`] says where the text is wrong or what it lacks.
     pub fn parse(name: &str, encoding: &str, text: &[u8]) -> Result<Self, SchemaError> {
-        let is_known = matches!(encoding, "ros2msg" | "ros2idl");
-        if !is_known {
+        if !matches!(encoding, "ros2msg" | "ros2idl" | "ros1msg") {
             return Err(SchemaError::Language(encoding.to_owned()));
         }
         let text = std::str::from_utf8(text).map_err(|_| SchemaError::NotText)?;
         let root = plain_name(name);
         let described = match encoding {
-            "ros2msg" => msg_text::parse(&root, text)?,
-            _ => idl_text::parse(text)?,
+            "ros2idl" => idl_text::parse(text)?,
+            _ => msg_text::parse(&root, text)?,
         };
-        resolve(&root, described)
+        // Seconds of ROS 1 have no sign.
+        let time = match encoding {
+            "ros1msg" => "uint32 sec\nuint32 nanosec\n",
+            _ => "int32 sec\nuint32 nanosec\n",
+        };
+        resolve(&root, described, time)
     }
 
     /// The message itself.
@@ -48,14 +51,18 @@ impl MessageSchema {
     }
 }
 
-fn resolve(root: &str, described: Vec<Described>) -> Result<MessageSchema, SchemaError> {
+fn resolve(
+    root: &str,
+    described: Vec<Described>,
+    time: &str,
+) -> Result<MessageSchema, SchemaError> {
     let mut by_name: BTreeMap<String, Described> = BTreeMap::new();
     for definition in described {
         by_name.entry(definition.name.clone()).or_insert(definition);
     }
-    for builtin in ["builtin_interfaces/Time", "builtin_interfaces/Duration"] {
+    for builtin in BUILTIN {
         if !by_name.contains_key(builtin) {
-            let described = msg_text::parse(builtin, BUILTIN)?;
+            let described = msg_text::parse(builtin, time)?;
             by_name.extend(described.into_iter().map(|found| (found.name.clone(), found)));
         }
     }

@@ -6,14 +6,23 @@ use std::sync::Arc;
 use super::error::BagError;
 use super::layout::plain_name;
 use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
-use crate::container::item::{Input, Item, SchemaText};
+use crate::container::chunk::{Compression, inflate};
+use crate::container::item::{Input, Item, Message, SchemaText};
 use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
 use crate::log::options::{ReferencePoses, TopicChoice};
+use crate::packed::ZSTD_MAGIC;
 
 /// Bytes of messages kept in memory, at most: some 300,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 2 << 30;
+
+/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
+/// kind takes some fifty times its bytes.
+pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
+/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes as much again and
+/// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
+pub const MAX_CLOUD_BYTES: usize = 64 << 20;
 
 /// Topics named in a message; a file may have 65,535.
 const LISTED_TOPICS: usize = 100;
@@ -144,15 +153,20 @@ impl Content {
         let truncated = read(input, &mut |item| {
             match item {
                 Item::Channel(channel) => {
-                    let kind = channel
-                        .schema
+                    let typed = |name: &String| {
+                        let (encoding, data) = (String::new(), Vec::new());
+                        Arc::new(SchemaText { name: name.clone(), encoding, data })
+                    };
+                    let schema = channel.schema.clone();
+                    let schema = schema.or_else(|| self.types.get(&channel.topic).map(typed));
+                    let kind = schema
                         .as_ref()
                         .and_then(|schema| Kind::of(&plain_name(&schema.name)))
                         .filter(|&kind| self.purpose.keeps(kind));
                     let topic = Topic {
                         name: channel.topic.clone(),
                         encoding: channel.message_encoding.clone(),
-                        schema: channel.schema.clone(),
+                        schema,
                         kind,
                         messages: 0,
                     };
@@ -167,8 +181,9 @@ impl Content {
                     let Some(&topic) = by_id.get(&message.channel.id) else { return Ok(()) };
                     self.topics[topic].messages += 1;
                     if self.topics[topic].kind.is_some() {
+                        let data = unpacked(&message);
                         // What a message takes beside its bytes, so that empty ones count, too.
-                        self.kept_bytes += message.data.len() as u64 + size_of::<Kept>() as u64;
+                        self.kept_bytes += data.len() as u64 + size_of::<Kept>() as u64;
                         if self.kept_bytes > MAX_KEPT_BYTES {
                             return Err(StreamProblem::TooMuch(MAX_KEPT_BYTES));
                         }
@@ -177,7 +192,7 @@ impl Content {
                             sequence: message.sequence,
                             log_time: message.log_time,
                             position: message.position,
-                            data: message.data.to_vec(),
+                            data,
                         });
                     }
                 }
@@ -243,6 +258,18 @@ impl Content {
         let candidates = list(self.topics.iter().filter(is_named));
         BagError::Ambiguous { what, candidates, option }
     }
+}
+
+/// The bytes of a message, which rosbag2 may have compressed on its own. CDR begins with a NUL, so these
+/// first bytes tell. What does not unpack stays as it is, and is no message of its type.
+fn unpacked(message: &Message<'_>) -> Vec<u8> {
+    if message.channel.message_encoding == "cdr" && message.data.starts_with(ZSTD_MAGIC) {
+        let (data, outcome) = inflate(Compression::Zstd, message.data, MAX_CLOUD_BYTES as u64 + 1);
+        if outcome.is_ok() {
+            return data;
+        }
+    }
+    message.data.to_vec()
 }
 
 fn list<'a>(topics: impl Iterator<Item = &'a Topic>) -> String {

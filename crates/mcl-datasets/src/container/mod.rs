@@ -11,6 +11,8 @@ pub mod item;
 pub mod mcap;
 pub mod position;
 pub mod problem;
+mod ros1;
+mod sqlite;
 
 use std::io::BufRead;
 
@@ -18,7 +20,7 @@ use item::{Container, Input, Visit};
 use problem::{StreamError, StreamProblem};
 
 /// All formats that are read.
-pub static CONTAINERS: &[&Container] = &[&mcap::CONTAINER];
+pub static CONTAINERS: &[&Container] = &[&mcap::CONTAINER, &ros1::CONTAINER, &sqlite::CONTAINER];
 
 /// The container that begins with these bytes; also of a file that ends within its magic bytes, or
 /// before them.

@@ -14,6 +14,16 @@ pub struct BadRecord {
     pub found: &'static str,
 }
 
+impl BadRecord {
+    pub(super) const fn new(
+        record: &'static str,
+        field: &'static str,
+        found: &'static str,
+    ) -> Self {
+        BadRecord { record, field, found }
+    }
+}
+
 /// What is wrong with the bytes of a container.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamProblem {
@@ -117,6 +127,44 @@ pub enum StreamProblem {
         length: u64,
         /// The bytes left.
         there: usize,
+    },
+    /// A chunk that ends within a record.
+    #[error("the last {there} bytes of a chunk are no whole record; the file is damaged")]
+    CutInChunk {
+        /// The bytes left.
+        there: usize,
+    },
+    /// A bag that only its owner can read.
+    #[error("the bag is encrypted ({0}); decrypt it with `rosbag decompress` first")]
+    Encrypted(String),
+    /// SQLite cannot read the database.
+    #[error("{0}")]
+    Sqlite(String),
+    /// A database of something else.
+    #[error("the database has no table {0}, expected the tables of rosbag2: topics and messages")]
+    NoTable(&'static str),
+    /// A table that is not as rosbag2 writes it.
+    #[error("{table} {found}; the database is no bag of rosbag2, or damaged")]
+    Database {
+        /// The table, or the column in it.
+        table: &'static str,
+        /// What is wrong with it.
+        found: String,
+    },
+    /// A message of a topic that is not in the table of topics.
+    #[error(
+        "a message is of topic {0}, which the table of topics does not hold; the database is damaged"
+    )]
+    UnknownTopic(i64),
+    /// A database that would unpack to more than is accepted.
+    #[error(
+        "the database says that it has {declared} bytes, expected at most {limit}; unpack it first"
+    )]
+    DatabaseTooLarge {
+        /// The size it says.
+        declared: u64,
+        /// The largest accepted.
+        limit: u64,
     },
     /// A message of a channel that no record describes.
     #[error(

@@ -1,6 +1,9 @@
 //! Bags built in code, message by message, with the `mcap` crate.
 #![allow(dead_code)] // Each test binary uses its own part.
 
+pub mod database;
+pub mod ros1;
+
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
