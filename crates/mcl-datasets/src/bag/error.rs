@@ -13,7 +13,11 @@ pub enum BagError {
     #[error(transparent)]
     Stream(#[from] StreamError),
     /// There is no scan.
-    #[error("no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}", because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default())]
+    #[error(
+        "no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}{}",
+        because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default(),
+        advice(topics)
+    )]
     NoScan {
         /// The topics of the bag with their types.
         topics: String,
@@ -73,6 +77,16 @@ pub enum BagError {
         found: String,
         /// The types that would do.
         expected: &'static str,
+    },
+    /// Two frames asked for that do not move in each other.
+    #[error(
+        "{topic}: no transforms that change lead from one of the two frames to the other; frames: {frames}"
+    )]
+    NoPair {
+        /// What was asked for.
+        topic: String,
+        /// The frames of the bag.
+        frames: String,
     },
     /// Messages of a topic are encoded in a way that is not read.
     #[error(
@@ -153,4 +167,16 @@ pub enum BagError {
     /// The folder of a split bag is not one.
     #[error(transparent)]
     Folder(#[from] FolderError),
+}
+
+/// What helps where there is no scan, by the types of the topics there are.
+fn advice(topics: &str) -> &'static str {
+    if topics.contains("sensor_msgs/msg/PointCloud2") || topics.contains("sensor_msgs/PointCloud2")
+    {
+        "; scans can be made of point clouds with --slice Z1,Z2 (heights in metres)"
+    } else if topics.contains("(no type, ") {
+        "; the recorder did not find the types of some topics: name the folder of the bag, if it has a metadata.yaml, or record again with the packages of the messages at hand"
+    } else {
+        ""
+    }
 }

@@ -56,11 +56,13 @@
 
 pub mod cdr;
 pub(crate) mod clouds;
+mod decoder;
 mod encode;
 pub(crate) mod error;
 mod idl_text;
 mod layout;
 mod messages;
+mod moment;
 mod motion;
 mod msg_text;
 pub mod planar;
@@ -68,9 +70,9 @@ mod point_cloud;
 pub(crate) mod poses;
 pub(crate) mod recording;
 pub mod schema;
+mod slice;
 pub(crate) mod topics;
 mod track;
-mod transforms;
 pub mod types;
 mod writer;
 
@@ -99,7 +101,7 @@ use crate::log::options::ReadOptions;
 /// # Errors
 /// [`BagError`] for bytes that are no bag or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
-    recording::assemble(content_of(input, Purpose::Scans)?, options)
+    recording::assemble(content_of(input, recording::purpose(options))?, options)
 }
 
 /// Reads the point clouds of one topic of a bag of one file.

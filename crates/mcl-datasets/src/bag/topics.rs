@@ -11,7 +11,7 @@ use crate::container::item::{Input, Item, Message, SchemaText};
 use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
-use crate::log::options::{ReferencePoses, TopicChoice};
+use crate::log::options::{ReadOptions, ReferencePoses};
 use crate::packed::ZSTD_MAGIC;
 
 /// Bytes of messages kept in memory, at most: some 300,000 scans of 720 beams.
@@ -33,8 +33,25 @@ const POSE: &str = "geometry_msgs/PoseStamped";
 const POSE_WITH_COVARIANCE: &str = "geometry_msgs/PoseWithCovarianceStamped";
 const TRANSFORMS: &str = "tf2_msgs/TFMessage";
 const CLOUD: &str = "sensor_msgs/PointCloud2";
+const MULTI_ECHO: &str = "sensor_msgs/MultiEchoLaserScan";
+const TRANSFORM: &str = "geometry_msgs/TransformStamped";
+const PATH: &str = "nav_msgs/Path";
+const SCAN_TYPES: &str = "sensor_msgs/msg/LaserScan or sensor_msgs/msg/MultiEchoLaserScan";
 /// Last part of the names of pose topics that say where the robot should be, or was told it is.
-const NO_REFERENCE: [&str; 5] = ["goal_pose", "goal", "initialpose", "clicked_pose", "target_pose"];
+const GOALS: [&str; 6] =
+    ["goal_pose", "goal", "current_goal", "initialpose", "clicked_pose", "target_pose"];
+/// Last part of the names of pose topics that hold what another program takes to be the robot's pose.
+const ESTIMATES: [&str; 9] = [
+    "amcl_pose",
+    "mcl_pose",
+    "slam_toolbox/pose",
+    "slam_out_pose",
+    "tracked_pose",
+    "estimated_pose",
+    "pose_estimate",
+    "localization_pose",
+    "poseupdate",
+];
 /// Last part of the names of topics that hold ground truth.
 const REFERENCE: [&str; 8] = [
     "reference",
@@ -48,8 +65,9 @@ const REFERENCE: [&str; 8] = [
 ];
 
 /// Kinds of messages with a pose, and their names.
-const POSE_KINDS: [Kind; 3] = [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry];
-const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, geometry_msgs/msg/PoseWithCovarianceStamped or nav_msgs/msg/Odometry";
+const POSE_KINDS: [Kind; 5] =
+    [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry, Kind::Transform, Kind::Path];
+const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, PoseWithCovarianceStamped or TransformStamped, nav_msgs/msg/Odometry or Path, or two frames of transforms (/tf:map.base_link)";
 
 /// What messages of a type are used as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +78,9 @@ pub(super) enum Kind {
     PoseWithCovariance,
     Transforms,
     Cloud,
+    MultiEcho,
+    Transform,
+    Path,
 }
 
 impl Kind {
@@ -71,8 +92,22 @@ impl Kind {
             POSE_WITH_COVARIANCE => Kind::PoseWithCovariance,
             TRANSFORMS | "tf/tfMessage" => Kind::Transforms,
             CLOUD => Kind::Cloud,
+            MULTI_ECHO => Kind::MultiEcho,
+            TRANSFORM => Kind::Transform,
+            PATH => Kind::Path,
             _ => return None,
         })
+    }
+}
+
+impl Kind {
+    /// Whether a scan is in it, or can be made of it.
+    pub fn is_scan(self) -> bool {
+        matches!(self, Kind::Scan | Kind::MultiEcho | Kind::Cloud)
+    }
+
+    pub fn is_pose(self) -> bool {
+        POSE_KINDS.contains(&self)
     }
 }
 
@@ -109,6 +144,8 @@ pub(crate) enum Purpose {
     /// Laser scans and poses.
     #[default]
     Scans,
+    /// Point clouds, of which scans are made, and poses.
+    Slices,
     /// Point clouds, and where they were taken.
     Clouds,
 }
@@ -117,6 +154,7 @@ impl Purpose {
     fn keeps(self, kind: Kind) -> bool {
         match self {
             Purpose::Scans => kind != Kind::Cloud,
+            Purpose::Slices => !matches!(kind, Kind::Scan | Kind::MultiEcho),
             Purpose::Clouds => matches!(kind, Kind::Cloud | Kind::Odometry | Kind::Transforms),
         }
     }
@@ -252,6 +290,16 @@ impl Content {
         Err(BagError::WrongType { topic: topic.to_owned(), option, found, expected })
     }
 
+    /// The topic of poses asked for, or the pair of frames.
+    fn asked_poses<'a>(&self, topic: &'a str, option: &'static str) -> Result<&'a str, BagError> {
+        match Pair::of(topic).filter(|_| !self.topics.iter().any(|found| found.name == topic)) {
+            Some(pair) => self
+                .asked(pair.topic, &[Kind::Transforms], option, "tf2_msgs/msg/TFMessage")
+                .map(|_| topic),
+            None => self.asked(topic, &POSE_KINDS, option, POSE_TYPES),
+        }
+    }
+
     /// The error for several `names` (sorted, as [`Content::names`] gives them) that could be meant.
     fn ambiguous(&self, what: &'static str, names: &[&str], option: &'static str) -> BagError {
         let is_named = |topic: &&Topic| names.binary_search(&&*topic.name).is_ok();
@@ -293,7 +341,10 @@ fn list<'a>(topics: impl Iterator<Item = &'a Topic>) -> String {
 pub(super) struct Chosen<'a> {
     pub scan: &'a str,
     pub odometry: Option<&'a str>,
+    /// A topic of poses, or a pair of frames ([`Pair`]).
     pub reference: Option<&'a str>,
+    /// What could be meant by several topics, and was left out.
+    pub doubts: Vec<String>,
 }
 
 /// Chooses the topics. A topic that is asked for must be there with messages of the right type. Else:
@@ -302,25 +353,34 @@ pub(super) struct Chosen<'a> {
 /// * odometry: the only topic of its type, or among several the one named `/odom`; topics with the
 ///   name of a ground truth do not count;
 /// * reference: the only topic of poses, or among several the one with the name of a ground truth;
-///   goals and initial poses do not count. Without any topic of poses, an odometry topic with the
-///   name of a ground truth.
+///   goals, initial poses and what has the name of an estimate do not count. Without any such topic, one
+///   of odometry, transforms or paths with the name of a ground truth.
+///
+/// Where several could be the odometry or the reference, none is.
 pub(super) fn choose<'a>(
     content: &'a Content,
-    asked: &'a TopicChoice,
-    reference: ReferencePoses,
+    options: &'a ReadOptions,
 ) -> Result<Chosen<'a>, BagError> {
+    let asked = &options.topics;
+    let (kinds, types): (&[Kind], _) = match options.slice {
+        Some(_) => (&[Kind::Cloud], "sensor_msgs/msg/PointCloud2 (with --slice)"),
+        None => (&[Kind::Scan, Kind::MultiEcho], SCAN_TYPES),
+    };
+    let no_scan =
+        || BagError::NoScan { topics: content.list(), because: content.truncated.clone() };
     let scan = match &asked.scan {
-        Some(topic) => {
-            content.asked(topic, &[Kind::Scan], "--scan-topic", "sensor_msgs/msg/LaserScan")?
+        Some(topic) => content.asked(topic, kinds, "--scan-topic", types)?,
+        None => only_or_named(&content.names(kinds), "/scan")
+            .map_err(|names| content.ambiguous(types, &names, "--scan-topic"))?
+            .ok_or_else(no_scan)?,
+    };
+    let mut doubts = Vec::new();
+    let mut left_open = |error: BagError, what: &str| match error {
+        BagError::Ambiguous { .. } => {
+            doubts.push(format!("{what}: {error}; none is taken"));
+            Ok(None)
         }
-        None => only_or_named(&content.names(&[Kind::Scan]), "/scan")
-            .map_err(|names| {
-                content.ambiguous("sensor_msgs/msg/LaserScan", &names, "--scan-topic")
-            })?
-            .ok_or_else(|| BagError::NoScan {
-                topics: content.list(),
-                because: content.truncated.clone(),
-            })?,
+        error => Err(error),
     };
     let odometry_topics: Vec<&str> = content
         .names(&[Kind::Odometry])
@@ -329,24 +389,65 @@ pub(super) fn choose<'a>(
         .collect();
     let raw: Vec<&str> =
         odometry_topics.iter().copied().filter(|name| !is_named(name, &REFERENCE)).collect();
+    const ODOMETRY_TYPE: &str = "nav_msgs/msg/Odometry";
     let odometry = match &asked.odometry {
-        Some(topic) => Some(content.asked(
-            topic,
-            &[Kind::Odometry],
-            "--odom-topic",
-            "nav_msgs/msg/Odometry",
-        )?),
+        Some(topic) => {
+            Some(content.asked(topic, &[Kind::Odometry], "--odom-topic", ODOMETRY_TYPE)?)
+        }
         None => only_or_named(&raw, "/odom")
-            .map_err(|names| content.ambiguous("nav_msgs/msg/Odometry", &names, "--odom-topic"))?,
+            .map_err(|names| content.ambiguous(ODOMETRY_TYPE, &names, "--odom-topic"))
+            .or_else(|error| left_open(error, "odometry"))?,
     };
-    if reference == ReferencePoses::None {
-        return Ok(Chosen { scan, odometry, reference: None });
+    let found = match options.reference {
+        ReferencePoses::None => None,
+        ReferencePoses::Auto => reference_topic(content, asked.reference.as_deref())
+            .or_else(|error| left_open(error, "reference"))?,
+        ReferencePoses::Recorded => {
+            let found = reference_topic(content, asked.reference.as_deref())?;
+            Some(found.ok_or_else(|| BagError::NoReference { topics: content.list() })?)
+        }
+    };
+    Ok(Chosen { scan, odometry, reference: found, doubts })
+}
+
+/// A pair of frames as a topic of poses: `/tf:map.base_link`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Pair<'a> {
+    /// The topic of the transforms.
+    pub topic: &'a str,
+    frames: &'a str,
+}
+
+impl<'a> Pair<'a> {
+    pub fn of(name: &'a str) -> Option<Self> {
+        let (topic, frames) = name.split_once(':')?;
+        frames.contains('.').then_some(Pair { topic, frames })
     }
-    let found = reference_topic(content, asked.reference.as_deref())?;
-    if found.is_none() && reference == ReferencePoses::Recorded {
-        return Err(BagError::NoReference { topics: content.list() });
+
+    /// Parent and child, both named in the tree: names of frames may have dots, too.
+    pub fn frames(self, knows: impl Fn(&str) -> bool) -> Option<(&'a str, &'a str)> {
+        let dots = self.frames.match_indices('.');
+        let mut pairs = dots.map(|(dot, _)| (&self.frames[..dot], &self.frames[dot + 1..]));
+        pairs.find(|(parent, child)| knows(parent) && knows(child))
     }
-    Ok(Chosen { scan, odometry, reference: found })
+}
+
+/// The topics of transforms that go with a topic: of the namespace that is the longest beginning of its
+/// name, for those on `/tf_static` and others alike; all, where none is a beginning.
+pub(super) fn transform_topics<'a>(content: &'a Content, of: Option<&str>) -> Vec<&'a str> {
+    let names = content.names(&[Kind::Transforms]);
+    let Some(of) = of else { return names };
+    let namespace = |name: &str| name.rfind('/').map_or(0, |slash| slash + 1);
+    let is_static = |name: &str| name.ends_with("tf_static");
+    let is_chosen = |name: &&str| {
+        let alike = || names.iter().filter(|other| is_static(other) == is_static(name));
+        let is_above = |other: &&&str| of.starts_with(&other[..namespace(other)]);
+        match alike().filter(is_above).map(|other| namespace(other)).max() {
+            Some(longest) => is_above(&name) && namespace(name) == longest,
+            None => true,
+        }
+    };
+    names.iter().copied().filter(is_chosen).collect()
 }
 
 /// The topic of the point clouds: the one asked for, else the only one of its type, or among several
@@ -390,15 +491,15 @@ fn reference_topic<'a>(
 ) -> Result<Option<&'a str>, BagError> {
     const OPTION: &str = "--reference-topic";
     if let Some(topic) = asked {
-        return content.asked(topic, &POSE_KINDS, OPTION, POSE_TYPES).map(Some);
+        return content.asked_poses(topic, OPTION).map(Some);
     }
     let mut poses = content.names(&[Kind::Pose, Kind::PoseWithCovariance]);
-    poses.retain(|name| !is_named(name, &NO_REFERENCE));
+    poses.retain(|name| !is_named(name, &GOALS) && !is_estimate(name));
     let truths = |names: &[&'a str]| -> Vec<&'a str> {
         names.iter().copied().filter(|name| is_named(name, &REFERENCE)).collect()
     };
     let candidates = match (poses.as_slice(), truths(&poses)) {
-        ([], _) => truths(&content.names(&[Kind::Odometry])),
+        ([], _) => truths(&content.names(&[Kind::Odometry, Kind::Transform, Kind::Path])),
         (&[only], _) => vec![only],
         (several, named) if named.is_empty() => several.to_vec(),
         (_, named) => named,
@@ -408,6 +509,22 @@ fn reference_topic<'a>(
         &[only] => Ok(Some(only)),
         several => Err(content.ambiguous("poses", several, OPTION)),
     }
+}
+
+/// Whether a topic has the name of poses that another program estimated.
+fn is_estimate(name: &str) -> bool {
+    name == "/pose" || is_named(name, &ESTIMATES)
+}
+
+/// Topics of poses that could serve as a reference if asked for, but the odometry.
+pub(super) fn possible_references(content: &Content, odometry: Option<&str>) -> Vec<String> {
+    let names = content.names(&POSE_KINDS).into_iter();
+    let possible = names.filter(|name| Some(*name) != odometry && !is_named(name, &GOALS));
+    let told = |name: &str| match is_estimate(name) {
+        true => format!("{name} (an estimate)"),
+        false => name.to_owned(),
+    };
+    possible.map(told).collect()
 }
 
 /// What the poses of a topic are wanted for.
@@ -432,10 +549,10 @@ pub(super) fn pose_topic<'a>(
     }
     const OPTION: &str = "--topic";
     if let Some(topic) = asked {
-        return content.asked(topic, &POSE_KINDS, OPTION, POSE_TYPES);
+        return content.asked_poses(topic, OPTION);
     }
-    let mut candidates = content.names(&POSE_KINDS);
-    candidates.retain(|name| !is_named(name, &NO_REFERENCE) && !is_named(name, &REFERENCE));
+    let mut candidates = content.names(&[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry]);
+    candidates.retain(|name| !is_named(name, &GOALS) && !is_named(name, &REFERENCE));
     match candidates.as_slice() {
         [] => Err(none()),
         &[only] => Ok(only),

@@ -25,5 +25,5 @@ pub use error::LogError;
 pub use open::{
     is_bag, is_bag_folder, read_clouds, read_log, read_log_as, read_log_from, read_poses,
 };
-pub use options::{ParseReferencePosesError, ReadOptions, ReferencePoses, TopicChoice};
+pub use options::{LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, TopicChoice};
 pub use report::{Place, ReadReport, SkippedRecord};

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::bag::clouds::{self, BagCloud, CloudOptions};
 use crate::bag::error::BagError;
 use crate::bag::poses::{self, PoseTopic};
-use crate::bag::recording;
+use crate::bag::recording::{self, purpose};
 use crate::bag::topics::{Content, PoseRole, Purpose};
 use crate::carmen;
 use crate::carmen::reader::CarmenError;
@@ -36,7 +36,7 @@ pub fn read_log(path: &Path) -> Result<Log, LogError> {
 pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> {
     // Opening a directory succeeds on Unix; reading it fails with a less helpful message.
     if path.is_dir() {
-        let content = content_of_folder(path, Purpose::Scans)?;
+        let content = content_of_folder(path, purpose(options))?;
         return recording::assemble(content, options).map_err(at(path));
     }
     read_opened(open(path)?, path, true, options)
@@ -65,7 +65,7 @@ fn read_opened(
 ) -> Result<Log, LogError> {
     let input = some(input, path)?;
     if container::of(input.head()).is_some() {
-        let content = content_of(input, path, is_file, Purpose::Scans)?;
+        let content = content_of(input, path, is_file, purpose(options))?;
         return recording::assemble(content, options).map_err(at(path));
     }
     refuse_foreign(&input, path)?;

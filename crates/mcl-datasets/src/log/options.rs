@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use mcl_core::Pose2;
 use serde::{Deserialize, Serialize};
 
 /// Whether the laser poses written in a log are taken as ground truth.
@@ -74,18 +75,40 @@ impl TopicChoice {
     }
 }
 
-/// How to read a log, where its content leaves that open.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+/// How to read a log, where its content leaves that open. All but `reference` is of bags.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
     /// Whether the poses in the log are ground truth. For a bag: whether to use reference poses if it
     /// has them, to insist on them, or not to use them.
     pub reference: ReferencePoses,
     /// Topics of a bag.
     pub topics: TopicChoice,
+    /// Makes scans of point clouds: heights (m) in the robot's frame, from the first to the second.
+    pub slice: Option<(f64, f64)>,
+    /// The robot's frame.
+    pub base_frame: Option<String>,
+    /// The frame of the odometry, where `/tf` alone tells it.
+    pub odometry_frame: Option<String>,
+    /// Whose poses the reference has: `robot`, `laser` or the name of a frame.
+    pub reference_frame: Option<String>,
+    /// How the laser sits on the robot.
+    pub laser_pose: Option<LaserPose>,
+    /// The longest time (s) between two poses to be interpolated over; a few times the usual one, where
+    /// this says nothing.
+    pub longest_gap: Option<f64>,
+}
+
+/// How the laser sits on the robot, where the log does not say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LaserPose {
+    /// Carries coordinates of the laser's frame into the robot's.
+    pub robot_from_laser: Pose2,
+    /// Whether it is mounted head down.
+    pub is_upside_down: bool,
 }
 
 impl From<ReferencePoses> for ReadOptions {
     fn from(reference: ReferencePoses) -> Self {
-        ReadOptions { reference, topics: TopicChoice::default() }
+        ReadOptions { reference, ..ReadOptions::default() }
     }
 }

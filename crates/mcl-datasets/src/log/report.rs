@@ -19,15 +19,18 @@ pub struct ReadReport {
     pub skipped_details: Vec<SkippedRecord>,
     /// Scans whose stamp is a number but no time (uninitialised, negative); they are kept without.
     pub unusable_stamps: usize,
+    /// What contradicts itself, or had to be guessed, a line each: results may be wrong by it.
+    pub doubts: Vec<String>,
     /// Why the log ends early, when a bag or compressed data is cut off or damaged; what came before
     /// is kept.
     pub truncated: Option<String>,
 }
 
 impl ReadReport {
-    /// Whether every record of a known kind was read: nothing skipped, nothing cut off.
+    /// Whether every record of a known kind was read, nothing skipped, nothing cut off, and nothing in it
+    /// is in doubt.
     pub fn is_complete(&self) -> bool {
-        self.skipped == 0 && self.truncated.is_none()
+        self.skipped == 0 && self.truncated.is_none() && self.doubts.is_empty()
     }
 
     pub(crate) fn skip(&mut self, record: SkippedRecord) {
@@ -38,7 +41,8 @@ impl ReadReport {
     }
 }
 
-/// One line on the totals, then one per described skipped record, then why the log ends early.
+/// One line on the totals, then one per described skipped record and per doubt, then why the log
+/// ends early.
 impl fmt::Display for ReadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -52,6 +56,9 @@ impl fmt::Display for ReadReport {
         let more = self.skipped.saturating_sub(self.skipped_details.len());
         if more > 0 {
             write!(f, "\n… and {more} more")?;
+        }
+        for doubt in &self.doubts {
+            write!(f, "\nin doubt: {doubt}")?;
         }
         if let Some(reason) = &self.truncated {
             write!(f, "\nthe log ends early: {reason}")?;

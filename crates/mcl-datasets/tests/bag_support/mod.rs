@@ -157,6 +157,15 @@ pub fn assert_says(error: &BagError, parts: &[&str]) {
 }
 
 #[track_caller]
+pub fn assert_doubts(log: &Log, parts: &[&str]) {
+    let doubts = log.report.doubts.join("\n");
+    for part in parts {
+        assert!(doubts.contains(part), "no {part:?} in: {doubts}");
+    }
+    assert!(!log.report.is_complete());
+}
+
+#[track_caller]
 pub fn assert_pose(found: Option<Pose2>, x: f64, y: f64, theta: f64) {
     let found = found.expect("a pose");
     let error = Pose2::new(x, y, theta).between(&found);

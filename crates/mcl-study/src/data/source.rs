@@ -164,7 +164,11 @@ fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
 impl SourceOptions {
     /// How to read the log, where the user does not say whether there is a reference: `reference`.
     fn read_options(&self, reference: ReferencePoses) -> ReadOptions {
-        ReadOptions { reference: self.reference.unwrap_or(reference), topics: self.topics.clone() }
+        ReadOptions {
+            reference: self.reference.unwrap_or(reference),
+            topics: self.topics.clone(),
+            ..ReadOptions::default()
+        }
     }
 }
 
