@@ -38,7 +38,9 @@ pub enum LogKind {
     CorrectedWithOdometry,
     /// Laser poses are raw odometry, at a fixed mount on the robot; there is no reference.
     Raw,
-    /// A ROS 2 bag: odometry and, where it has them, reference poses from topics of their own.
+    /// As [`LogKind::Raw`], with the true poses of a simulator in records of their own.
+    RawWithTruth,
+    /// A bag: odometry and, where it has them, reference poses from topics of their own.
     Bag,
 }
 
@@ -48,7 +50,8 @@ impl fmt::Display for LogKind {
             LogKind::GfsCorrected => "corrected log, raw odometry between the scans",
             LogKind::CorrectedWithOdometry => "corrected log, raw odometry beside each laser pose",
             LogKind::Raw => "raw log, no reference poses",
-            LogKind::Bag => "ROS 2 bag",
+            LogKind::RawWithTruth => "raw log, reference poses of TRUEPOS records",
+            LogKind::Bag => "bag",
         })
     }
 }

@@ -1,8 +1,10 @@
 //! Opening a log: its format is told by its first bytes.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
+
+use encoding_rs_io::DecodeReaderBytes;
 
 use crate::bag::clouds::{self, BagCloud, CloudOptions};
 use crate::bag::error::BagError;
@@ -68,12 +70,19 @@ fn read_opened(
         let content = content_of(input, path, is_file, purpose(options))?;
         return recording::assemble(content, options).map_err(at(path));
     }
-    refuse_foreign(&input, path)?;
+    let is_utf16 = matches!(input.head(), [0xff, 0xfe, ..] | [0xfe, 0xff, ..]);
+    if !is_utf16 {
+        refuse_foreign(&input, path)?;
+    }
     if let Some(topic) = options.topics.any() {
         return Err(LogError::NoTopics { path: path.to_owned(), topic: topic.to_owned() });
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    carmen::read(input, &name, options.reference).map_err(|error| match error {
+    let text: Box<dyn BufRead + '_> = match is_utf16 {
+        true => Box::new(BufReader::new(DecodeReaderBytes::new(input))),
+        false => Box::new(input),
+    };
+    carmen::read(text, &name, options.reference).map_err(|error| match error {
         CarmenError::Io(error) => io_error(path, error),
         error => LogError::Carmen { path: path.to_owned(), error },
     })
