@@ -107,7 +107,7 @@ fn a_real_log_survives_writing_and_reading() {
 #[test]
 fn further_corrected_logs() {
     for (name, scans, beams, points, lost) in [
-        ("freiburg-101", 292, 361, 74_278, 0),
+        ("freiburg-101", 292, 360, 74_278, 0),
         ("seattle", 241, 361, 83_892, 1),
         ("csail", 406, 361, 138_174, 0),
         ("orebro", 237, 181, 39_670, 219),

@@ -53,7 +53,7 @@ fn the_definitions_agree_with_what_is_known_of_the_logs() {
         ("freiburg-079", "fr079-complete.gfs.log", 360),
         ("intel-lab", "intel.gfs.log", 180),
         ("csail", "csail-corrected.log", 361),
-        ("freiburg-101", "freiburg-101-corrected.log", 361),
+        ("freiburg-101", "freiburg-101-corrected.log", 360),
         ("orebro", "orebro-corrected.log", 181),
         ("seattle", "seattle-corrected.log", 361),
     ] {

@@ -1,29 +1,39 @@
-//! ROS 2 bags in MCAP files: reading them as recordings, and writing recordings as bags.
+//! Bags of ROS messages: reading them as recordings, and writing recordings as bags.
 //!
-//! A bag is a `.mcap` file or the folder of a split bag with its `metadata.yaml`: profile `ros2`,
-//! messages in CDR, descriptions in `ros2msg` or `ros2idl`, chunks packed by zstd, lz4 or not at all, or
-//! no chunks; an index is not needed. Messages are decoded as the bag describes them, whatever the
-//! order of their fields.
+//! A bag is an MCAP file, a ROS 1 bag, a SQLite database of rosbag2, or the folder of a split bag with its
+//! `metadata.yaml` ([`container`](crate::container)), plain or compressed. Messages are decoded as the bag
+//! describes them (`ros2msg`, `ros2idl`, `ros1msg`), whatever the order of their fields; standard types
+//! that it does not describe, as the standard says.
 //!
 //! * **Topics** are found by the types of their messages; [`TopicChoice`](crate::log::TopicChoice)
-//!   chooses where several could be meant. Scans: `sensor_msgs/LaserScan`, the only topic or `/scan`.
-//!   Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference: `geometry_msgs/PoseStamped` or
-//!   `PoseWithCovarianceStamped`, the only topic or the one named as ground truth (`/reference`,
-//!   `/ground_truth`, …), but for goals and initial poses. Where that leaves several, it is an error
-//!   that lists them.
-//! * **Stamps** are those of the headers, or the time of logging where a header's is zero.
-//! * **Readings** nearer than `range_min` are −∞ and beyond `range_max` +∞ (REP 117), so never points;
+//!   chooses where several could be meant. Scans: `sensor_msgs/LaserScan` or `MultiEchoLaserScan` (of each
+//!   beam the first echo), the only topic or `/scan`; with
+//!   [`ReadOptions::slice`](crate::log::ReadOptions::slice) a `PointCloud2`, of which the points between
+//!   two heights make a scan. Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference:
+//!   `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`, the only topic or the one named as ground
+//!   truth (`/reference`, `/ground_truth`, …), but for goals, initial poses and what is named as the
+//!   estimate of another program (`/amcl_pose`, …); `Odometry`, `TransformStamped` and `nav_msgs/Path` if
+//!   they are named as ground truth or asked for, and two frames of transforms (`/tf:map.base_link`). Where
+//!   that leaves several odometries or references, none is taken, and the report says so.
+//! * **Stamps** are those of the headers, or the time of logging where a header's is zero. A jump back by
+//!   more than a second begins a new stretch of time, and nothing leads from one into the other.
+//! * **Readings** nearer than `range_min` are −∞, and from `range_max` on +∞ (REP 117), so never points;
 //!   limits that are equal or in the wrong order are none. A scanner that turns clockwise has a
-//!   negative `angle_increment`, and keeps it.
-//! * **The mount** of the laser is the chain of transforms from the odometry's `child_frame_id` to the
-//!   scan's `frame_id` on `/tf_static`, or on `/tf` where they do not change, seen from above. A laser
-//!   mounted upside down has its directions turned over. Without such a chain the laser is taken to be
-//!   at the robot's origin, and the log's notes say so.
+//!   negative `angle_increment`, and keeps it. Scans of more than a turn are malformed.
+//! * **Frames**: transforms are those of the scan topic's namespace. The robot is the odometry's
+//!   `child_frame_id`, or what the laser moves with on `/tf`; its parent there is the odometry, where no
+//!   topic is. [`ReadOptions`](crate::log::ReadOptions) says otherwise.
+//! * **The mount** of the laser is the chain of transforms from the robot's frame to the scan's, seen from
+//!   above; one that sways is taken as it is at each scan. A laser mounted upside down has its directions
+//!   turned over. Without such a chain the laser is taken to be at the robot's origin.
 //! * **Odometry** at the time of a scan lies between its two neighbours: on the line between the
 //!   positions, on the shorter arc between the headings. `/tf` tells the same poses, and is used before
-//!   the first and after the last message of the topic, or without one. Nothing is extrapolated: scans
-//!   outside have no odometry. The **reference** is taken in the same way; its poses are those of the
-//!   robot's frame, or of the `child_frame_id` of an odometry topic.
+//!   the first and after the last message of the topic, or without one. Nothing is extrapolated, nor
+//!   interpolated over more than a few usual intervals: scans there have no odometry. The **reference** is
+//!   taken in the same way; its poses are those of the robot's frame, or of the `child_frame_id` of its
+//!   messages.
+//!
+//! What contradicts itself or is guessed is in [`ReadReport::doubts`](crate::log::ReadReport::doubts).
 //!
 //! **Point clouds** ([`read_clouds`]): `sensor_msgs/PointCloud2`, the only topic or `/points`. x, y and z are
 //! FLOAT32 or FLOAT64 fields at any place of a point, in either byte order; padding and other fields are
