@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 use mcl_datasets::bag::cdr::decode_prefix;
 use mcl_datasets::bag::schema::MessageSchema;
-use mcl_datasets::bag::stream::{Item, read_stream};
 use mcl_datasets::bag::{self, BagError};
+use mcl_datasets::container::item::Item;
+use mcl_datasets::container::mcap::read_stream;
 use mcl_datasets::log::{ReadOptions, read_log};
 use serde_json::Value;
 
