@@ -172,7 +172,7 @@ fn an_edited_study_is_that_of_a_fresh_run() {
         ),
         ("another sigma", "sigma = 0.05", "sigma = 0.1"),
         ("sigma left out", "sigma = 0.05\n", ""),
-        ("a sigma that the data chooses", "sigma = 0.05", "sigma = \"likelihood\""),
+        ("a sigma that the data chooses", "draws = 2", "draws = 2\nsigma = \"likelihood\""),
         ("another tolerance", "tolerance = 1e-3", "tolerance = 1e-2"),
         ("fewer updates", "max_iterations = 20", "max_iterations = 2"),
         ("another seed", "seed = 3", "seed = 4"),

@@ -23,7 +23,7 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
     let mut complete = damaged.is_empty();
     for results in &results {
         let folder = results.folder.display();
-        complete &= results.is_complete() && results.damage.is_empty();
+        complete &= results.is_complete();
         if let Some(first) = results.damage.first() {
             let damaged = counted(results.damage.len(), "damaged line");
             tell!("warning: {folder}: {damaged} in the saved rows, such as {}", printable(first));

@@ -72,7 +72,8 @@ pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<Ran> {
 pub fn fresh(text: &str, log: LogSource) -> BTreeMap<PathBuf, Vec<u8>> {
     let folder = folder();
     let ran = run(text, log, folder.path()).unwrap();
-    assert!(ran.failed.is_empty() && ran.results.is_complete());
+    assert_eq!(ran.failed, [], "{text}");
+    assert!(ran.results.is_complete());
     contents(folder.path())
 }
 
