@@ -102,3 +102,28 @@ fn a_real_log_survives_writing_and_reading() {
         assert!(error.x.hypot(error.y) < 1e-12 && error.theta.abs() < 1e-12);
     }
 }
+
+/// Numbers of scans, of beams, of points up to 10 m, and of steps whose odometry is missing.
+#[test]
+fn further_corrected_logs() {
+    for (name, scans, beams, points, lost) in [
+        ("freiburg-101", 292, 360, 74_278, 0),
+        ("seattle", 241, 361, 83_892, 1),
+        ("csail", 406, 361, 138_174, 0),
+        ("orebro", 237, 181, 39_670, 219),
+    ] {
+        let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
+            eprintln!("skipped: MCL_DATA_DIR is not set");
+            return;
+        };
+        let path = PathBuf::from(folder).join(name).join(format!("{name}-corrected.log.gz"));
+        let log = read_log(&path).unwrap();
+        assert!(log.report.is_complete(), "{name}: {}", log.report);
+        assert_eq!(log.kind, LogKind::GfsCorrected, "{name}");
+        assert_counts(&log, scans, beams, points);
+        let without = log.recording.scans[1..].iter().filter(|scan| scan.odometry.is_none());
+        assert_eq!(without.count(), lost, "{name}");
+        let is_told = log.assumptions.iter().any(|told| told.contains("different stamps"));
+        assert_eq!(is_told, matches!(name, "csail" | "orebro"), "{name}: {:?}", log.assumptions);
+    }
+}

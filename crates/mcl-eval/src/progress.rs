@@ -6,6 +6,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use mcl_core::text::printable;
 use terminal_size::terminal_size_of;
 
 /// Tells a line on standard error, formatted as by `eprintln!`. That nobody can be told (the reader of a
@@ -19,7 +20,9 @@ pub(crate) use tell;
 
 /// See [`tell!`].
 pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
-    let mut line = line.to_string();
+    // Names from files and arguments may hold what a terminal carries out.
+    let line = line.to_string();
+    let mut line = line.split('\n').map(printable).collect::<Vec<_>>().join("\n");
     let mut stderr = io::stderr().lock();
     if let Some((width, _)) = terminal_size_of(&stderr) {
         line = wrapped(&line, width.0.into());

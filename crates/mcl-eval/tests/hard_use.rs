@@ -28,30 +28,47 @@ fn limited(bench: &Bench, limits: &str, arguments: &[&str]) -> Command {
 /// Three trials, of which that on all points takes by far the most memory.
 #[cfg(target_os = "linux")]
 const THREE_TRIALS: &str = r#"
-    kind = "localization"
-    seed = 3
-    runs = 1
-    maps = 1
-    splits = ["same"]
-    sizes = [1]
-    odometry_noise = { xy = 0.01, theta = 0.01 }
-    sigma = 0.05
-    tolerance = 1e-2
-    max_iterations = 3
-    filter = { particles = 20, beams = 10 }
-    figures = { trajectory = 1 }
+seed = 3
+[base]
+tolerance = 1e-2
+max_iterations = 3
+odometry_noise = { xy = 0.01, theta = 0.01 }
+particles = 20
+beams = 10
+[[trials]]
+split = "same"
+map = ["all", "gbs", "gbs+f-km"]
+size = 1
+runs = 1
+[[views.charts]]
+name = "errors"
+x = { column = "map", scale = "places" }
+y = { column = "weighted", scale = "log" }
+[[views.pictures]]
+name = "trajectory"
+maps = [{ map = "gbs+f-km", size = 1 }]
+run = 0
 "#;
 
 /// Figures of point clouds.
 #[cfg(target_os = "linux")]
 const LIKELIHOOD: &str = r#"
-    kind = "likelihood"
-    seed = 1
-    sigma = 0.05
-    tolerance = 1e-2
-    max_iterations = 3
-    sizes = [{ percent = [5, 10], repeats = 2 }]
-    figures = { overview = 10, comparison = 5 }
+seed = 1
+measures = ["likelihood"]
+[base]
+tolerance = 1e-2
+max_iterations = 3
+[[trials]]
+map = ["gbs", "gbs+f-km"]
+size = [5, 10]
+draws = 2
+[[views.charts]]
+name = "likelihood"
+x = { column = "real_percent" }
+y = { column = "log_likelihood" }
+[[views.pictures]]
+name = "maps"
+maps = [{ map = "all" }, { map = "gbs", size = 10, offset = "origin" }]
 "#;
 
 #[cfg(target_os = "linux")]
@@ -79,7 +96,7 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
     let stdout = String::from_utf8_lossy(&output.stdout);
     assert!(stdout.contains("2 trials done, 1 failed"), "{stdout}");
     let failures = fs::read_to_string(folder.join("failures.csv")).unwrap();
-    assert!(failures.contains("same all 100 % #0") && failures.contains("out of memory"));
+    assert!(failures.contains("same all σ 0.05 m #0") && failures.contains("out of memory"));
     assert_eq!(failures.lines().count(), 2, "{failures}");
     assert!(message(&output).contains("bytes for"), "{}", message(&output));
 
@@ -96,7 +113,7 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
 fn figures_without_memory_are_an_error_that_says_which_and_how_much() {
     let bench = Bench::new(&[("three", THREE_TRIALS), ("likelihood", LIKELIHOOD)]);
     for experiment in ["three", "likelihood"] {
-        let folder = bench.experiment(experiment, experiment, &[]);
+        let folder = bench.study(experiment, experiment, &[]);
         let expected = office::contents(&folder);
         let figures: Vec<_> =
             expected.keys().filter(|path| path.starts_with("figures")).cloned().collect();
@@ -168,10 +185,10 @@ fn a_data_set_without_points_does_not_stop_the_others() {
     assert_eq!(output.status.code(), Some(3), "{}", message(&output));
     assert!(message(&output).contains("no reading is usable"), "{}", message(&output));
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&told["done"], &told["failed"]), (&20.into(), &0.into()));
+    assert_eq!((&told["done"], &told["failed"]), (&36.into(), &0.into()));
     assert_eq!(told["lost"][0]["dataset"], "blind.log");
     assert!(told["lost"][0]["reason"].as_str().unwrap().contains("no reading is usable"));
-    let expected = bench.experiment("localization", "expected", &[]);
+    let expected = bench.study("localization", "expected", &[]);
     assert_same(&bench.path("results/localization/office"), &expected);
 
     let neither = bench.run(&[&run[..], &["--dataset", "./blind.log"]].concat());
@@ -194,7 +211,7 @@ fn a_map_without_points_is_refused() {
 #[test]
 fn nobody_who_listens_ends_no_run() {
     let bench = bench();
-    let expected = bench.experiment("localization", "expected", &[]);
+    let expected = bench.study("localization", "expected", &[]);
     let run = |root| ["run", "localization.toml", "--dataset", "office.log", "-o", root];
     let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
 
@@ -257,7 +274,7 @@ fn readers_that_went_away_and_closed_streams_are_no_error() {
 #[test]
 fn a_full_disk_changes_no_byte_once_there_is_room() {
     let bench = bench();
-    let expected = bench.experiment("localization", "expected", &[]);
+    let expected = bench.study("localization", "expected", &[]);
     let run = ["run", "localization.toml", "--dataset", "office.log", "-o", "full"];
     let folder = bench.path("full/localization/office");
     let mut codes = Vec::new();
@@ -274,7 +291,7 @@ fn a_full_disk_changes_no_byte_once_there_is_room() {
         }
     }
     assert!(codes.iter().filter(|code| **code == Some(1)).count() > 3, "{codes:?}");
-    bench.experiment("localization", "full", &[]);
+    bench.study("localization", "full", &[]);
     assert_same(&folder, &expected);
 
     let limits = "trap '' XFSZ; ulimit -f 1";
@@ -300,7 +317,7 @@ fn a_full_disk_changes_no_byte_once_there_is_room() {
     }
 }
 
-/// Asserts that whatever is there but the files of rows, which grow, is whole.
+/// Asserts that whatever is there but the files of rows, which grow, is whole ([`office::contents`] leaves those out).
 #[cfg(target_os = "linux")]
 #[track_caller]
 fn assert_whole(folder: &Path, expected: &Path) {
@@ -309,9 +326,7 @@ fn assert_whole(folder: &Path, expected: &Path) {
     }
     let expected = office::contents(expected);
     for (path, bytes) in office::contents(folder) {
-        if path != Path::new("trials.csv") {
-            assert!(expected.get(&path) == Some(&bytes), "{} is half-written", path.display());
-        }
+        assert!(expected.get(&path) == Some(&bytes), "{} is half-written", path.display());
     }
 }
 
@@ -329,55 +344,58 @@ fn a_results_folder_that_is_none_is_told() {
 
 #[test]
 fn a_results_folder_that_vanishes_ends_the_run() {
-    let long = LOCALIZATION.replace("runs = 4", "runs = 400");
+    let long = LOCALIZATION.replace("runs = 2", "runs = 200");
     let bench = Bench::new(&[("long", &long)]);
     let run = ["run", "long.toml", "--dataset", "office.log", "-o", "gone", "--quiet"];
     let mut command = bench.command(&run);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let folder = bench.path("gone/long/office");
-    while fs::metadata(folder.join("trials.csv")).map_or(true, |file| file.len() == 0) {
+    while office::parts(&folder).is_empty() {
         assert!(child.try_wait().unwrap().is_none(), "ended before its folder vanished");
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     fs::rename(bench.path("gone"), bench.path("away")).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", message(&output));
-    assert!(message(&output).contains("cannot write gone/long"), "{}", message(&output));
+    assert!(message(&output).contains("cannot save rows in gone/long"), "{}", message(&output));
 }
 
 /// Results may come from anywhere: drawing them must not write elsewhere.
 #[test]
-fn a_manifest_that_names_figures_elsewhere_is_refused() {
-    let sensitivity = r#"
-        kind = "sensitivity"
-        seed = 1
-        runs = 2
-        odometry_noise = { xy = 0.01, theta = 0.01 }
-        sigma = 0.05
-        tolerance = 1e-2
-        max_iterations = 3
-        filter = { particles = 20, beams = 10 }
-        [[sweep]]
-        name = "noise"
-        maps = [{ strategy = "gbs", percent = 5 }]
-        sigma_hit = [0.1, 0.3]
-        [[dataset]]
-        name = "office"
-    "#;
-    let bench = Bench::new(&[("study", sensitivity)]);
-    let folder = bench.experiment("study", "results", &[]);
+fn a_study_that_names_figures_elsewhere_is_refused() {
+    let study = r#"
+seed = 1
+[base]
+tolerance = 1e-2
+max_iterations = 3
+particles = 20
+beams = 10
+[[trials]]
+map = "gbs"
+size = 5
+sigma_hit = [0.1, 0.3]
+draws = 2
+runs = 1
+[[views.charts]]
+name = "noise"
+x = { column = "sigma_hit" }
+y = { column = "weighted" }
+[[dataset]]
+name = "office"
+"#;
+    let bench = Bench::new(&[("study", study)]);
+    let folder = bench.study("study", "results", &[]);
     bench.mcl_eval(&["plot", "results"]);
-    let manifest = fs::read_to_string(folder.join("manifest.json")).unwrap();
     for name in ["../../../../elsewhere", "/elsewhere", "a/b", "", "C:elsewhere"] {
-        let hostile = manifest.replace("\"noise\"", &format!("{name:?}"));
-        assert_ne!(hostile, manifest);
-        fs::write(folder.join("manifest.json"), hostile).unwrap();
+        let hostile = study.replace("\"noise\"", &format!("{name:?}"));
+        assert_ne!(hostile, study);
+        fs::write(folder.join("study.toml"), hostile).unwrap();
         let output = bench.run(&["plot", "results"]);
         assert_eq!(output.status.code(), Some(1), "{name}: {}", message(&output));
-        assert!(message(&output).contains("letters, digits and hyphens"), "{}", message(&output));
+        assert!(message(&output).contains("views.charts"), "{}", message(&output));
     }
     // Nor is anything read elsewhere.
-    let hostile = sensitivity.replace("\"office\"", "\"../../office\"");
+    let hostile = study.replace("\"office\"", "\"../../office\"");
     fs::write(bench.path("study.toml"), hostile).unwrap();
     let output = bench.run(&["run", "study.toml", "--dataset", "office.log"]);
     assert_eq!(output.status.code(), Some(1), "{}", message(&output));

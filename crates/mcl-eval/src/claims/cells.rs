@@ -16,7 +16,7 @@ use mcl_study::study::views::TestKind;
 use mcl_study::view::compare::{self, Comparison};
 use mcl_study::view::groups::{Group, Groups};
 
-use crate::claims::claim::{Outcome, Place, Test, Untestable};
+use crate::claims::claim::{Claim, Outcome, Place, Test, Untestable};
 
 /// The paper's kinds of map by initialization: the initial map, and what fuzzy k-means makes of it.
 pub(super) const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd", "rnd+f-km"]];
@@ -152,12 +152,13 @@ impl<'a> Sampled<'a> {
         Ok(found)
     }
 
-    /// Whether all trials have their rows: nothing is decided on half a study.
-    pub fn complete(&self) -> Result<(), Untestable> {
-        match self.results.missing() {
+    /// Decides claims; none on half a study.
+    pub fn claims(&self, tests: &[SampledTest]) -> Vec<Claim> {
+        let decide = |test: &SampledTest| match self.results.missing() {
             Some(found) => Err(Untestable(format!("{found} are there"))),
-            None => Ok(()),
-        }
+            None => (test.decide)(self),
+        };
+        tests.iter().map(|test| test.claim(self.place.clone(), decide(test))).collect()
     }
 
     /// The cells of a kind of map at these sizes, at least one, sizes ascending.

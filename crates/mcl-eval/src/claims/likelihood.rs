@@ -67,7 +67,7 @@ fn improvement(data: &Sampled) -> Outcome {
     let failing: Vec<String> = tests.iter().filter(|test| test.p >= ALPHA).map(gain).collect();
     let [least, most] = [tests.first(), tests.last()].map(|t| t.map(gain).unwrap_or_default());
     let mut measured = format!(
-        "{} of {} cells gain significantly; least nats per point on {least}, most on {most}",
+        "{} of {} cells gain significantly; mean gains (nats per point) from {least} to {most}",
         tests.len() - failing.len(),
         tests.len()
     );
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use crate::claims::claim::Claim;
     use crate::claims::claim::Verdict::{self, *};
-    use crate::claims::{decide, planted};
+    use crate::claims::planted;
 
     const SIZES: [f64; 4] = [1.0, 5.0, 20.0, 50.0];
 
@@ -207,10 +207,8 @@ mod tests {
         })
     }
 
-    /// The claims of section V-A.
     fn claims(results: &Results) -> Vec<Claim> {
-        let claims = decide(std::slice::from_ref(results)).remove(0).claims;
-        claims.into_iter().filter(|claim| claim.section == "V-A").collect()
+        Sampled::of(results, COLUMN, false).unwrap()[0].claims(&CLAIMS)
     }
 
     fn find(results: &Results, id: &str) -> Claim {

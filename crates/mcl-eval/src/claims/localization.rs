@@ -286,9 +286,10 @@ fn ratio(test: &Tested) -> String {
 mod tests {
     use mcl_study::store::results::Results;
 
+    use super::*;
     use crate::claims::claim::Claim;
     use crate::claims::claim::Verdict::*;
-    use crate::claims::{decide, planted};
+    use crate::claims::planted;
 
     const SIZES: [f64; 5] = [0.1, 0.5, 1.0, 2.0, 5.0];
 
@@ -322,10 +323,8 @@ mod tests {
         })
     }
 
-    /// The claims of section V-B.
     fn claims(results: &Results) -> Vec<Claim> {
-        let claims = decide(std::slice::from_ref(results)).remove(0).claims;
-        claims.into_iter().filter(|claim| claim.section == "V-B").collect()
+        Sampled::of(results, COLUMN, true).unwrap()[0].claims(&CLAIMS)
     }
 
     fn find(results: &Results, id: &str) -> Claim {

@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mcl_study::store::results::Results;
 
-use cells::{Sampled, SampledTest};
+use cells::Sampled;
 use claim::{Claim, DatasetClaims, Place};
 
 /// Decides every claim for every data set in the plane on which a study has likelihoods or localization
@@ -72,20 +72,13 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     let of_facts = facts::CLAIMS.iter();
     let mut claims: Vec<Claim> =
         of_facts.map(|test| test.claim(of_data.clone(), (test.decide)(facts))).collect();
-    let mut decide = |data: &Sampled, tests: &[SampledTest]| {
-        claims.extend(tests.iter().map(|test| {
-            let outcome = data.complete().and_then(|()| (test.decide)(data));
-            test.claim(data.place.clone(), outcome)
-        }));
-    };
     for splits in &of_likelihood {
         // How maps are sampled does not depend on the split.
-        splits.iter().take(1).for_each(|data| decide(data, &maps::CLAIMS));
-        splits.iter().for_each(|data| decide(data, &likelihood::CLAIMS));
+        claims.extend(splits.iter().take(1).flat_map(|data| data.claims(&maps::CLAIMS)));
+        claims.extend(splits.iter().flat_map(|data| data.claims(&likelihood::CLAIMS)));
     }
-    for data in of_localization.iter().flatten() {
-        decide(data, &localization::CLAIMS);
-    }
+    let localized = of_localization.iter().flatten();
+    claims.extend(localized.flat_map(|data| data.claims(&localization::CLAIMS)));
     claims.sort_by_key(|claim| claim.section);
     let (name, description) = (facts.name.clone(), facts.describe());
     Some(DatasetClaims { name, description, claims, notes })

@@ -1,5 +1,6 @@
 use anyhow::{Result, bail};
-use mcl_study::store::results::{Found, read_all};
+use mcl_core::text::{counted, printable};
+use mcl_study::store::results::{Found, Results, read_all};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
@@ -23,6 +24,14 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
     for results in &results {
         let folder = results.folder.display();
         complete &= results.is_complete();
+        if let Some(first) = results.damage.first() {
+            let damaged = counted(results.damage.len(), "damaged line");
+            tell!("warning: {folder}: {damaged} in the saved rows, such as {}", printable(first));
+        }
+        if !results.is_complete() {
+            let Results { done, asked, .. } = results;
+            tell!("warning: {folder}: {done} of {asked} trials have rows");
+        }
         let drawn = results
             .write_trials()
             .and_then(|()| figures::write_tables(results))

@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::hold;
@@ -28,7 +28,7 @@ struct Told {
     done: usize,
     failed: usize,
     /// Where the results of each data set are.
-    folders: Vec<PathBuf>,
+    folders: Vec<String>,
     /// Data sets that the study could not be run on.
     lost: Vec<Lost>,
 }
@@ -89,7 +89,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
                 told.done += results.done;
                 told.failed += failed.len();
                 complete &= results.is_complete();
-                told.folders.push(folder);
+                told.folders.push(folder.display().to_string());
                 all.push(results);
             }
             // What cannot be written for one data set cannot be written for the others.
@@ -116,7 +116,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             text += &format!("\n{}: lost, see above", printable(dataset));
         }
         for folder in &told.folders {
-            text += &format!("\n{}", printable(&folder.display().to_string()));
+            text += &format!("\n{}", printable(folder));
         }
         text
     })?;

@@ -20,7 +20,7 @@ use mcl_study::table::Value;
 use super::space::View;
 
 /// Name of the chart of a picture's errors over time.
-pub fn error_name(picture: &Picture) -> String {
+fn error_name(picture: &Picture) -> String {
     format!("{}-error", picture.name)
 }
 
