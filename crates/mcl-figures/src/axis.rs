@@ -14,6 +14,8 @@ use plotters::coord::ranged1d::{
 pub enum Scale {
     /// Evenly.
     Linear,
+    /// Evenly, with ticks at whole numbers only: places in a list.
+    Places,
     /// By decimal logarithm; values that are not positive are left out.
     Log,
     /// By logarithm in both directions, and evenly around 0: arsinh(v / (2·`linear_below`)).
@@ -31,7 +33,7 @@ impl Scale {
 
     fn apply(self, value: f64) -> f64 {
         match self {
-            Scale::Linear => value,
+            Scale::Linear | Scale::Places => value,
             Scale::Log => value.log10(),
             Scale::Symlog { linear_below } => {
                 (value / (2.0 * linear_part(linear_below))).asinh() / std::f64::consts::LN_10
@@ -127,7 +129,7 @@ impl Axis {
         };
         // Of an axis too short for two labels, the first.
         let one = || self.linear().pop().map(|ticks| ticks.into_iter().take(1).collect());
-        let ticks = fullest(self.logarithmic()).or_else(|| fullest(self.linear())).or_else(one);
+        let ticks = fullest(self.round()).or_else(|| fullest(self.linear())).or_else(one);
         self.ticks = ticks.unwrap_or_default();
         if self.scale == Scale::Log && self.high - self.low <= 5.0 {
             let minor = self.decimals(&[2, 3, 4, 5, 6, 7, 8, 9], 1, self.low.floor() as i32);
@@ -146,13 +148,21 @@ impl Axis {
         self.ticks.iter().map(|tick| tick.label.as_str())
     }
 
-    /// Ticks at round numbers of every or some powers of ten.
-    fn logarithmic(&self) -> Vec<Vec<Tick>> {
+    /// Ticks at round numbers of every or some powers of ten; at every or some places.
+    fn round(&self) -> Vec<Vec<Tick>> {
         let sets: [(&[i32], i32); 3] = [(&[1, 2, 3, 4, 5, 6, 8], 1), (&[1, 2, 5], 1), (&[1], 1)];
         let sets = sets.into_iter().chain(STRIDES.map(|stride| (&[1][..], stride)));
         let lowest = self.low.floor() as i32;
         match self.scale {
             Scale::Linear => Vec::new(),
+            Scale::Places => [1, 2, 5, 10, 20, 50, 100]
+                .map(|stride| {
+                    let places = self.low.ceil() as i64..=self.high.floor() as i64;
+                    self.ticks(
+                        places.step_by(stride).take(1000).map(|place| place as f64).collect(),
+                    )
+                })
+                .to_vec(),
             Scale::Log => sets
                 .map(|(steps, stride)| self.ticks(self.decimals(steps, stride, lowest)))
                 .collect(),
@@ -204,7 +214,7 @@ impl Axis {
 
     fn invert(&self, position: f64) -> f64 {
         match self.scale {
-            Scale::Linear => position,
+            Scale::Linear | Scale::Places => position,
             Scale::Log => 10_f64.powf(position),
             Scale::Symlog { linear_below } => {
                 2.0 * linear_part(linear_below) * (position * std::f64::consts::LN_10).sinh()

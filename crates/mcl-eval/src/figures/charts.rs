@@ -74,7 +74,8 @@ fn is_below(panel: &Panel, point: &Point) -> bool {
 
 fn scale(axis: &PanelAxis) -> Scale {
     match axis.scale {
-        views::Scale::Linear | views::Scale::Places => Scale::Linear,
+        views::Scale::Linear => Scale::Linear,
+        views::Scale::Places => Scale::Places,
         views::Scale::Log => Scale::Log,
         views::Scale::Symlog => Scale::Symlog { linear_below: 1.0 },
         views::Scale::SymlogFine => Scale::Symlog { linear_below: 0.1 },
@@ -128,7 +129,7 @@ fn around(values: impl Iterator<Item = f64>, scale: Scale, room: f64) -> Option<
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     let range = match scale {
         Scale::Log => [low / (1.0 + room), high * (1.0 + room)],
-        Scale::Linear => {
+        Scale::Linear | Scale::Places => {
             let room = 0.2 * room * (high - low);
             // Values that are nowhere negative need none of an axis that is.
             let least = if low >= 0.0 { (low - room).max(0.0) } else { low - room };

@@ -12,10 +12,10 @@ use mcl_figures::{
 use mcl_maps::files::read_map;
 use mcl_metrics::tum::{NonPlanar, read_file};
 use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
+use mcl_study::recipe::split::Split;
 use mcl_study::store::results::{Pictured, Results};
 use mcl_study::study::views::Picture;
 use mcl_study::table::Value;
-use mcl_study::view::caption::split_of;
 
 use super::space::View;
 
@@ -183,7 +183,8 @@ fn caption(
 fn run_of(maps: &[&Pictured]) -> String {
     let Some(first) = maps.first() else { return String::new() };
     let text = format!("Run {} with {} particles", cell(first, "run"), cell(first, "particles"));
-    match split_of(&cell(first, "split").to_string()) {
+    let split = cell(first, "split").text();
+    match Split::ALL.into_iter().find(|known| Some(known.name()) == split) {
         Some(split) => format!("{text}. {}", split.describe()),
         None => text,
     }
@@ -219,14 +220,11 @@ fn extent(results: &Results, map: &PointMap<2>) -> String {
 
 fn described(shown: &Pictured) -> String {
     let name = name(shown);
-    let (builder, improved) = match name.split_once('+') {
-        Some((builder, _)) => (builder, "improved "),
-        None => (name, ""),
-    };
-    match builder {
+    match name {
         "all" => "all data".to_owned(),
-        "gbs" => format!("{improved}grid-based map ({name})"),
-        "rnd" => format!("{improved}random map ({name})"),
+        "gbs" => "grid-based map (gbs)".to_owned(),
+        "rnd" => "random map (rnd)".to_owned(),
+        _ if name.contains('+') => format!("improved map ({name})"),
         _ => name.to_owned(),
     }
 }

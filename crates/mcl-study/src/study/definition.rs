@@ -200,6 +200,13 @@ impl Study {
         self.datasets.iter().map(|listed| listed.name.as_str())
     }
 
+    /// The names (of maps, splits, …) that the study's factors have, in the order of the file.
+    pub fn names_of_factors(&self) -> Vec<&str> {
+        let own = self.datasets.iter().flat_map(|dataset| &dataset.entries);
+        let factors = self.entries.iter().chain(own).flat_map(|entry| entry.factors.values());
+        factors.flat_map(|(values, _)| values).filter_map(Json::as_str).collect()
+    }
+
     /// Every trial of the study on a data set.
     ///
     /// # Errors

@@ -2,7 +2,6 @@
 
 use mcl_core::text::{counted, number};
 
-use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::view::chart::Point;
 use crate::view::groups::{Group, Groups};
@@ -51,18 +50,10 @@ pub fn of_all_points(panel: &str, mean: f64, interval: Option<[f64; 2]>) -> Stri
 /// Which scans build maps, if it is the same in all of the chart.
 fn scans(groups: &Groups<'_>, shown: &[&Group<'_>]) -> Option<String> {
     let place = groups.place("split")?;
-    match &distinct(shown, place)[..] {
-        [split] => {
-            let text = split.first()?.text()?;
-            split_of(text).map(|split| split.describe().to_owned())
-        }
+    match &distinct(groups, shown, place)[..] {
+        [split] => split.first()?.text().map(|split| groups.describe_split(split)),
         _ => None,
     }
-}
-
-/// The split of a name.
-pub fn split_of(name: &str) -> Option<Split> {
-    Split::ALL.into_iter().find(|split| split.name() == name)
 }
 
 fn means(points: &[&Point]) -> String {
@@ -94,7 +85,7 @@ fn means(points: &[&Point]) -> String {
 fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
     let shown: Vec<&Group<'_>> =
         shown.iter().copied().filter(|group| groups.matters(group, place)).collect();
-    let values = match &distinct(&shown, place)[..] {
+    let values = match &distinct(groups, &shown, place)[..] {
         [values] if values.iter().all(|value| !value.is_empty()) => values.clone(),
         _ => return None,
     };

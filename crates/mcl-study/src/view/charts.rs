@@ -6,7 +6,7 @@ use crate::store::results::Results;
 use crate::study::settings::text_of;
 use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
 use crate::table::Value;
-use crate::view::caption::{caption, of_all_points, split_of, value};
+use crate::view::caption::{caption, of_all_points, value};
 use crate::view::chart::{ChartData, Panel, PanelAxis, Point};
 use crate::view::estimate::{Estimate, Estimates};
 use crate::view::groups::{Group, order, same_values};
@@ -26,7 +26,8 @@ pub fn charts(results: &Results) -> Result<Vec<ChartData>> {
         for (name, shown) in figures(chart, &layout, &estimates, &shown) {
             let x = layout.x.first().and_then(|x| estimates.groups.place(x));
             let is_placed = layout.x_scale == Scale::Places || chart.kind == ChartKind::Heat;
-            let places = x.filter(|_| is_placed).map(|x| (x, distinct(&shown, x)));
+            let places =
+                x.filter(|_| is_placed).map(|x| (x, distinct(&estimates.groups, &shown, x)));
             let drawing = Drawing { chart, layout: &layout, estimates: &estimates, shown, places };
             let data = drawing.draw(name)?;
             charts.extend((!data.panels.is_empty()).then_some(data));
@@ -109,7 +110,7 @@ impl Drawing<'_, '_> {
             places.iter().map(|&place| group.values(place).to_vec()).collect()
         };
         let mut all: Vec<Vec<Vec<Value>>> = self.shown.iter().map(values).collect();
-        all.sort_by(|a, b| order(a, b));
+        all.sort_by(|a, b| self.estimates.groups.order(a, b));
         all.dedup_by(|a, b| order(a, b).is_eq());
         all
     }
@@ -215,7 +216,7 @@ impl Drawing<'_, '_> {
                 _ if values.iter().all(Value::is_empty) => None,
                 "map" | "dataset" => Some(text),
                 "size_percent" => Some(format!("{text} %")),
-                "split" => Some(split_of(&text).map_or(text, |split| split.describe().to_owned())),
+                "split" => Some(self.estimates.groups.describe_split(&text)),
                 _ => Some(value(setting, &text)),
             }
         };
@@ -379,8 +380,8 @@ caption = "Own words."
         });
         let charts = charts(&results).unwrap();
         let names: Vec<&str> = charts.iter().map(|chart| chart.name.as_str()).collect();
-        assert_eq!(names, ["figure5-alternate", "figure5-same"]);
-        let same = &charts[1];
+        assert_eq!(names, ["figure5-same", "figure5-alternate"]);
+        let same = &charts[0];
         assert_eq!(titles(same), ["all sizes", "up to 1 %"]);
         let [whole, small] = &same.panels[..] else { panic!() };
         assert_eq!((whole.x.label.as_str(), whole.x.scale), ("map size", Scale::Log));
@@ -490,7 +491,7 @@ y = { column = ["weighted", "translation", "heading"] }
         // Nothing is known of the heading.
         let y: Vec<&str> = chart.panels.iter().map(|panel| panel.y.label.as_str()).collect();
         assert_eq!(y, ["mean weighted error d [–]", "mean translation error [m]"]);
-        assert_eq!(labels(&chart.panels[0]), ["all", "gbs", "occupancy", "occupancy+run lengths"]);
+        assert_eq!(labels(&chart.panels[0]), ["gbs", "all", "occupancy", "occupancy+run lengths"]);
         let lengths: Vec<(f64, f64)> = chart.panels[1]
             .points
             .iter()
@@ -541,10 +542,10 @@ runs = 1
         };
         let chart = &sensitivity(&views("tracking"))[0];
         let expected = [
-            "1 %, proposal = adaptive",
             "1 %, proposal = motion",
-            "5 %, proposal = adaptive",
+            "1 %, proposal = adaptive",
             "5 %, proposal = motion",
+            "5 %, proposal = adaptive",
         ];
         assert_eq!(titles(chart), expected);
         let panel = &chart.panels[0];
@@ -559,7 +560,7 @@ runs = 1
         assert_eq!(panel.x.label, "noise added to the odometry [m, rad]");
         assert_eq!(panel.x.scale, Scale::Places);
         assert_eq!(panel.x.places, ["(0, 0)", "(0.1, 0)", "(0.1, 0.1)"]);
-        assert_eq!(labels(panel), ["proposal = adaptive", "proposal = motion"]);
+        assert_eq!(labels(panel), ["proposal = motion", "proposal = adaptive"]);
         let x: Vec<f64> = panel.points.iter().map(|point| point.x).collect();
         assert_eq!(x, [1.0, 2.0, 3.0, 1.0, 2.0, 3.0]);
         assert_eq!(chart.to_table().rows().nth(1).unwrap().text("x"), "(0.1, 0)");
@@ -572,7 +573,7 @@ runs = 1
         let chart = &sensitivity(views)[0];
         // Two proposals, and beside them two sizes and four α.
         assert_eq!(chart.panels.len(), 2 * 2 * 4);
-        assert_eq!(chart.panels[0].title, "proposal = adaptive, 1 %, α = (0.1, 0.1, 0.1, 0.1)");
+        assert_eq!(chart.panels[0].title, "proposal = motion, 1 %, α = (0.1, 0.1, 0.1, 0.1)");
         assert!(chart.panels.iter().all(|panel| labels(panel) == ["gbs+f-km"]));
     }
 
@@ -694,7 +695,7 @@ y = { column = "weighted", relative = "times-all" }
         for panel in &chart.panels {
             let y: Vec<f64> =
                 panel.points.iter().map(|point| (1e9 * point.y).round() / 1e9).collect();
-            assert_eq!(y, [1.0, 2.0, 3.0]);
+            assert_eq!(y, [2.0, 3.0, 1.0]);
             assert!(panel.points.iter().all(|point| point.interval.is_none()));
         }
     }

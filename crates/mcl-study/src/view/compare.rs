@@ -67,7 +67,12 @@ pub fn compare(
 pub fn tests(results: &Results) -> Result<Table> {
     let groups = Groups::of(results)?;
     let shown: Vec<&Group<'_>> = groups.of_entries(&[]).collect();
-    let columns = columns_of(&groups, &shown);
+    let mut columns = columns_of(&groups, &shown);
+    // What is always compared stands in `a` and `b`.
+    let views = &results.study.views.tests;
+    columns.retain(|&((place, _), _)| {
+        views.iter().any(|view| view.column != groups.settings[place].name)
+    });
     let names = columns.iter().map(|(_, column)| column.as_str());
     const TESTED: [&str; 15] = [
         "y",
@@ -87,7 +92,7 @@ pub fn tests(results: &Results) -> Result<Table> {
         "note",
     ];
     let mut table = Table::new(names.chain(TESTED));
-    for view in &results.study.views.tests {
+    for view in views {
         let Some(place) = groups.place(&view.column) else { continue };
         let mut found: Vec<(Vec<Value>, Comparison)> = Vec::new();
         for [a, b] in pairs(&groups, view, place) {

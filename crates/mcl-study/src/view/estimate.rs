@@ -80,7 +80,7 @@ impl<'r> Estimates<'r> {
                 mean,
                 interval: None,
                 spread: None,
-                blocks: 0,
+                blocks: group.blocks(),
                 rows: group.rows.len(),
             }));
         }

@@ -7,6 +7,7 @@ use std::fmt;
 use anyhow::{Context, Result};
 use mcl_metrics::{Blocked, BlockedRate};
 
+use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
 use crate::study::settings::{SIZE, Setting, settings, text_of};
@@ -20,6 +21,8 @@ pub struct Groups<'r> {
     pub settings: Vec<Setting>,
     /// The groups, sorted by their settings. Where rows are missing, a group may have none.
     pub all: Vec<Group<'r>>,
+    /// Names in the order of the study's file.
+    names: Vec<&'r str>,
 }
 
 /// Rows of the same settings.
@@ -71,12 +74,18 @@ impl<'r> Groups<'r> {
                 entries: row.text(ENTRIES).to_owned(),
             }));
         }
+        let names = results.study.names_of_factors();
         // Stable, so that rows keep their order.
-        members.sort_by(|a, b| order(&a.values, &b.values));
+        members.sort_by(|a, b| order_by(&names, &a.values, &b.values));
         let same = |a: &Member<'_>, b: &Member<'_>| order(&a.values, &b.values).is_eq();
         let all = members.chunk_by(same).enumerate();
         let all = all.map(|(place, members)| Group::of(place, members, &settings)).collect();
-        Ok(Groups { results, settings, all })
+        Ok(Groups { results, settings, all, names })
+    }
+
+    /// The order of settings: by the first in which they differ, names as the study's file lists them.
+    pub fn order(&self, a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
+        order_by(&self.names, a, b)
     }
 
     /// Place of a setting among the settings.
@@ -129,6 +138,22 @@ impl<'r> Groups<'r> {
             name if SIZE.contains(&name) => !self.has_all_points(group),
             _ if *of_map => true,
             _ => (0..self.settings.len()).any(|run| !self.settings[run].of_map && has_value(run)),
+        }
+    }
+
+    /// What a split means for the scans that build maps and those that rate them, for captions.
+    pub fn describe_split(&self, name: &str) -> String {
+        let has_runs = self.settings.iter().any(|setting| !setting.of_map);
+        match Split::ALL.into_iter().find(|split| split.name() == name) {
+            // Nothing is localized.
+            Some(Split::Same) if !has_runs => {
+                "Maps are rated by the scans that build them".to_owned()
+            }
+            Some(Split::Alternate) if !has_runs => {
+                "Maps are built from even scans and rated by odd ones".to_owned()
+            }
+            Some(split) => split.describe().to_owned(),
+            None => name.to_owned(),
         }
     }
 
@@ -263,6 +288,19 @@ pub fn same_values(a: &[Value], b: &[Value]) -> bool {
 pub fn order(a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
     let pairs = a.iter().flatten().zip(b.iter().flatten());
     pairs.map(|(a, b)| a.order(b)).fold(Ordering::Equal, Ordering::then)
+}
+
+fn order_by(names: &[&str], a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
+    let place = |value: &Value| {
+        let text = value.text()?;
+        Some(names.iter().position(|name| *name == text).unwrap_or(names.len()))
+    };
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    let orders = pairs.map(|(a, b)| match (place(a), place(b)) {
+        (Some(first), Some(second)) => first.cmp(&second).then_with(|| a.order(b)),
+        _ => a.order(b),
+    });
+    orders.fold(Ordering::Equal, Ordering::then)
 }
 
 /// The recipes of every row that the study asks for.

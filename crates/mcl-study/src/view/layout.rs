@@ -96,7 +96,7 @@ fn automatic(
     let name = |place: usize| groups.settings[place].name.as_str();
     // The most values first; of as many, those of runs.
     varied.sort_by_key(|&place| {
-        (Reverse(distinct(shown, place).len()), groups.settings[place].of_map)
+        (Reverse(distinct(groups, shown, place).len()), groups.settings[place].of_map)
     });
     let size = varied.iter().copied().find(|&place| SIZE.contains(&name(place)));
     varied.retain(|&place| !SIZE.contains(&name(place)) || Some(place) == size);
@@ -122,10 +122,10 @@ fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option
     same.filter_map(differing).min()
 }
 
-/// The values of a setting, ascending, each once.
-pub fn distinct(shown: &[&Group<'_>], place: usize) -> Vec<Vec<Value>> {
+/// The values of a setting, each once, names as the study lists them and numbers ascending.
+pub fn distinct(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Vec<Vec<Value>> {
     let mut values: Vec<Vec<Value>> = shown.iter().map(|g| g.values(place).to_vec()).collect();
-    values.sort_by(|a, b| order(std::slice::from_ref(a), std::slice::from_ref(b)));
+    values.sort_by(|a, b| groups.order(std::slice::from_ref(a), std::slice::from_ref(b)));
     values.dedup_by(|a, b| same_values(a, b));
     values
 }

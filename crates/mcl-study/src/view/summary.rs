@@ -194,11 +194,11 @@ kept = ["weighted"]
         );
         let names: Vec<(&str, Option<f64>)> =
             rows.iter().map(|row| (row.text("map"), row.number("sigma_hit"))).collect();
-        assert_eq!(names[..3], [("all", Some(0.1)), ("all", Some(0.2)), ("gbs", Some(0.1))]);
+        assert_eq!(names[..3], [("gbs", Some(0.1)), ("gbs", Some(0.2)), ("rnd", Some(0.1))]);
 
         // gbs: 1 + draw + run: 1 and 4, 3 and 6, 5 and 8. Means of blocks 2.5, 4.5, 6.5: Student's
         // quantile with two degrees of freedom is 4.302653, the standard error 2 / √3.
-        let gbs = rows[2];
+        let gbs = rows[0];
         assert_eq!(gbs.number("weighted"), Some(4.5));
         assert_eq!(gbs.number("weighted_sd"), Some(2.0));
         let half = 4.302_652_73 * 2.0 / 3f64.sqrt();
