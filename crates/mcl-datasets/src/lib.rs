@@ -3,7 +3,9 @@
 
 pub mod bag;
 pub mod carmen;
+pub mod container;
 pub mod log;
 mod mount;
+mod packed;
 pub mod registry;
 pub mod simulator;

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 
 use mcl_datasets::bag::cdr::decode_prefix;
 use mcl_datasets::bag::schema::MessageSchema;
-use mcl_datasets::bag::stream::{Item, read_stream};
-use mcl_datasets::bag::{self, BagError};
-use mcl_datasets::log::{ReadOptions, read_log};
+use mcl_datasets::bag::{self, BagError, PoseRole};
+use mcl_datasets::container::item::Item;
+use mcl_datasets::container::mcap::read_stream;
+use mcl_datasets::log::{ReadOptions, read_log, read_poses};
 use serde_json::Value;
 
 /// The files of an archive by name.
@@ -163,4 +164,27 @@ fn the_olin_bag() {
         (1..357).filter(|&index| recording.scans[index].odometry.is_none()).collect();
     assert_eq!(without, [356]);
     assert!((recording.path_length_m() - 8.3).abs() < 0.1, "{}", recording.path_length_m());
+}
+
+/// Bags of the test data of evo and LAMBKIN, where `MCL_BAG_DIR` names their folder: a ROS 1 bag and a
+/// database of the same transforms, one of strings, and one of a TurtleBot without its scans.
+#[test]
+#[cfg_attr(not(real_data = "tf_example.bag"), ignore = "needs tf_example.bag in MCL_BAG_DIR")]
+fn bags_of_ros_1_and_databases() {
+    let folder = PathBuf::from(std::env::var_os("MCL_BAG_DIR").expect("MCL_BAG_DIR is set"));
+    let refused = |name: &str| read_log(&folder.join(name)).unwrap_err().to_string();
+    let told = refused("basic.bag");
+    assert!(told.ends_with("topics: /input (std_msgs/String, 47 messages)"), "{told}");
+    for name in ["tf_example.bag", "tf_example", "tf_example/tf_example.db3"] {
+        assert!(refused(name).contains("TFMessage, 517 messages"), "{}", refused(name));
+    }
+    assert!(refused("nav2_turtlebot.mcap").contains("/amcl_pose"));
+    let poses = |name: &str, topic: &str| {
+        read_poses(&folder.join(name), Some(topic), PoseRole::Reference).unwrap().trajectory
+    };
+    let of_ros1 = poses("tf_example.bag", "/tf:odom.base_link");
+    assert!(of_ros1.len() > 100, "{}", of_ros1.len());
+    assert_eq!(poses("tf_example", "/tf:odom.base_link"), of_ros1);
+    assert_eq!(poses("nav2_turtlebot.mcap", "/amcl_pose").len(), 135);
+    assert!(poses("nav2_turtlebot.mcap", "/tf:map.base_footprint").len() > 1000);
 }

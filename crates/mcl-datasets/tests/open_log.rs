@@ -106,8 +106,16 @@ fn what_is_no_log_is_refused_with_the_reason() {
     assert!(matches!(error, LogError::Bag { .. }), "{error}");
     assert_message(&error, &path, &["no sensor_msgs/msg/LaserScan", "topics: none"]);
 
+    // The first bytes tell, never the name alone.
     let path = file(folder.path(), "text.mcap", b"FLASER 180 and so on");
-    assert_message(&read_log(&path).unwrap_err(), &path, &["at byte 0", "magic bytes"]);
+    assert_message(&read_log(&path).unwrap_err(), &path, &["no laser scan", "FLASER skipped"]);
+    let path = file(folder.path(), "bag.mcap", b"PK\x03\x04 and so on");
+    assert_message(&read_log(&path).unwrap_err(), &path, &["a ZIP archive", "`unzip FILE`"]);
+    let mut archive = tar::Builder::new(Vec::new());
+    archive.append_dir("bag", folder.path()).unwrap();
+    let archive = gzip(&archive.into_inner().unwrap());
+    let path = file(folder.path(), "bag.tar.gz", &archive);
+    assert_message(&read_log(&path).unwrap_err(), &path, &["a tar archive", "`tar -xf FILE`"]);
 
     let path = file(folder.path(), "a.log", scan(pose(1.0, 2.0, 0.0), 1).as_bytes());
     let topics = TopicChoice { scan: Some("/scan".into()), ..TopicChoice::default() };

@@ -103,3 +103,34 @@ fn a_real_log_survives_writing_and_reading() {
         assert!(error.x.hypot(error.y) < 1e-12 && error.theta.abs() < 1e-12);
     }
 }
+
+/// Numbers of scans, of beams, of points up to 10 m, and of steps whose odometry is missing.
+#[test]
+#[cfg_attr(
+    not(all(
+        real_data = "freiburg-101",
+        real_data = "seattle",
+        real_data = "csail",
+        real_data = "orebro"
+    )),
+    ignore = "needs freiburg-101, seattle, csail and orebro in MCL_DATA_DIR"
+)]
+fn further_corrected_logs() {
+    let folder = PathBuf::from(std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set"));
+    for (name, scans, beams, points, lost) in [
+        ("freiburg-101", 292, 360, 74_278, 0),
+        ("seattle", 241, 361, 83_892, 1),
+        ("csail", 406, 361, 138_174, 0),
+        ("orebro", 237, 181, 39_670, 219),
+    ] {
+        let path = folder.join(name).join(format!("{name}-corrected.log.gz"));
+        let log = read_log(&path).unwrap();
+        assert!(log.report.is_complete(), "{name}: {}", log.report);
+        assert_eq!(log.kind, LogKind::GfsCorrected, "{name}");
+        assert_counts(&log, scans, beams, points);
+        let without = log.recording.scans[1..].iter().filter(|scan| scan.odometry.is_none());
+        assert_eq!(without.count(), lost, "{name}");
+        let is_told = log.assumptions.iter().any(|told| told.contains("different stamps"));
+        assert_eq!(is_told, matches!(name, "csail" | "orebro"), "{name}: {:?}", log.assumptions);
+    }
+}

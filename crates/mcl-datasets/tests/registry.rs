@@ -31,9 +31,13 @@ fn every_definition_of_the_repository_is_built_in_as_it_stands() {
         names(&built_in),
         [
             "aces",
+            "csail",
             "freiburg-079",
+            "freiburg-101",
             "intel-lab",
             "olin-mac",
+            "orebro",
+            "seattle",
             "simulated-office",
             "simulated-office-3d",
             "small-gicp-target"
@@ -48,6 +52,10 @@ fn the_definitions_agree_with_what_is_known_of_the_logs() {
         ("aces", "aces_publicb.gfs.log", 180),
         ("freiburg-079", "fr079-complete.gfs.log", 360),
         ("intel-lab", "intel.gfs.log", 180),
+        ("csail", "csail-corrected.log", 361),
+        ("freiburg-101", "freiburg-101-corrected.log", 360),
+        ("orebro", "orebro-corrected.log", 181),
+        ("seattle", "seattle-corrected.log", 361),
     ] {
         let dataset = registry.get(name).unwrap();
         let facts = dataset.facts.unwrap();
@@ -96,8 +104,8 @@ fn an_unknown_name_is_answered_with_the_known_ones() {
     let message = registry.get("intel").unwrap_err().to_string();
     assert_eq!(
         message,
-        "no data set is named `intel`; known are: aces, freiburg-079, intel-lab, \
-         olin-mac, simulated-office, simulated-office-3d, small-gicp-target"
+        "no data set is named `intel`; known are: aces, csail, freiburg-079, freiburg-101, intel-lab, \
+         olin-mac, orebro, seattle, simulated-office, simulated-office-3d, small-gicp-target"
     );
 }
 
@@ -117,10 +125,14 @@ fn a_folder_of_definitions_is_found_from_below_and_overrides_by_name() {
         names(&registry),
         [
             "aces",
+            "csail",
             "freiburg-079",
+            "freiburg-101",
             "intel-lab",
             "mine",
             "olin-mac",
+            "orebro",
+            "seattle",
             "simulated-office",
             "simulated-office-3d",
             "small-gicp-target"

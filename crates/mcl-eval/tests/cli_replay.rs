@@ -6,7 +6,8 @@ use std::process::Command;
 
 use mcl_datasets::bag::cdr::{View, decode};
 use mcl_datasets::bag::schema::MessageSchema;
-use mcl_datasets::bag::stream::{Item, read_stream};
+use mcl_datasets::container::item::Item;
+use mcl_datasets::container::mcap::read_stream;
 use serde_json::Value;
 use tempfile::TempDir;
 

@@ -12,6 +12,8 @@ use anyhow::{Context, Result};
 use mcl_core::{PointMap, Pose2, Recording, ScanGeometry, Seed, Stamp};
 use mcl_datasets::bag::{self, Encoder, planar, types};
 use mcl_datasets::carmen;
+use mcl_datasets::container;
+use mcl_datasets::container::item::Item;
 use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_fuzz::bag_of_one_message;
@@ -80,7 +82,7 @@ fn logs(corpus: &Corpus) -> Result<()> {
         corpus.add("log", &format!("{name}.mcap.gz"), gzip(&bag)?)?;
         corpus.add("mcap", name, &bag)?;
         let mut records = Vec::new();
-        bag::stream::read_stream(&*bag, |item| {
+        container::mcap::read_stream(&*bag, |item| {
             collect(&mut records, item);
             Ok(())
         })?;
@@ -130,7 +132,7 @@ fn logs(corpus: &Corpus) -> Result<()> {
 }
 
 /// Schemas, channels and messages as they stand in chunks.
-fn collect(records: &mut Vec<u8>, item: bag::stream::Item<'_>) {
+fn collect(records: &mut Vec<u8>, item: Item<'_>) {
     let mut record = |opcode: u8, body: &[u8]| {
         records.push(opcode);
         records.extend((body.len() as u64).to_le_bytes());
@@ -138,7 +140,7 @@ fn collect(records: &mut Vec<u8>, item: bag::stream::Item<'_>) {
     };
     let text = |text: &[u8]| [&(text.len() as u32).to_le_bytes(), text].concat();
     match item {
-        bag::stream::Item::Channel(channel) => {
+        Item::Channel(channel) => {
             let id = (channel.id + 1).to_le_bytes();
             if let Some(schema) = &channel.schema {
                 let (name, encoding) = (schema.name.as_bytes(), schema.encoding.as_bytes());
@@ -148,13 +150,13 @@ fn collect(records: &mut Vec<u8>, item: bag::stream::Item<'_>) {
             let texts = [text(channel.topic.as_bytes()), text(channel.message_encoding.as_bytes())];
             record(4, &[&id[..], &id[..], &texts.concat(), &[0; 4]].concat());
         }
-        bag::stream::Item::Message(message) => {
+        Item::Message(message) => {
             let id = (message.channel.id + 1).to_le_bytes();
             let head = [&id[..], &message.sequence.to_le_bytes()].concat();
             let times = [message.log_time.to_le_bytes(), message.publish_time.to_le_bytes()];
             record(5, &[head, times.concat(), message.data.to_vec()].concat());
         }
-        bag::stream::Item::Metadata(..) => {}
+        Item::Metadata(..) => {}
     }
 }
 

@@ -7,11 +7,11 @@
 
 use std::path::PathBuf;
 
-/// Folders of data sets, and of archives of bags.
-const FOLDERS: [&str; 2] = ["MCL_DATA_DIR", "MCL_MCAP_DIR"];
+/// Folders of data sets, of archives of bags, and of bags.
+const FOLDERS: [&str; 3] = ["MCL_DATA_DIR", "MCL_MCAP_DIR", "MCL_BAG_DIR"];
 
-/// Sets `cfg(real_data = "NAME")` for every file or folder NAME in the folders that `MCL_DATA_DIR` and
-/// `MCL_MCAP_DIR` name, and `cfg(real_data)` where there is one. To be called by a build script.
+/// Sets `cfg(real_data = "NAME")` for every file or folder NAME in the folders that `MCL_DATA_DIR`,
+/// `MCL_MCAP_DIR` and `MCL_BAG_DIR` name, and `cfg(real_data)` where there is one. To be called by a build script.
 pub fn declare() {
     println!("cargo::rustc-check-cfg=cfg(real_data, values(any()))");
     for variable in FOLDERS {

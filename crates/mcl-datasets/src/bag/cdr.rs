@@ -1,7 +1,9 @@
-//! Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1: XCDR version 1, plain), decoded as a
-//! schema says.
+//! Encoded messages, decoded as a schema says: Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1:
+//! XCDR version 1, plain) of ROS 2, and the serialization of ROS 1, which has no head and no alignment,
+//! is little-endian, and ends no text with NUL.
 
-use super::schema::{Count, Definition, ElementType, MessageSchema, NumberType, SchemaError};
+use super::layout::{Count, Definition, ElementType, NumberType, SchemaError};
+use super::schema::MessageSchema;
 
 /// A decoded message, or a part of one.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,22 +88,61 @@ pub fn decode_prefix(schema: &MessageSchema, bytes: &[u8]) -> Result<(Value, usi
     if representation > 1 {
         return Err(CdrError::Representation(representation));
     }
-    let mut decoder = Decoder { schema, body, at: 0, is_little: representation == 1 };
+    let is_little = representation == 1;
+    let mut decoder = Decoder { schema, body, head: 4, at: 0, is_little, is_ros1: false };
     let value = decoder.message(schema.root())?;
-    Ok((value, 4 + decoder.at))
+    Ok((value, decoder.head + decoder.at))
+}
+
+/// How messages are encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// Of ROS 2.
+    Cdr,
+    /// Of ROS 1.
+    Ros1,
+}
+
+impl Encoding {
+    /// The encoding of this name in a bag (`cdr`, `ros1`).
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "cdr" => Some(Encoding::Cdr),
+            "ros1" => Some(Encoding::Ros1),
+            _ => None,
+        }
+    }
+
+    /// Decodes a message.
+    ///
+    /// # Errors
+    /// [`CdrError`] when the bytes are no message of this schema.
+    pub fn decode(self, schema: &MessageSchema, bytes: &[u8]) -> Result<Value, CdrError> {
+        match self {
+            Encoding::Cdr => decode(schema, bytes),
+            Encoding::Ros1 => {
+                let mut decoder =
+                    Decoder { schema, body: bytes, head: 0, at: 0, is_little: true, is_ros1: true };
+                decoder.message(schema.root())
+            }
+        }
+    }
 }
 
 struct Decoder<'a> {
     schema: &'a MessageSchema,
     /// After the head; alignment counts from here.
     body: &'a [u8],
+    /// Bytes of the head.
+    head: usize,
     at: usize,
     is_little: bool,
+    is_ros1: bool,
 }
 
 impl<'a> Decoder<'a> {
     fn message(&mut self, definition: &'a Definition) -> Result<Value, CdrError> {
-        if definition.fields.is_empty() {
+        if definition.fields.is_empty() && !self.is_ros1 {
             self.take(1, "(message without fields)")?;
         }
         let mut values = Vec::with_capacity(definition.fields.len());
@@ -197,13 +238,16 @@ impl<'a> Decoder<'a> {
     }
 
     fn align(&mut self, width: usize) {
+        if self.is_ros1 {
+            return;
+        }
         self.at = self.at.next_multiple_of(width).min(self.body.len());
     }
 
     fn take(&mut self, length: usize, field: &str) -> Result<&'a [u8], CdrError> {
         let bytes = self.body.get(self.at..self.at + length).ok_or_else(|| CdrError::TooShort {
             field: field.to_owned(),
-            length: 4 + self.body.len(),
+            length: self.head + self.body.len(),
             missing: (self.at + length - self.body.len()) as u64,
         })?;
         self.at += length;
@@ -364,6 +408,35 @@ mod tests {
         for end in 0..bytes.len() {
             assert!(decode(&schema, &bytes[..end]).is_err(), "{end}");
         }
+    }
+
+    #[test]
+    fn messages_of_ros_1_have_neither_head_nor_alignment() {
+        let text = "Header header\nuint8 a\nfloat64 b\nstring s\nEmpty e\nint16[] d\n===\nMSG: \
+                    std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n===\nMSG: p/Empty\n";
+        let schema = MessageSchema::parse("p/A", "ros1msg", text.as_bytes()).unwrap();
+        let mut bytes = [7_u32, 3_000_000_000, 5, 2].map(u32::to_le_bytes).concat();
+        bytes.extend(b"ab\x09");
+        bytes.extend(1.5_f64.to_le_bytes());
+        bytes.extend([1, 0, 0, 0, b'x', 2, 0, 0, 0, 0xff, 0xff, 1, 0]);
+        let value = Encoding::Ros1.decode(&schema, &bytes).unwrap();
+        let view = View::new(&schema, &value);
+        let header = view.message("header").unwrap();
+        assert_eq!(header.message("stamp").unwrap().number("sec"), Ok(3e9));
+        assert_eq!(header.text("frame_id"), Ok("ab"));
+        assert_eq!(
+            (view.number("a"), view.number("b"), view.text("s")),
+            (Ok(9.0), Ok(1.5), Ok("x"))
+        );
+        assert_eq!(view.numbers("d"), Ok(&[-1.0, 1.0][..]));
+        for end in 0..bytes.len() {
+            assert!(Encoding::Ros1.decode(&schema, &bytes[..end]).is_err(), "{end}");
+        }
+        // Messages of no bytes at all could be any number.
+        let many = "Empty[] e\n===\nMSG: p/Empty\n";
+        let schema = MessageSchema::parse("p/A", "ros1msg", many.as_bytes()).unwrap();
+        let error = Encoding::Ros1.decode(&schema, &[0xff; 4]).unwrap_err();
+        assert!(matches!(error, CdrError::Length { left: 0, .. }));
     }
 
     #[test]

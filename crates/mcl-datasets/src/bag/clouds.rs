@@ -3,13 +3,14 @@
 use mcl_core::Point;
 use nalgebra::Point3;
 
+use super::decoder::{Decoder, Logged, same_frame, time, tree};
 use super::error::BagError;
 use super::messages::TransformMessage;
+use super::moment::{Moment, Stretches};
 use super::motion::Motion;
 use super::point_cloud::CloudMessage;
-use super::recording::{Decoder, Logged, same_frame, time};
-use super::topics::{Content, Kind, cloud_topic, odometry_topic};
-use crate::log::ReadReport;
+use super::topics::{Content, Kind, cloud_topic, odometry_topic, transform_topics};
+use crate::log::report::ReadReport;
 
 /// How to read the clouds of a bag.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -45,13 +46,13 @@ pub struct BagCloud {
     pub assumptions: Vec<String>,
 }
 
-pub(super) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
+pub(crate) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
     let topic = cloud_topic(content, options.topic.as_deref())?;
     let mut decoder = Decoder::new(content);
     let mut frame: Option<String> = None;
     let clouds = decoder.topic(
         |name, kind| name == topic && kind == Kind::Cloud,
-        |_, view, _| {
+        |_, view, _, _| {
             let cloud = CloudMessage::new(view, options.max_range)?;
             same_frame("header.frame_id", &mut frame, &cloud.header.frame)?;
             Ok(cloud)
@@ -64,7 +65,7 @@ pub(super) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud
             return Err(BagError::NoCloud { topics: content.list(), because });
         }
     };
-    let motion = motion(&mut decoder, content, options.odometry.as_deref())?;
+    let motion = motion(&mut decoder, content, topic, options.odometry.as_deref())?;
     let joined = BagCloud {
         topic: topic.to_owned(),
         frame,
@@ -105,7 +106,8 @@ impl BagCloud {
             return Ok(self);
         }
         let placed = |cloud: &Logged<CloudMessage>| {
-            chain.root_from_frame(time(cloud.value.header.stamp, cloud.log_time))
+            let at = time(cloud.value.header.stamp, cloud.log_time);
+            chain.root_from_frame(Moment { stretch: 0, at })
         };
         let outside = clouds.iter().filter(|cloud| placed(cloud).is_none()).count();
         if outside == clouds.len() && outside > 1 {
@@ -144,37 +146,26 @@ impl BagCloud {
 
 /// The frames of a bag over time: of `/tf_static` and `/tf`, and of the odometry where `/tf` does not
 /// tell of its frame.
-fn motion(
-    decoder: &mut Decoder<'_>,
-    content: &Content,
+fn motion<'a>(
+    decoder: &mut Decoder<'a>,
+    content: &'a Content,
+    cloud_topic: &str,
     odometry: Option<&str>,
 ) -> Result<Motion, BagError> {
-    let mut motion = Motion::default();
-    for is_static in [true, false] {
-        let messages = decoder.topic(
-            |name, kind| kind == Kind::Transforms && name.ends_with("tf_static") == is_static,
-            |_, view, _| TransformMessage::all(view),
+    let topics = transform_topics(content, Some(cloud_topic));
+    let transforms = decoder.transforms(&topics)?;
+    let mut motion = tree(&transforms, &Stretches::default());
+    if let Some(topic) = odometry_topic(content, odometry)? {
+        let mut poses = decoder.topic(
+            |name, kind| name == topic && kind == Kind::Odometry,
+            |_, view, _, _| TransformMessage::of_odometry(view),
         )?;
-        for Logged { value, log_time, .. } in messages {
-            for transform in value {
-                let at = time(transform.header.stamp, log_time);
-                motion.insert(transform, at, is_static);
-            }
+        poses.retain(|pose| !pose.value.child.is_empty() && !motion.contains(&pose.value.child));
+        for Logged { value, log_time, .. } in poses {
+            let at = time(value.header.stamp, log_time);
+            motion.insert(value, Moment { stretch: 0, at }, false, topic);
         }
     }
-    let on_tf = |child: &str| motion.contains(child);
-    let mut poses = Vec::new();
-    if let Some(topic) = odometry_topic(content, odometry)? {
-        poses = decoder.topic(
-            |name, kind| name == topic && kind == Kind::Odometry,
-            |_, view, _| TransformMessage::of_odometry(view),
-        )?;
-        poses.retain(|pose| !pose.value.child.is_empty() && !on_tf(&pose.value.child));
-    }
-    for Logged { value, log_time, .. } in poses {
-        let at = time(value.header.stamp, log_time);
-        motion.insert(value, at, false);
-    }
-    motion.sort();
+    motion.sort(None);
     Ok(motion)
 }

@@ -2,144 +2,22 @@
 
 use mcl_core::Stamp;
 
-use super::bytes::BadRecord;
-use super::schema::SchemaError;
-
-/// What is wrong with the records of an MCAP file.
-#[derive(Debug, thiserror::Error)]
-pub enum StreamProblem {
-    /// The system could not read the file.
-    #[error("cannot be read: {0}")]
-    Io(#[from] std::io::Error),
-    /// It does not begin like MCAP.
-    #[error("the file does not begin with the magic bytes of MCAP (89 4d 43 41 50 30 0d 0a)")]
-    Magic,
-    /// No record has this code.
-    #[error("0 is no kind of record; the file is damaged")]
-    Opcode,
-    /// A record longer than any should be.
-    #[error(
-        "a record of kind {opcode:#04x} says that it is {length} bytes long, expected at most {limit}; the file is damaged"
-    )]
-    RecordLength {
-        /// Code of the record's kind.
-        opcode: u8,
-        /// The length it says.
-        length: u64,
-        /// The largest accepted.
-        limit: u64,
-    },
-    /// A record that is too short for its fields.
-    #[error("{0}; the file is damaged")]
-    Record(#[from] BadRecord),
-    /// A chunk that unpacks to more than is accepted.
-    #[error(
-        "a chunk says that it unpacks to {size} bytes, expected at most {limit}; write the bag with smaller chunks"
-    )]
-    ChunkTooLarge {
-        /// The size it says.
-        size: u64,
-        /// The largest accepted.
-        limit: u64,
-    },
-    /// A chunk whose content is longer than its record.
-    #[error("a chunk says that it holds {size} bytes, but {there} are there; the file is damaged")]
-    ChunkLength {
-        /// The size it says.
-        size: u64,
-        /// The bytes there.
-        there: usize,
-    },
-    /// A chunk that unpacks to another size than it says.
-    #[error(
-        "a chunk says that it unpacks to {declared} bytes, found {found}{}; the file is damaged",
-        if found > declared { " or more" } else { "" }
-    )]
-    UnpackedLength {
-        /// The size it says.
-        declared: u64,
-        /// The bytes unpacked, at most one more than declared.
-        found: u64,
-    },
-    /// A chunk compressed in a way that is not known.
-    #[error("a chunk is compressed with {0:?}, expected none, zstd or lz4")]
-    UnknownCompression(String),
-    /// A chunk that does not unpack.
-    #[error("a chunk does not unpack as {compression}: {reason}; the file is damaged")]
-    Decompression {
-        /// The compression.
-        compression: String,
-        /// The decompressor's reason.
-        reason: String,
-    },
-    /// A chunk whose checksum differs.
-    #[error("the checksum of a chunk is {found:08x}, expected {declared:08x}; the file is damaged")]
-    ChunkCrc {
-        /// The checksum written in the chunk.
-        declared: u32,
-        /// The checksum of its content.
-        found: u32,
-    },
-    /// The checksum of all that comes before the end of the data differs.
-    #[error(
-        "the checksum of the data is {found:08x}, expected {declared:08x}; the file is damaged"
-    )]
-    DataCrc {
-        /// The checksum written in the file.
-        declared: u32,
-        /// The checksum of the content.
-        found: u32,
-    },
-    /// A record in a chunk that is longer than the chunk.
-    #[error(
-        "a record of kind {opcode:#04x} in a chunk says that it is {length} bytes long, but {there} are left of the chunk; the file is damaged"
-    )]
-    RecordInChunk {
-        /// Code of the record's kind.
-        opcode: u8,
-        /// The length it says.
-        length: u64,
-        /// The bytes left.
-        there: usize,
-    },
-    /// A message of a channel that no record describes.
-    #[error(
-        "a message is of channel {0}, which no record before it describes; the file is damaged"
-    )]
-    UnknownChannel(u16),
-    /// A channel with a schema that no record describes.
-    #[error(
-        "topic {topic} has schema {schema}, which no record before it describes; the file is damaged"
-    )]
-    UnknownSchema {
-        /// The topic.
-        topic: String,
-        /// Number of the schema.
-        schema: u16,
-    },
-    /// Two records describe one channel or schema differently.
-    #[error("two {0} records of number {1} differ; the file is damaged")]
-    Conflict(&'static str, u16),
-    /// More messages than are kept in memory.
-    #[error(
-        "the scans, odometry, poses and transforms take more than {0} bytes; cut the bag into parts"
-    )]
-    TooMuch(u64),
-}
+use super::layout::SchemaError;
+use crate::container::folder::FolderError;
+use crate::container::problem::StreamError;
 
 /// Why no recording could be read from a bag.
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
-    /// The bytes are no MCAP, or damaged.
-    #[error("at byte {offset}: {problem}")]
-    Stream {
-        /// Offset of the record at fault, of the chunk that holds it, or of the end of what was read.
-        offset: u64,
-        /// What is wrong.
-        problem: StreamProblem,
-    },
+    /// The bytes are no container, or damaged.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
     /// There is no scan.
-    #[error("no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}", because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default())]
+    #[error(
+        "no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}{}",
+        because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default(),
+        advice(topics)
+    )]
     NoScan {
         /// The topics of the bag with their types.
         topics: String,
@@ -200,9 +78,19 @@ pub enum BagError {
         /// The types that would do.
         expected: &'static str,
     },
+    /// Two frames asked for that do not move in each other.
+    #[error(
+        "{topic}: no transforms that change lead from one of the two frames to the other; frames: {frames}"
+    )]
+    NoPair {
+        /// What was asked for.
+        topic: String,
+        /// The frames of the bag.
+        frames: String,
+    },
     /// Messages of a topic are encoded in a way that is not read.
     #[error(
-        "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2); convert the bag first"
+        "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2) or \"ros1\"; convert the bag first"
     )]
     Encoding {
         /// The topic.
@@ -277,6 +165,18 @@ pub enum BagError {
         child: String,
     },
     /// The folder of a split bag is not one.
-    #[error("{0}")]
-    Folder(String),
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+}
+
+/// What helps where there is no scan, by the types of the topics there are.
+fn advice(topics: &str) -> &'static str {
+    if topics.contains("sensor_msgs/msg/PointCloud2") || topics.contains("sensor_msgs/PointCloud2")
+    {
+        "; scans can be made of point clouds with --slice Z1,Z2 (heights in metres)"
+    } else if topics.contains("(no type, ") {
+        "; the recorder did not find the types of some topics: name the folder of the bag, if it has a metadata.yaml, or record again with the packages of the messages at hand"
+    } else {
+        ""
+    }
 }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::schema::{
+use super::layout::{
     Count, Described, ElementType, Field, MAX_NAME_BYTES, NumberType, SchemaError, plain_name,
 };
 

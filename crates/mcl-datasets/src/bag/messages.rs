@@ -1,10 +1,12 @@
 //! The messages that are used, as values: scans, odometry, poses and transforms.
 
+use std::f64::consts::TAU;
+
 use mcl_core::{Pose2, ScanGeometry};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::cdr::{CdrError, View};
-use super::schema::SchemaError;
+use super::layout::SchemaError;
 
 /// Largest position accepted, in metres; beyond any place on Earth.
 pub(super) const MAX_POSITION: f64 = 1e9;
@@ -60,7 +62,8 @@ pub(super) fn header(view: &View<'_>) -> Result<Header, MessageError> {
         return Err(malformed("header.stamp.nanosec", nanosec.to_string(), "less than 1000000000"));
     }
     // 32-bit seconds, so there is no overflow.
-    let stamp = (sec as i32 as i64) * NANOSECONDS + nanosec as i64;
+    let stamp =
+        sec.clamp(f64::from(i32::MIN), f64::from(u32::MAX)) as i64 * NANOSECONDS + nanosec as i64;
     Ok(Header { stamp, frame: frame(header.text("frame_id")?) })
 }
 
@@ -68,22 +71,46 @@ fn frame(name: &str) -> String {
     name.trim_start_matches('/').to_owned()
 }
 
-/// `sensor_msgs/LaserScan`.
+/// A reading so close to `range_max` (as a part of it) is equal to it, but for the rounding of floats.
+const RANGE_MAX_ROUNDING: f64 = 1e-6;
+/// Largest angle that a scan may cover, in turns.
+const MAX_TURNS: f64 = 1.01;
+
+/// `sensor_msgs/LaserScan`, or another message made into one.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ScanMessage {
     pub header: Header,
     pub geometry: ScanGeometry,
     /// Readings nearer than `range_min` are −∞, beyond `range_max` +∞ (REP 117).
     pub ranges: Vec<f64>,
+    /// Readings equal to `range_max`, which are +∞ as well: drivers write it where nothing came back.
+    pub at_max: usize,
+    /// Direction of the last beam as the message says it.
+    pub last_angle: f64,
+    /// Time from one beam to the next, in seconds.
+    pub time_increment: f64,
 }
 
 impl ScanMessage {
     pub fn new(view: &View<'_>) -> Result<Self, MessageError> {
+        Self::with(view, view.numbers("ranges")?.to_vec())
+    }
+
+    /// `sensor_msgs/MultiEchoLaserScan`: the first echo of each beam.
+    pub fn multi_echo(view: &View<'_>) -> Result<Self, MessageError> {
+        let first = |beam: &View<'_>| {
+            let echoes = beam.numbers("echoes")?;
+            Ok(echoes.first().copied().unwrap_or(f64::INFINITY))
+        };
+        let ranges: Result<_, SchemaError> = view.messages("ranges")?.iter().map(first).collect();
+        Self::with(view, ranges?)
+    }
+
+    fn with(view: &View<'_>, mut ranges: Vec<f64>) -> Result<Self, MessageError> {
         let header = header(view)?;
         let start_angle = view.number("angle_min")?;
         let angle_step = view.number("angle_increment")?;
         let (min, max) = (view.number("range_min")?, view.number("range_max")?);
-        let mut ranges = view.numbers("ranges")?.to_vec();
         if ranges.is_empty() {
             return Err(malformed("ranges", "empty", "at least one reading"));
         }
@@ -102,17 +129,39 @@ impl ScanMessage {
         if angle_step == 0.0 && ranges.len() > 1 {
             return Err(malformed("angle_increment", "0", "the angle between two beams, not 0"));
         }
+        if (last - start_angle).abs() > MAX_TURNS * TAU {
+            let turns = (last - start_angle).abs() / TAU;
+            let found = format!("{angle_step} rad, {} times: {turns:.1} turns", ranges.len());
+            return Err(malformed(
+                "angle_increment",
+                found,
+                "at most one turn (are these degrees?)",
+            ));
+        }
+        let mut at_max = 0;
         // Drivers that do not know their limits leave both at 0.
         if min < max {
             for range in &mut ranges {
                 if *range < min {
                     *range = f64::NEG_INFINITY;
-                } else if *range > max {
+                } else if *range >= max * (1.0 - RANGE_MAX_ROUNDING) {
+                    at_max += usize::from(*range <= max);
                     *range = f64::INFINITY;
                 }
             }
         }
-        Ok(ScanMessage { header, geometry, ranges })
+        // Descriptions that lack these two are read all the same.
+        let last_angle = view.number("angle_max").unwrap_or(last);
+        let time_increment = view.number("time_increment").unwrap_or(0.0);
+        Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment })
+    }
+
+    /// How far the direction of the last beam that follows from the others is from the one that the message
+    /// says, in steps between two beams; 0 where that is not said.
+    pub fn steps_off(&self) -> f64 {
+        let follows = self.geometry.angle(self.geometry.beams - 1);
+        let steps = ((follows - self.last_angle) / self.geometry.angle_step).abs();
+        if steps.is_finite() { steps } else { 0.0 }
     }
 }
 
@@ -131,6 +180,12 @@ impl PoseMessage {
         let child = Some(frame(view.text("child_frame_id")?));
         let pose = planar(&pose(&view.message("pose")?.message("pose")?)?);
         Ok(PoseMessage { header: header(view)?, child, pose })
+    }
+
+    /// `geometry_msgs/TransformStamped`.
+    pub fn transform(view: &View<'_>) -> Result<Self, MessageError> {
+        let TransformMessage { header, child, parent_from_child } = TransformMessage::one(view)?;
+        Ok(PoseMessage { header, child: Some(child), pose: planar(&parent_from_child) })
     }
 
     pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
@@ -153,17 +208,29 @@ pub(super) struct TransformMessage {
 }
 
 impl TransformMessage {
-    pub fn all(view: &View<'_>) -> Result<Vec<Self>, MessageError> {
-        let transforms = view.messages("transforms")?;
-        let transform = |view: &View<'_>| {
-            let transform = view.message("transform")?;
-            Ok(TransformMessage {
-                header: header(view)?,
-                child: frame(view.text("child_frame_id")?),
-                parent_from_child: isometry(&transform, "translation", "rotation")?,
-            })
-        };
-        transforms.iter().map(transform).collect()
+    /// All transforms of a message; malformed ones are added to `faults`.
+    pub fn all(view: &View<'_>, faults: &mut Vec<MessageError>) -> Result<Vec<Self>, MessageError> {
+        let mut transforms = Vec::new();
+        for (index, view) in view.messages("transforms")?.iter().enumerate() {
+            match Self::one(view) {
+                Ok(transform) => transforms.push(transform),
+                Err(MessageError::Malformed { field, found, expected }) => {
+                    let child = view.text("child_frame_id")?;
+                    let field = format!("transforms[{index}] (child {child:?}).{field}");
+                    faults.push(MessageError::Malformed { field, found, expected });
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(transforms)
+    }
+
+    fn one(view: &View<'_>) -> Result<Self, MessageError> {
+        Ok(TransformMessage {
+            header: header(view)?,
+            child: frame(view.text("child_frame_id")?),
+            parent_from_child: isometry(&view.message("transform")?, "translation", "rotation")?,
+        })
     }
 
     /// What a `nav_msgs/Odometry` says of its two frames.
@@ -174,6 +241,36 @@ impl TransformMessage {
             parent_from_child: pose(&view.message("pose")?.message("pose")?)?,
         })
     }
+}
+
+/// The poses of a `nav_msgs/Path`, each with its stamp; malformed ones are added to `faults`.
+pub(super) fn path_poses(
+    view: &View<'_>,
+    faults: &mut Vec<MessageError>,
+) -> Result<Vec<PoseMessage>, MessageError> {
+    let frame = header(view)?.frame;
+    let mut poses = Vec::new();
+    for (index, view) in view.messages("poses")?.iter().enumerate() {
+        let pose = PoseMessage::pose(view).and_then(|mut pose| {
+            // Many writers leave the frame of the single poses empty.
+            if pose.header.frame.is_empty() {
+                pose.header.frame.clone_from(&frame);
+            }
+            match pose.header.stamp {
+                1.. => Ok(pose),
+                stamp => Err(malformed("header.stamp", stamp.to_string(), "the time of the pose")),
+            }
+        });
+        match pose {
+            Ok(pose) => poses.push(pose),
+            Err(MessageError::Malformed { field, found, expected }) => {
+                let field = format!("poses[{index}].{field}");
+                faults.push(MessageError::Malformed { field, found, expected });
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(poses)
 }
 
 fn pose(view: &View<'_>) -> Result<Isometry3<f64>, MessageError> {

@@ -1,29 +1,39 @@
-//! ROS 2 bags in MCAP files: reading them as recordings, and writing recordings as bags.
+//! Bags of ROS messages: reading them as recordings, and writing recordings as bags.
 //!
-//! A bag is a `.mcap` file or the folder of a split bag with its `metadata.yaml`: profile `ros2`,
-//! messages in CDR, descriptions in `ros2msg` or `ros2idl`, chunks packed by zstd, lz4 or not at all, or
-//! no chunks; an index is not needed. Messages are decoded as the bag describes them, whatever the
-//! order of their fields.
+//! A bag is an MCAP file, a ROS 1 bag, a SQLite database of rosbag2, or the folder of a split bag with its
+//! `metadata.yaml` ([`container`](crate::container)), plain or compressed. Messages are decoded as the bag
+//! describes them (`ros2msg`, `ros2idl`, `ros1msg`), whatever the order of their fields; standard types
+//! that it does not describe, as the standard says.
 //!
 //! * **Topics** are found by the types of their messages; [`TopicChoice`](crate::log::TopicChoice)
-//!   chooses where several could be meant. Scans: `sensor_msgs/LaserScan`, the only topic or `/scan`.
-//!   Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference: `geometry_msgs/PoseStamped` or
-//!   `PoseWithCovarianceStamped`, the only topic or the one named as ground truth (`/reference`,
-//!   `/ground_truth`, …), but for goals and initial poses. Where that leaves several, it is an error
-//!   that lists them.
-//! * **Stamps** are those of the headers, or the time of logging where a header's is zero.
-//! * **Readings** nearer than `range_min` are −∞ and beyond `range_max` +∞ (REP 117), so never points;
+//!   chooses where several could be meant. Scans: `sensor_msgs/LaserScan` or `MultiEchoLaserScan` (of each
+//!   beam the first echo), the only topic or `/scan`; with
+//!   [`ReadOptions::slice`](crate::log::ReadOptions::slice) a `PointCloud2`, of which the points between
+//!   two heights make a scan. Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference:
+//!   `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`, the only topic or the one named as ground
+//!   truth (`/reference`, `/ground_truth`, …), but for goals, initial poses and what is named as the
+//!   estimate of another program (`/amcl_pose`, …); `Odometry`, `TransformStamped` and `nav_msgs/Path` if
+//!   they are named as ground truth or asked for, and two frames of transforms (`/tf:map.base_link`). Where
+//!   that leaves several odometries or references, none is taken, and the report says so.
+//! * **Stamps** are those of the headers, or the time of logging where a header's is zero. A jump back by
+//!   more than a second begins a new stretch of time, and nothing leads from one into the other.
+//! * **Readings** nearer than `range_min` are −∞, and from `range_max` on +∞ (REP 117), so never points;
 //!   limits that are equal or in the wrong order are none. A scanner that turns clockwise has a
-//!   negative `angle_increment`, and keeps it.
-//! * **The mount** of the laser is the chain of transforms from the odometry's `child_frame_id` to the
-//!   scan's `frame_id` on `/tf_static`, or on `/tf` where they do not change, seen from above. A laser
-//!   mounted upside down has its directions turned over. Without such a chain the laser is taken to be
-//!   at the robot's origin, and the log's notes say so.
+//!   negative `angle_increment`, and keeps it. Scans of more than a turn are malformed.
+//! * **Frames**: transforms are those of the scan topic's namespace. The robot is the odometry's
+//!   `child_frame_id`, or what the laser moves with on `/tf`; its parent there is the odometry, where no
+//!   topic is. [`ReadOptions`](crate::log::ReadOptions) says otherwise.
+//! * **The mount** of the laser is the chain of transforms from the robot's frame to the scan's, seen from
+//!   above; one that sways is taken as it is at each scan. A laser mounted upside down has its directions
+//!   turned over. Without such a chain the laser is taken to be at the robot's origin.
 //! * **Odometry** at the time of a scan lies between its two neighbours: on the line between the
 //!   positions, on the shorter arc between the headings. `/tf` tells the same poses, and is used before
-//!   the first and after the last message of the topic, or without one. Nothing is extrapolated: scans
-//!   outside have no odometry. The **reference** is taken in the same way; its poses are those of the
-//!   robot's frame, or of the `child_frame_id` of an odometry topic.
+//!   the first and after the last message of the topic, or without one. Nothing is extrapolated, nor
+//!   interpolated over more than a few usual intervals: scans there have no odometry. The **reference** is
+//!   taken in the same way; its poses are those of the robot's frame, or of the `child_frame_id` of its
+//!   messages.
+//!
+//! What contradicts itself or is guessed is in [`ReadReport::doubts`](crate::log::ReadReport::doubts).
 //!
 //! **Point clouds** ([`read_clouds`]): `sensor_msgs/PointCloud2`, the only topic or `/points`. x, y and z are
 //! FLOAT32 or FLOAT64 fields at any place of a point, in either byte order; padding and other fields are
@@ -54,62 +64,60 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bytes;
 pub mod cdr;
-mod chunk;
-mod clouds;
+pub(crate) mod clouds;
+mod decoder;
 mod encode;
-mod error;
-pub(crate) mod files;
+pub(crate) mod error;
 mod idl_text;
+mod layout;
 mod messages;
+mod moment;
 mod motion;
 mod msg_text;
 pub mod planar;
 mod point_cloud;
-mod poses;
-mod recording;
+pub(crate) mod poses;
+pub(crate) mod recording;
 pub mod schema;
-pub mod stream;
-mod topics;
+mod slice;
+pub(crate) mod topics;
 mod track;
-mod transforms;
 pub mod types;
 mod writer;
 
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::io::{BufReader, Read};
 
-pub use bytes::BadRecord;
-pub use chunk::MAX_CHUNK_BYTES;
+pub use crate::container::chunk::MAX_CHUNK_BYTES;
+pub use crate::container::folder::listed_files;
 pub use clouds::{BagCloud, CloudOptions};
 pub use encode::Encoder;
-pub use error::{BagError, StreamProblem};
-pub use files::listed_files;
+pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
-pub use recording::{MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
-use topics::Purpose;
-pub use topics::{MAX_KEPT_BYTES, PoseRole};
+use topics::{Content, Purpose};
+pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
 pub use writer::{
     BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
     write,
 };
 
-use crate::log::{Log, LogError, ReadOptions};
+use crate::container::item::Input;
+use crate::log::content::Log;
+use crate::log::options::ReadOptions;
 
 /// Reads a bag of one file.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, and for a bag without scans.
+/// [`BagError`] for bytes that are no bag or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
-    recording::assemble(content_of(input, Purpose::Scans)?, options)
+    recording::assemble(content_of(input, recording::purpose(options))?, options)
 }
 
 /// Reads the point clouds of one topic of a bag of one file.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, for a bag without point clouds or with several
+/// [`BagError`] for bytes that are no bag or damaged, for a bag without point clouds or with several
 /// topics of them, and for several clouds of a scanner that nothing tells the place of.
 pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud, BagError> {
     clouds::join(&content_of(input, Purpose::Clouds)?, options)
@@ -119,7 +127,7 @@ pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud,
 /// name tell.
 ///
 /// # Errors
-/// [`BagError`] for bytes that are no MCAP or damaged, and where no topic, or several, could be meant.
+/// [`BagError`] for bytes that are no bag or damaged, and where no topic, or several, could be meant.
 pub fn read_poses(
     input: impl Read,
     topic: Option<&str>,
@@ -128,57 +136,8 @@ pub fn read_poses(
     poses::poses(&content_of(input, Purpose::Scans)?, topic, role)
 }
 
-fn content_of(input: impl Read, purpose: Purpose) -> Result<topics::Content, BagError> {
-    let mut content = topics::Content::new(purpose);
-    content.add(input, None)?;
+fn content_of(input: impl Read, purpose: Purpose) -> Result<Content, BagError> {
+    let mut content = Content::new(purpose);
+    content.add(Input { stream: Box::new(BufReader::new(input)), file: None }, None)?;
     Ok(content)
-}
-
-/// Reads the bag in a folder. `open` opens one of its files.
-pub(crate) fn read_folder<R: Read>(
-    folder: &Path,
-    options: &ReadOptions,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<Log, LogError> {
-    let content = content_of_folder(folder, Purpose::Scans, open)?;
-    recording::assemble(content, options).map_err(at(folder))
-}
-
-/// [`read_clouds`] of the bag in a folder.
-pub(crate) fn read_clouds_of_folder<R: Read>(
-    folder: &Path,
-    options: &CloudOptions,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<BagCloud, LogError> {
-    let content = content_of_folder(folder, Purpose::Clouds, open)?;
-    clouds::join(&content, options).map_err(at(folder))
-}
-
-/// [`read_poses`] of the bag in a folder.
-pub(crate) fn read_poses_of_folder<R: Read>(
-    folder: &Path,
-    topic: Option<&str>,
-    role: PoseRole,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<PoseTopic, LogError> {
-    let content = content_of_folder(folder, Purpose::Scans, open)?;
-    poses::poses(&content, topic, role).map_err(at(folder))
-}
-
-fn content_of_folder<R: Read>(
-    folder: &Path,
-    purpose: Purpose,
-    open: impl Fn(&Path) -> Result<R, LogError>,
-) -> Result<topics::Content, LogError> {
-    let mut content = topics::Content::new(purpose);
-    for file in files::files_of(folder).map_err(at(folder))? {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        content.add(open(&file)?, Some(&name)).map_err(at(&file))?;
-    }
-    Ok(content)
-}
-
-fn at(path: &Path) -> impl FnOnce(BagError) -> LogError {
-    let path: PathBuf = path.to_owned();
-    move |error| LogError::Bag { path, error: Box::new(error) }
 }

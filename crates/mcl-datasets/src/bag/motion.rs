@@ -1,60 +1,165 @@
-//! Where frames were at a time, in space, by `/tf_static`, `/tf` and odometry.
+//! Where frames were at a time, in space, by `/tf_static`, `/tf` and odometry; and how the laser sits on
+//! the robot.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Isometry3, Translation3};
+use mcl_core::{Pose2, ScanGeometry};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::messages::TransformMessage;
+use super::error::BagError;
+use super::messages::{TransformMessage, planar};
+use super::moment::Moment;
+use super::track::longest_interval;
 
 /// Frames that stand still in the world (REP 105), and the usual names of a map's.
 const FIXED_FRAMES: [&str; 5] = ["map", "odom", "earth", "world", "camera_init"];
+/// Frames that robots call their own.
+const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
+/// A transform on `/tf` that varies by less (metres, parts of a quaternion) is fixed.
+const FIXED: f64 = 1e-6;
+/// One that varies by less (metres, degrees) sways: a base that follows the IMU, a soft suspension.
+const SWAY: (f64, f64) = (0.05, 3.0);
+/// Tilt accepted between the plane of the scan and that of the robot, in degrees. Lasers are mounted
+/// slightly tilted by accident; one that looks down on purpose does not scan the plane.
+const MAX_TILT_DEGREES: f64 = 30.0;
 
 /// A frame in its parent, over time.
 #[derive(Debug)]
 struct Edge {
     parent: String,
-    /// By time; a static one has a single sample.
-    samples: Vec<(i64, Isometry3<f64>)>,
+    /// In order of time once sorted; a static one has a single sample.
+    samples: Vec<(Moment, Isometry3<f64>)>,
     is_static: bool,
+    /// The topic that tells it.
+    topic: String,
+    /// The longest time interpolated over, in nanoseconds.
+    longest: i64,
+    /// How far it is from its first sample, at most: metres and degrees.
+    spread: (f64, f64),
 }
 
 /// The tree of frames over time.
 #[derive(Debug, Default)]
 pub(super) struct Motion {
     edges: BTreeMap<String, Edge>,
+    /// Children that two topics tell different things of.
+    conflicts: BTreeSet<String>,
 }
 
 /// The frames from one up to its root.
 pub(super) struct Chain<'a> {
-    edges: Vec<&'a Edge>,
+    edges: Vec<(&'a str, &'a Edge)>,
     /// The frame at the top.
     pub root: &'a str,
 }
 
+/// Two frames with a common ancestor.
+pub(super) struct Link<'a> {
+    /// From either frame up to the ancestor.
+    parent: Vec<(&'a str, &'a Edge)>,
+    child: Vec<(&'a str, &'a Edge)>,
+}
+
+/// How the laser sits on the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Mount {
+    pub robot_from_laser: Pose2,
+    /// Mounted head down, so that its beams turn the other way.
+    pub is_upside_down: bool,
+    /// Angle between the plane of the scan and that of the robot.
+    pub tilt_degrees: f64,
+}
+
+impl Mount {
+    pub const IDENTITY: Mount =
+        Mount { robot_from_laser: Pose2::IDENTITY, is_upside_down: false, tilt_degrees: 0.0 };
+
+    fn of(robot_from_laser: &Isometry3<f64>) -> Self {
+        let up = (robot_from_laser.rotation * Vector3::z()).z;
+        Mount {
+            robot_from_laser: planar(robot_from_laser),
+            is_upside_down: up < 0.0,
+            tilt_degrees: up.abs().min(1.0).acos().to_degrees(),
+        }
+    }
+
+    /// Directions of the beams as seen from above.
+    pub fn seen_from_above(&self, geometry: ScanGeometry) -> ScanGeometry {
+        if !self.is_upside_down {
+            return geometry;
+        }
+        ScanGeometry {
+            start_angle: -geometry.start_angle,
+            angle_step: -geometry.angle_step,
+            ..geometry
+        }
+    }
+}
+
 impl Motion {
-    /// Adds a transform at a time. One on `/tf_static` stands above those on `/tf`; under a new parent, a
-    /// frame begins anew.
-    pub fn insert(&mut self, message: TransformMessage, at: i64, is_static: bool) {
+    /// Adds a transform at a time. One on `/tf_static` stands above those on `/tf`, and the last one of a
+    /// frame counts; under a new parent, a frame begins anew.
+    pub fn insert(&mut self, message: TransformMessage, at: Moment, is_static: bool, topic: &str) {
         let TransformMessage { header, child, parent_from_child } = message;
         let sample = (at, parent_from_child);
-        match self.edges.get_mut(&child) {
-            Some(known) if known.is_static && !is_static => {}
-            Some(known) if !is_static && known.parent == header.frame => known.samples.push(sample),
-            _ => {
-                let edge = Edge { parent: header.frame, samples: vec![sample], is_static };
-                self.edges.insert(child, edge);
+        if let Some(known) = self.edges.get_mut(&child) {
+            let differs = known.parent != header.frame
+                || is_static
+                    && known.samples.last().is_some_and(|(_, last)| !is_close(last, &sample.1));
+            if known.topic != topic && differs {
+                self.conflicts.insert(child.clone());
+            }
+            if known.is_static && !is_static {
+                return;
+            }
+            if !is_static && known.parent == header.frame {
+                known.samples.push(sample);
+                return;
             }
         }
+        let edge = Edge {
+            parent: header.frame,
+            samples: vec![sample],
+            is_static,
+            topic: topic.to_owned(),
+            longest: i64::MAX,
+            spread: (0.0, 0.0),
+        };
+        self.edges.insert(child, edge);
     }
 
     pub fn contains(&self, child: &str) -> bool {
         self.edges.contains_key(child)
     }
 
-    /// Puts all samples in order of time; before any chain is asked.
-    pub fn sort(&mut self) {
+    /// Whether a frame is one of the tree.
+    pub fn knows(&self, frame: &str) -> bool {
+        self.contains(frame) || self.edges.values().any(|edge| edge.parent == frame)
+    }
+
+    /// What two topics tell differently.
+    pub fn doubt(&self) -> Option<String> {
+        let children: Vec<&str> = self.conflicts.iter().map(String::as_str).take(10).collect();
+        (!children.is_empty()).then(|| {
+            format!(
+                "transforms: two topics tell different things of {}; the last one counts",
+                children.join(", ")
+            )
+        })
+    }
+
+    /// Puts all samples in order of time; before anything is asked. `longest` is the longest time to be
+    /// interpolated over (ns), where it is asked for.
+    pub fn sort(&mut self, longest: Option<i64>) {
         for edge in self.edges.values_mut() {
             edge.samples.sort_by_key(|&(at, _)| at);
+            edge.longest = longest_interval(edge.samples.iter().map(|&(at, _)| at), longest);
+            let Some(&(_, first)) = edge.samples.first() else { continue };
+            for (_, sample) in &edge.samples {
+                let metres = (first.translation.vector - sample.translation.vector).amax();
+                let degrees = first.rotation.angle_to(&sample.rotation).to_degrees();
+                edge.spread = (edge.spread.0.max(metres), edge.spread.1.max(degrees));
+            }
         }
     }
 
@@ -65,7 +170,7 @@ impl Motion {
         while let Some(edge) = self.edges.get(chain.root)
             && seen.insert(chain.root)
         {
-            chain.edges.push(edge);
+            chain.edges.push((chain.root, edge));
             chain.root = &edge.parent;
         }
         chain
@@ -76,40 +181,214 @@ impl Motion {
         FIXED_FRAMES.contains(&frame)
             || self.edges.values().any(|edge| !edge.is_static && edge.parent == frame)
     }
+
+    /// How two frames hang together; `None` when no transforms lead from one to the other.
+    pub fn link<'a>(&'a self, parent: &'a str, child: &'a str) -> Option<Link<'a>> {
+        let (mut up_parent, mut up_child) = (self.chain(parent), self.chain(child));
+        let frames = |chain: &Chain<'a>| -> Vec<&'a str> {
+            let below = chain.edges.iter().map(|&(frame, _)| frame);
+            below.chain(std::iter::once(chain.root)).collect()
+        };
+        let of_child = frames(&up_child);
+        let (from_parent, from_child) =
+            frames(&up_parent).iter().enumerate().find_map(|(up, frame)| {
+                of_child.iter().position(|other| other == frame).map(|other| (up, other))
+            })?;
+        up_parent.edges.truncate(from_parent);
+        up_child.edges.truncate(from_child);
+        Some(Link { parent: up_parent.edges, child: up_child.edges })
+    }
+
+    /// The frames of the robot and of its odometry, by how the laser moves: of the transforms above it
+    /// that change, the one from a frame named after odometry, else the lowest. Where no transform tells of
+    /// the laser, the only one from a frame named after odometry.
+    pub fn robot(&self, laser: &str) -> Option<(String, String)> {
+        let mut chain = self.chain(laser);
+        if chain.edges.is_empty() {
+            let all = self.edges.iter().filter(|(_, edge)| edge.is_of_odometry());
+            chain.edges = all.map(|(child, edge)| (child.as_str(), edge)).collect();
+            if chain.edges.len() != 1 {
+                return None;
+            }
+        }
+        let moving = || chain.edges.iter().filter(|(_, edge)| edge.is_moving());
+        let is_odometry = |(_, edge): &&(&str, &Edge)| edge.is_of_odometry();
+        // A robot that stands still all the time has an odometry, too.
+        let still = || chain.edges.iter().filter(|(_, edge)| !edge.is_static);
+        let (child, edge) = moving()
+            .find(is_odometry)
+            .or_else(|| still().find(is_odometry))
+            .or_else(|| moving().next())?;
+        Some(((*child).to_owned(), edge.parent.clone()))
+    }
+
+    /// The first of the usual names of the robot's frame that the laser is fixed to.
+    pub fn base_of(&self, laser: &str) -> Option<&'static str> {
+        BASE_FRAMES.into_iter().find(|base| matches!(self.mount(base, laser), Ok(Some(_))))
+    }
+
+    /// How `laser` sits on `base`; `None` when no transforms lead from one to the other. Where it sways,
+    /// as it is at first.
+    ///
+    /// # Errors
+    /// When the transforms between them change, or tilt the laser out of the plane.
+    pub fn mount(&self, base: &str, laser: &str) -> Result<Option<Mount>, BagError> {
+        if base == laser {
+            return Ok(Some(Mount::IDENTITY));
+        }
+        let Some(link) = self.link(base, laser) else { return Ok(None) };
+        if let Some((child, edge)) = link.edges().find(|(_, edge)| edge.is_moving()) {
+            let (parent, child) = (edge.parent.clone(), (*child).to_owned());
+            return Err(BagError::MovingLaser { parent, child });
+        }
+        let Some(first) = link.first() else { return Ok(None) };
+        let mount = Mount::of(&first);
+        if mount.tilt_degrees > MAX_TILT_DEGREES {
+            return Err(BagError::Tilted {
+                laser_frame: laser.to_owned(),
+                base_frame: base.to_owned(),
+                degrees: mount.tilt_degrees,
+            });
+        }
+        Ok(Some(mount))
+    }
+
+    /// How a frame sits on the robot in space, at first; the identity where that is not known.
+    pub fn mount_in_space(&self, base: &str, frame: &str) -> Isometry3<f64> {
+        self.link(base, frame).and_then(|link| link.first()).unwrap_or_else(Isometry3::identity)
+    }
+
+    /// The names of all frames, at most a hundred.
+    pub fn frames(&self) -> String {
+        let parents = self.edges.values().map(|edge| edge.parent.as_str());
+        let names: BTreeSet<&str> = self.edges.keys().map(String::as_str).chain(parents).collect();
+        names.into_iter().take(100).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The planar poses of `child` in `parent` over time; `None` when no transforms that change lead from
+    /// one to the other.
+    pub fn poses(&self, parent: &str, child: &str) -> Option<Vec<(Moment, Pose2)>> {
+        let link = self.link(parent, child)?;
+        let changing = link.edges().filter(|(_, edge)| !edge.is_static);
+        let mut moments: Vec<Moment> =
+            changing.flat_map(|(_, edge)| edge.samples.iter().map(|&(at, _)| at)).collect();
+        if let ([], [(_, only)]) = (link.parent.as_slice(), link.child.as_slice()) {
+            // As they are, several of one time too.
+            let samples = only.samples.iter().map(|(at, pose)| (*at, planar(pose)));
+            return (!only.is_static).then(|| samples.collect());
+        }
+        moments.sort_unstable();
+        moments.dedup();
+        let pose = |at: Moment| Some((at, planar(&link.at(at)?)));
+        let poses: Vec<_> = moments.into_iter().filter_map(pose).collect();
+        (!poses.is_empty()).then_some(poses)
+    }
+
+    /// Pairs of frames above `frame`, and `frame`, that could be asked for as a topic.
+    pub fn pairs(&self, frame: &str) -> Vec<String> {
+        let chain = self.chain(frame);
+        let moves = chain.edges.iter().skip_while(|(_, edge)| edge.is_static);
+        let topic = |edge: &Edge| format!("{}:{}.{frame}", edge.topic, edge.parent);
+        moves.filter(|(_, edge)| !edge.is_of_odometry()).map(|(_, edge)| topic(edge)).collect()
+    }
 }
 
 impl Chain<'_> {
     /// Whether the frame at its foot can move in its root.
     pub fn moves(&self) -> bool {
-        self.edges.iter().any(|edge| !edge.is_static)
+        self.edges.iter().any(|(_, edge)| !edge.is_static)
     }
 
     /// Carries coordinates of the frame at its foot into its root's, at a time; `None` where a part of it is
     /// not known: nothing is extrapolated.
-    pub fn root_from_frame(&self, at: i64) -> Option<Isometry3<f64>> {
-        let mut transform = Isometry3::identity();
-        for edge in &self.edges {
-            transform = edge.at(at)? * transform;
-        }
-        Some(transform)
+    pub fn root_from_frame(&self, at: Moment) -> Option<Isometry3<f64>> {
+        product(&self.edges, |edge| edge.at(at))
+    }
+}
+
+/// Carries coordinates of the lowest frame into the parent of the highest.
+fn product(
+    edges: &[(&str, &Edge)],
+    transform: impl Fn(&Edge) -> Option<Isometry3<f64>>,
+) -> Option<Isometry3<f64>> {
+    let mut product: Option<Isometry3<f64>> = None;
+    for (_, edge) in edges {
+        let transform = transform(edge)?;
+        product = Some(match product {
+            Some(below) => transform * below,
+            None => transform,
+        });
+    }
+    Some(product.unwrap_or_else(Isometry3::identity))
+}
+
+impl Link<'_> {
+    fn edges(&self) -> impl Iterator<Item = &(&str, &Edge)> {
+        self.parent.iter().chain(&self.child)
+    }
+
+    /// Whether it changes, within the bounds of what sways.
+    pub fn sways(&self) -> bool {
+        self.edges().any(|(_, edge)| edge.varies())
+    }
+
+    /// Carries coordinates of the child into the parent's by these transforms.
+    fn by(&self, edge: impl Fn(&Edge) -> Option<Isometry3<f64>>) -> Option<Isometry3<f64>> {
+        let ancestor_from_child = product(&self.child, &edge)?;
+        Some(match self.parent.is_empty() {
+            true => ancestor_from_child,
+            false => product(&self.parent, &edge)?.inverse() * ancestor_from_child,
+        })
+    }
+
+    fn first(&self) -> Option<Isometry3<f64>> {
+        // Of one that is static, the last counts; it has only that.
+        self.by(|edge| edge.samples.first().map(|&(_, transform)| transform))
+    }
+
+    fn at(&self, at: Moment) -> Option<Isometry3<f64>> {
+        self.by(|edge| edge.at(at))
+    }
+
+    /// The mount at a time, where it is known.
+    pub fn mount_at(&self, at: Moment) -> Option<Mount> {
+        self.at(at).map(|transform| Mount::of(&transform))
     }
 }
 
 impl Edge {
+    /// Whether its parent is named after odometry: `odom`, `robot1/odom`, `odom_combined`.
+    fn is_of_odometry(&self) -> bool {
+        let name = self.parent.rsplit('/').next();
+        !self.is_static && name.is_some_and(|name| name.starts_with("odom"))
+    }
+
+    fn varies(&self) -> bool {
+        let (metres, degrees) = self.spread;
+        metres > FIXED || degrees.to_radians() > 2.0 * (2.0 * FIXED).sqrt()
+    }
+
+    fn is_moving(&self) -> bool {
+        self.spread.0 > SWAY.0 || self.spread.1 > SWAY.1
+    }
+
     /// Between the two neighbours: on the line between the positions, on the shorter arc between the
     /// orientations.
-    fn at(&self, at: i64) -> Option<Isometry3<f64>> {
+    fn at(&self, moment: Moment) -> Option<Isometry3<f64>> {
         if self.is_static {
             return self.samples.last().map(|&(_, transform)| transform);
         }
-        let next = self.samples.partition_point(|&(other, _)| other < at);
+        let next = self.samples.partition_point(|&(other, _)| other < moment);
         let &(after, to) = self.samples.get(next)?;
-        if after == at {
+        if after == moment {
             return Some(to);
         }
         let &(before, from) = self.samples.get(next.checked_sub(1)?)?;
-        let gap = i128::from(after) - i128::from(before);
-        let part = (i128::from(at) - i128::from(before)) as f64 / gap as f64;
+        let gap = i128::from(after.at) - i128::from(before.at);
+        if before.stretch != after.stretch || gap > i128::from(self.longest) {
+            return None;
+        }
+        let part = (i128::from(moment.at) - i128::from(before.at)) as f64 / gap as f64;
         let line = from.translation.vector.lerp(&to.translation.vector, part);
         // Half a turn has no shorter arc: the nearer neighbour's.
         let nearer = if part < 0.5 { from.rotation } else { to.rotation };
@@ -118,12 +397,17 @@ impl Edge {
     }
 }
 
+fn is_close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    let turn = a.rotation.coords.dot(&b.rotation.coords).abs();
+    (a.translation.vector - b.translation.vector).amax() <= FIXED && 1.0 - turn <= FIXED
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::messages::Header;
     use super::*;
     use nalgebra::{Point3, UnitQuaternion};
-    use std::f64::consts::FRAC_PI_2;
+    use std::f64::consts::{FRAC_PI_2, PI};
 
     fn edge(parent: &str, child: &str, x: f64, yaw: f64) -> TransformMessage {
         TransformMessage {
@@ -136,22 +420,31 @@ mod tests {
         }
     }
 
+    const fn at(at: i64) -> Moment {
+        Moment { stretch: 0, at }
+    }
+
+    fn insert(motion: &mut Motion, message: TransformMessage, time: i64, is_static: bool) {
+        let topic = if is_static { "/tf_static" } else { "/tf" };
+        motion.insert(message, at(time), is_static, topic);
+    }
+
     #[test]
     fn a_scanner_on_a_moving_robot() {
         let mut motion = Motion::default();
         // Out of order, as topics are merged.
-        motion.insert(edge("odom", "base", 2.0, FRAC_PI_2), 100, false);
-        motion.insert(edge("odom", "base", 0.0, 0.0), 0, false);
-        motion.insert(edge("base", "lidar", 0.5, 0.0), 7, true);
-        motion.sort();
+        insert(&mut motion, edge("odom", "base", 2.0, FRAC_PI_2), 100, false);
+        insert(&mut motion, edge("odom", "base", 0.0, 0.0), 0, false);
+        insert(&mut motion, edge("base", "lidar", 0.5, 0.0), 7, true);
+        motion.sort(None);
         let chain = motion.chain("lidar");
         assert_eq!((chain.root, chain.moves()), ("odom", true));
-        let at = |time| chain.root_from_frame(time).map(|t| t * Point3::new(1.0, 0.0, 0.0));
-        assert!((at(0).unwrap() - Point3::new(1.5, 0.0, 2.0)).norm() < 1e-12);
-        assert!((at(100).unwrap() - Point3::new(2.0, 1.5, 2.0)).norm() < 1e-12);
+        let place = |time| chain.root_from_frame(at(time)).map(|t| t * Point3::new(1.0, 0.0, 0.0));
+        assert!((place(0).unwrap() - Point3::new(1.5, 0.0, 2.0)).norm() < 1e-12);
+        assert!((place(100).unwrap() - Point3::new(2.0, 1.5, 2.0)).norm() < 1e-12);
         let half = 1.5 * 0.5_f64.sqrt();
-        assert!((at(50).unwrap() - Point3::new(1.0 + half, half, 2.0)).norm() < 1e-12);
-        assert_eq!((at(-1), at(101)), (None, None));
+        assert!((place(50).unwrap() - Point3::new(1.0 + half, half, 2.0)).norm() < 1e-12);
+        assert_eq!((place(-1), place(101)), (None, None));
         assert!(motion.is_fixed("odom") && motion.is_fixed("map") && !motion.is_fixed("base"));
         assert!(!motion.chain("elsewhere").moves());
     }
@@ -159,8 +452,86 @@ mod tests {
     #[test]
     fn frames_that_go_in_circles_have_an_end() {
         let mut motion = Motion::default();
-        motion.insert(edge("a", "b", 0.0, 0.0), 0, true);
-        motion.insert(edge("b", "a", 0.0, 0.0), 0, true);
-        assert!(motion.chain("b").root_from_frame(0).is_some());
+        insert(&mut motion, edge("a", "b", 0.0, 0.0), 0, true);
+        insert(&mut motion, edge("b", "a", 0.0, 0.0), 0, true);
+        assert!(motion.chain("b").root_from_frame(at(0)).is_some());
+    }
+
+    fn spatial(parent: &str, child: &str, xyz: [f64; 3], rpy: [f64; 3]) -> TransformMessage {
+        TransformMessage {
+            header: Header { stamp: 0, frame: parent.to_owned() },
+            child: child.to_owned(),
+            parent_from_child: Isometry3::from_parts(
+                Translation3::new(xyz[0], xyz[1], xyz[2]),
+                UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]),
+            ),
+        }
+    }
+
+    fn tree(edges: &[TransformMessage]) -> Motion {
+        let mut tree = Motion::default();
+        edges.iter().for_each(|edge| insert(&mut tree, edge.clone(), 0, true));
+        tree.sort(None);
+        tree
+    }
+
+    fn assert_pose(found: Pose2, expected: Pose2) {
+        assert!(found.distance(&expected) < 1e-12, "{found:?}");
+        assert!(mcl_core::wrap_angle(found.theta - expected.theta).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn a_chain_of_static_transforms() {
+        let tree = tree(&[
+            spatial("base_link", "mast", [0.1, 0.0, 0.5], [0.0, 0.0, FRAC_PI_2]),
+            spatial("mast", "laser", [0.2, 0.0, 0.0], [0.0, 0.0, FRAC_PI_2]),
+            spatial("base_footprint", "base_link", [0.0, 0.0, 0.1], [0.0; 3]),
+        ]);
+        let mount = tree.mount("base_link", "laser").unwrap().unwrap();
+        assert_pose(mount.robot_from_laser, Pose2::new(0.1, 0.2, PI));
+        assert!(!mount.is_upside_down);
+        assert_eq!(tree.mount("base_footprint", "laser").unwrap().unwrap(), mount);
+        // Also down a branch beside the laser's.
+        let back = tree.mount("laser", "base_link").unwrap().unwrap();
+        assert_pose(back.robot_from_laser, mount.robot_from_laser.inverse());
+        assert_eq!(tree.mount("base_link", "camera").unwrap(), None);
+    }
+
+    #[test]
+    fn upside_down_and_tilted_lasers() {
+        // Roll by π: x stays ahead, y and z are turned over.
+        let down = tree(&[spatial("base_link", "laser", [0.0; 3], [PI, 0.0, 0.25])]);
+        let mount = down.mount("base_link", "laser").unwrap().unwrap();
+        assert!(mount.is_upside_down);
+        assert_pose(mount.robot_from_laser, Pose2::new(0.0, 0.0, 0.25));
+        let geometry = ScanGeometry { start_angle: -1.0, angle_step: 0.5, beams: 5 };
+        let seen = mount.seen_from_above(geometry);
+        assert_eq!((seen.angle(0), seen.angle(4)), (1.0, -1.0));
+        let tilted = tree(&[spatial("base_link", "laser", [0.0; 3], [0.0, FRAC_PI_2, 0.0])]);
+        let error = tilted.mount("base_link", "laser").unwrap_err();
+        assert!(matches!(error, BagError::Tilted { degrees, .. } if (degrees - 90.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn frames_that_move_or_go_in_circles() {
+        let mut tree = Motion::default();
+        let at = |x| spatial("base_link", "laser", [x, 0.0, 0.0], [0.0; 3]);
+        insert(&mut tree, at(0.1), 1, false);
+        insert(&mut tree, at(0.1), 2, false);
+        tree.sort(None);
+        assert!(tree.mount("base_link", "laser").unwrap().is_some());
+        insert(&mut tree, at(0.2), 3, false);
+        tree.sort(None);
+        assert!(matches!(tree.mount("base_link", "laser"), Err(BagError::MovingLaser { .. })));
+        insert(&mut tree, at(0.3), 4, true);
+        tree.sort(None);
+        let mount = tree.mount("base_link", "laser").unwrap().unwrap();
+        assert_eq!(mount.robot_from_laser.x, 0.3);
+
+        let circle = self::tree(&[
+            spatial("a", "b", [0.0; 3], [0.0; 3]),
+            spatial("b", "a", [0.0; 3], [0.0; 3]),
+        ]);
+        assert_eq!(circle.mount("a", "c").unwrap(), None);
     }
 }

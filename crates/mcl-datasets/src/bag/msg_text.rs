@@ -1,6 +1,6 @@
 //! The `.msg` language: a field per line, further messages after lines of `=` and `MSG: package/Name`.
 
-use super::schema::{Count, Described, ElementType, Field, NumberType, SchemaError, plain_name};
+use super::layout::{Count, Described, ElementType, Field, NumberType, SchemaError, plain_name};
 
 /// The message `root` and those it depends on, as the text describes them.
 pub(super) fn parse(root: &str, text: &str) -> Result<Vec<Described>, SchemaError> {

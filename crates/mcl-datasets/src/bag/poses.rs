@@ -2,10 +2,12 @@
 
 use mcl_core::{Pose2, Stamp, Trajectory};
 
+use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
-use super::recording::{Decoder, time};
-use super::topics::{Content, Kind, PoseRole, pose_topic};
-use crate::log::ReadReport;
+use super::messages::{PoseMessage, ScanMessage};
+use super::moment::Stretches;
+use super::topics::{Content, Kind, Pair, PoseRole, pose_topic, transform_topics};
+use crate::log::report::ReadReport;
 
 /// A pose topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,27 +27,49 @@ pub struct PoseTopic {
     pub report: ReadReport,
 }
 
-pub(super) fn poses(
+pub(crate) fn poses(
     content: &Content,
     asked: Option<&str>,
     role: PoseRole,
 ) -> Result<PoseTopic, BagError> {
     let name = pose_topic(content, asked, role)?;
+    let pair = Pair::of(name).filter(|_| content.topics.iter().all(|topic| topic.name != name));
     let mut decoder = Decoder::new(content);
-    let messages = decoder.poses(name)?;
-    let sample = |logged: &super::recording::Logged<super::messages::PoseMessage>| {
+    let messages = if pair.is_none() { decoder.poses(name)? } else { Vec::new() };
+    let sample = |logged: &Logged<PoseMessage>| {
         let at = time(logged.value.header.stamp, logged.log_time);
         (Stamp::from_nanoseconds(at), logged.value.pose)
     };
-    let trajectory = messages.iter().map(sample).collect();
-    let child = messages.first().and_then(|logged| logged.value.child.clone());
-    let report = decoder.report.clone();
+    let mut trajectory: Trajectory = messages.iter().map(sample).collect();
+    let mut child = messages.first().and_then(|logged| logged.value.child.clone());
+    let mut report = decoder.report.clone();
     // What follows only asks where the laser is; what it loses is not of this topic.
-    let laser = match content.names(&[Kind::Scan]).as_slice() {
-        &[only] => decoder.scans(only)?.first().map(|scan| scan.value.header.frame.clone()),
+    let scan_topics = content.names(&[Kind::Scan, Kind::MultiEcho]);
+    let laser = match scan_topics.as_slice() {
+        &[only] => {
+            let scans = decoder.scans(only, ScanMessage::new)?;
+            scans.first().map(|scan| scan.value.header.frame.clone())
+        }
         _ => None,
     };
-    let tree = decoder.frames()?.tree;
+    let of = pair.map(|pair| pair.topic).or(scan_topics.first().copied());
+    let transforms = decoder.transforms(&transform_topics(content, of))?;
+    let mut tree = tree(&transforms, &Stretches::default());
+    tree.sort(None);
+    if let Some(pair) = pair {
+        let poses = pair.frames(|frame| tree.knows(frame)).and_then(|(parent, frame)| {
+            child = Some(frame.to_owned());
+            tree.poses(parent, frame)
+        });
+        let Some(poses) = poses else {
+            return Err(BagError::NoPair { topic: name.to_owned(), frames: tree.frames() });
+        };
+        let sample = |(moment, pose): (super::moment::Moment, Pose2)| {
+            (Stamp::from_nanoseconds(moment.at), pose)
+        };
+        trajectory = poses.into_iter().map(sample).collect();
+        report = decoder.report.clone();
+    }
     let frame = match child.filter(|child| !child.is_empty()) {
         Some(child) => Some(child),
         None => {

@@ -4,290 +4,236 @@ use std::collections::BTreeMap;
 
 use mcl_core::{LaserScan, Pose2, Recording, Stamp};
 
-use super::cdr::{self, View};
+use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
-use super::messages::{
-    MessageError, PoseMessage, ScanMessage, TransformMessage, malformed, planar,
+use super::messages::{PoseMessage, ScanMessage};
+use super::moment::{Moment, Stretches};
+use super::motion::{Motion, Mount};
+use super::slice;
+use super::topics::{
+    Chosen, Content, Kind, Pair, Purpose, choose, possible_references, transform_topics,
 };
-use super::schema::MessageSchema;
-use super::topics::{Chosen, Content, Kept, Kind, choose};
-use super::track::PoseTrack;
-use super::transforms::{Mount, Transforms};
-use crate::log::{Log, LogKind, Place, ReadOptions, ReadReport, SkippedRecord};
+use super::track::{Placed, PoseTrack};
+use crate::log::content::{Log, LogKind};
+use crate::log::options::ReadOptions;
+use crate::log::report::ReadReport;
 
-/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
-/// kind takes some fifty times its bytes.
-pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
-/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes as much again and
-/// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
-pub const MAX_CLOUD_BYTES: usize = 64 << 20;
-/// Frames that robots call their own, where no odometry says which it is.
-pub(super) const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
-/// Parent of the robot's frame in odometry, by REP 105.
-const ODOMETRY_FRAME: &str = "odom";
+/// A tilt (degrees) from which on points are off by more than a per mille of their range.
+const TOLD_TILT: f64 = 3.0;
+/// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
+/// beam twice or not.
+const STEPS_OFF: f64 = 1.5;
+const NANOSECONDS: f64 = 1e9;
+
+/// What a recording is read of.
+pub(crate) fn purpose(options: &ReadOptions) -> Purpose {
+    if options.slice.is_some() { Purpose::Slices } else { Purpose::Scans }
+}
 
 /// Makes a recording of a bag's content.
-pub(super) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
-    let chosen = choose(&content, &options.topics, options.reference)?;
+pub(crate) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
+    let Chosen { scan: scan_topic, odometry: odometry_topic, reference: reference_topic, doubts } =
+        choose(&content, options)?;
     let mut decoder = Decoder::new(&content);
-    let scans = decoder.scans(chosen.scan)?;
-    let odometry = match chosen.odometry {
+    let whole = match options.slice {
+        Some(_) => None,
+        None => Some(decoder.scans(scan_topic, ScanMessage::new)?),
+    };
+    let odometry = match odometry_topic {
         Some(topic) => decoder.poses(topic)?,
         None => Vec::new(),
     };
-    let reference = match chosen.reference {
-        Some(topic) => decoder.poses(topic)?,
-        None => Vec::new(),
+    let pair =
+        reference_topic.filter(|name| content.topics.iter().all(|topic| topic.name != *name));
+    let reference = match reference_topic {
+        Some(topic) if pair.is_none() => decoder.poses(topic)?,
+        _ => Vec::new(),
     };
-    let frames = decoder.frames()?;
-    let report = decoder.report;
-    let (notes, assumptions) = (Vec::new(), Vec::new());
-    Assembly {
+    let mut topics = transform_topics(&content, Some(scan_topic));
+    let mut left_out = content.names(&[Kind::Transforms]);
+    left_out.retain(|name| !topics.contains(name));
+    if let Some(pair) = pair.and_then(Pair::of) {
+        topics.push(pair.topic);
+    }
+    let transforms = decoder.transforms(&topics)?;
+    let child = odometry.first().and_then(|pose| pose.value.child.clone());
+    let scans = match (whole, options.slice) {
+        (Some(scans), _) => scans,
+        (None, heights) => {
+            let heights = heights.unwrap_or_default();
+            let mut motion = tree(&transforms, &Stretches::default());
+            motion.sort(None);
+            let place = |lidar: &str| {
+                let base = robot_frame(&motion, child.as_deref(), lidar, options).0;
+                motion.mount_in_space(&base, lidar)
+            };
+            decoder.scans(scan_topic, |view| slice::scan(view, place, heights))?
+        }
+    };
+    // A recording that was written as a bag is in the order of its scans, whatever their stamps.
+    let stretches = match content.unstamped {
+        Some(_) => Stretches::default(),
+        None => stretches(&scans, scan_topic, &odometry, odometry_topic, &transforms),
+    };
+    let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);
+    let mut motion = tree(&transforms, &stretches);
+    motion.sort(longest);
+    let Decoder { mut report, notes, .. } = decoder;
+    report.doubts.extend(doubts);
+    report.doubts.extend(stretches.doubt());
+    report.doubts.extend(motion.doubt());
+    let mut assembly = Assembly {
         content: &content,
-        chosen,
+        options,
+        scan_topic,
         scans,
-        odometry,
-        reference,
-        frames,
+        stretches,
+        motion,
+        longest,
         report,
         notes,
-        assumptions,
+        assumptions: Vec::new(),
+    };
+    if !left_out.is_empty() {
+        assembly.notes.push(format!(
+            "transforms: those on {} are left out, as they are of another namespace than {scan_topic}",
+            left_out.join(", ")
+        ));
     }
-    .log()
+    assembly.check_scans();
+    assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
 }
 
-/// A message's value with what its record says.
-pub(super) struct Logged<T> {
-    pub value: T,
-    sequence: u32,
-    pub log_time: i64,
+/// Where the time of a bag jumps back. Poses of a path repeat earlier ones, so they do not count.
+fn stretches(
+    scans: &[Logged<ScanMessage>],
+    scan_topic: &str,
+    odometry: &[Logged<PoseMessage>],
+    odometry_topic: Option<&str>,
+    transforms: &[ToldTransform<'_>],
+) -> Stretches {
+    let of_scans = scans
+        .iter()
+        .map(|scan| (scan.place, scan_topic, time(scan.value.header.stamp, scan.log_time)));
+    let of_odometry = odometry.iter().map(|pose| {
+        let at = time(pose.value.header.stamp, pose.log_time);
+        (pose.place, odometry_topic.unwrap_or_default(), at)
+    });
+    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| {
+        let at = time(told.transform.value.header.stamp, told.transform.log_time);
+        (told.transform.place, told.transform.value.child.as_str(), at)
+    });
+    Stretches::of(of_scans.chain(of_odometry).chain(of_transforms))
 }
 
-/// When the robot's frame was where, according to `/tf`.
-pub(super) struct Frames {
-    pub tree: Transforms,
-    /// Transforms from the odometry's frame, by child, with stamp or else log time.
-    from_odometry: BTreeMap<String, Vec<(i64, Pose2)>>,
+/// The robot's frame, and what had to be guessed about it: the one asked for; that of the odometry, if the
+/// laser hangs together with it; the one that the laser moves with; one of the usual names that the laser
+/// is fixed to; else the laser's own.
+fn robot_frame(
+    motion: &Motion,
+    odometry_child: Option<&str>,
+    laser: &str,
+    options: &ReadOptions,
+) -> (String, Option<String>) {
+    if let Some(asked) = &options.base_frame {
+        return (asked.clone(), None);
+    }
+    let by_tree = || {
+        let moved = motion.robot(laser).map(|(robot, _)| robot);
+        moved.or_else(|| motion.base_of(laser).map(str::to_owned))
+    };
+    let Some(child) = odometry_child.filter(|child| !child.is_empty()) else {
+        return (by_tree().unwrap_or_else(|| laser.to_owned()), None);
+    };
+    if child == laser || motion.link(child, laser).is_some() {
+        return (child.to_owned(), None);
+    }
+    match by_tree() {
+        Some(robot) => {
+            let doubt = format!(
+                "odometry: it is of frame {child:?}, which no transforms connect with {laser:?}; its poses are taken to be those of {robot:?} (--base-frame says otherwise)"
+            );
+            (robot, Some(doubt))
+        }
+        None => (child.to_owned(), None),
+    }
 }
 
-pub(super) struct Decoder<'a> {
-    content: &'a Content,
-    schemas: BTreeMap<usize, MessageSchema>,
-    pub report: ReadReport,
+/// Poses over time, and what they are called.
+struct Track {
+    poses: PoseTrack,
+    what: &'static str,
+    /// Scans outside of the track and in gaps of it, and the longest of these (ns).
+    outside: usize,
+    in_gaps: usize,
+    longest_gap: i64,
 }
 
-impl<'a> Decoder<'a> {
-    pub fn new(content: &'a Content) -> Self {
-        let report = ReadReport {
-            ignored: content.ignored(),
-            truncated: content.truncated.clone(),
-            ..ReadReport::default()
-        };
-        Decoder { content, schemas: BTreeMap::new(), report }
+impl Track {
+    fn new(poses: PoseTrack, what: &'static str) -> Self {
+        Track { poses, what, outside: 0, in_gaps: 0, longest_gap: 0 }
     }
 
-    /// The values of all messages of a topic and of these kinds; malformed ones are skipped.
-    pub fn topic<T>(
-        &mut self,
-        wanted: impl Fn(&str, Kind) -> bool,
-        mut value: impl FnMut(Kind, &View<'_>, &Kept) -> Result<T, MessageError>,
-    ) -> Result<Vec<Logged<T>>, BagError> {
-        let content = self.content;
-        let mut values = Vec::new();
-        let mut count: BTreeMap<usize, usize> = BTreeMap::new();
-        for message in &content.messages {
-            let topic = &content.topics[message.topic];
-            let Some(kind) = topic.kind.filter(|&kind| wanted(&topic.name, kind)) else { continue };
-            let schema_error = |error| BagError::Schema {
-                topic: topic.name.clone(),
-                schema: topic.type_name().to_owned(),
-                error: Box::new(error),
-            };
-            if topic.encoding != "cdr" {
-                let encoding = topic.encoding.clone();
-                return Err(BagError::Encoding { topic: topic.name.clone(), encoding });
-            }
-            let schema = match self.schemas.entry(message.topic) {
-                std::collections::btree_map::Entry::Occupied(known) => known.into_mut(),
-                std::collections::btree_map::Entry::Vacant(new) => {
-                    // Kinds are told by the schema's name, so there is one.
-                    let Some(text) = &topic.schema else { continue };
-                    let schema = MessageSchema::parse(&text.name, &text.encoding, &text.data);
-                    new.insert(schema.map_err(schema_error)?)
-                }
-            };
-            *count.entry(message.topic).or_default() += 1;
-            let limit = if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES };
-            let decoded = if message.data.len() > limit {
-                let found = format!("{} bytes long", message.data.len());
-                Err(malformed("the message", found, format!("at most {limit}")))
-            } else {
-                cdr::decode(schema, &message.data)
-                    .map_err(MessageError::from)
-                    .and_then(|decoded| value(kind, &View::new(schema, &decoded), message))
-            };
-            match decoded {
-                Ok(value) => values.push(Logged {
-                    value,
-                    sequence: message.sequence,
-                    log_time: i64::try_from(message.log_time).unwrap_or(0),
-                }),
-                Err(MessageError::Schema(error)) => return Err(schema_error(error)),
-                Err(MessageError::Malformed { field, found, expected }) => {
-                    self.report.skip(SkippedRecord {
-                        place: Place::Message {
-                            topic: topic.name.clone(),
-                            log_time: message.log_time,
-                            offset: message.offset,
-                        },
-                        record: match kind {
-                            Kind::Cloud => {
-                                format!("{} {}", topic.type_name(), count[&message.topic])
-                            }
-                            _ => topic.type_name().to_owned(),
-                        },
-                        field,
-                        found,
-                        expected,
-                    });
-                }
+    fn at(&mut self, moment: Moment, occurrence: usize) -> Option<Pose2> {
+        match self.poses.at(moment, occurrence) {
+            Placed::At(pose) => return Some(pose),
+            Placed::Outside => self.outside += 1,
+            Placed::InGap(gap) => {
+                self.in_gaps += 1;
+                self.longest_gap = self.longest_gap.max(gap);
             }
         }
-        Ok(values)
+        None
     }
-
-    pub fn scans(&mut self, topic: &str) -> Result<Vec<Logged<ScanMessage>>, BagError> {
-        let mut frame: Option<String> = None;
-        let scans = self.topic(
-            |name, kind| name == topic && kind == Kind::Scan,
-            |_, view, _| {
-                let scan = ScanMessage::new(view)?;
-                same_frame("header.frame_id", &mut frame, &scan.header.frame)?;
-                Ok(scan)
-            },
-        )?;
-        if scans.is_empty() {
-            let because = match self.report.is_complete() {
-                true => None,
-                false => Some(self.report.to_string()),
-            };
-            return Err(BagError::NoScan { topics: self.content.list(), because });
-        }
-        Ok(scans)
-    }
-
-    pub fn poses(&mut self, topic: &str) -> Result<Vec<Logged<PoseMessage>>, BagError> {
-        let (mut frame, mut child) = (None, None);
-        self.topic(
-            |name, kind| name == topic && !matches!(kind, Kind::Scan | Kind::Transforms),
-            |kind, view, _| {
-                let pose = match kind {
-                    Kind::Odometry => PoseMessage::odometry(view)?,
-                    Kind::PoseWithCovariance => PoseMessage::pose_with_covariance(view)?,
-                    _ => PoseMessage::pose(view)?,
-                };
-                same_frame("header.frame_id", &mut frame, &pose.header.frame)?;
-                if let Some(found) = &pose.child {
-                    same_frame("child_frame_id", &mut child, found)?;
-                }
-                Ok(pose)
-            },
-        )
-    }
-
-    /// The frame whose poses the bag's only odometry topic holds.
-    pub fn odometry_frame(&mut self) -> Result<Option<String>, BagError> {
-        let content = self.content;
-        let &[only] = content.names(&[Kind::Odometry]).as_slice() else { return Ok(None) };
-        let first = self.poses(only)?.into_iter().next();
-        Ok(first.and_then(|pose| pose.value.child).filter(|child| !child.is_empty()))
-    }
-
-    pub fn frames(&mut self) -> Result<Frames, BagError> {
-        let mut tree = Transforms::default();
-        let mut from_odometry: BTreeMap<String, Vec<(i64, Pose2)>> = BTreeMap::new();
-        for is_static in [true, false] {
-            let messages = self.topic(
-                |name, kind| kind == Kind::Transforms && name.ends_with("tf_static") == is_static,
-                |_, view, _| TransformMessage::all(view),
-            )?;
-            for Logged { value, log_time, .. } in messages {
-                for transform in value {
-                    tree.insert(&transform, is_static);
-                    if !is_static {
-                        let pose = planar(&transform.parent_from_child);
-                        let key = format!("{} {}", transform.header.frame, transform.child);
-                        let stamp = time(transform.header.stamp, log_time);
-                        from_odometry.entry(key).or_default().push((stamp, pose));
-                    }
-                }
-            }
-        }
-        Ok(Frames { tree, from_odometry })
-    }
-}
-
-/// Poses in different frames cannot be compared: those in another frame than the first are malformed.
-pub(super) fn same_frame(
-    field: &str,
-    known: &mut Option<String>,
-    found: &str,
-) -> Result<(), MessageError> {
-    match known {
-        Some(known) if known != found => Err(malformed(
-            field,
-            format!("{found:?}"),
-            format!("{known:?} as in the first message"),
-        )),
-        _ => {
-            *known = Some(found.to_owned());
-            Ok(())
-        }
-    }
-}
-
-/// When a message was: its stamp, or when it was logged, where the stamp is 0 or before 1970.
-pub(super) fn time(stamp: i64, log_time: i64) -> i64 {
-    if stamp > 0 { stamp } else { log_time }
 }
 
 struct Assembly<'a> {
     content: &'a Content,
-    chosen: Chosen<'a>,
+    options: &'a ReadOptions,
+    scan_topic: &'a str,
     scans: Vec<Logged<ScanMessage>>,
-    odometry: Vec<Logged<PoseMessage>>,
-    reference: Vec<Logged<PoseMessage>>,
-    frames: Frames,
+    stretches: Stretches,
+    motion: Motion,
+    longest: Option<i64>,
     report: ReadReport,
     notes: Vec<String>,
     assumptions: Vec<String>,
 }
 
 impl Assembly<'_> {
-    fn log(mut self) -> Result<Log, BagError> {
-        let (base, odometry) = self.odometry_track();
+    fn log(
+        mut self,
+        odometry: Option<(&str, Vec<Logged<PoseMessage>>)>,
+        reference_topic: Option<&str>,
+        reference: Vec<Logged<PoseMessage>>,
+    ) -> Result<Log, BagError> {
         let laser = self.scans[0].value.header.frame.clone();
-        let base = base.unwrap_or_else(|| self.base_frame(&laser));
-        self.notes.push(format!("scans: {}, frame {laser:?}", self.chosen.scan));
+        let child = odometry.as_ref().and_then(|(_, poses)| poses.first()?.value.child.clone());
+        let (base, doubt) = robot_frame(&self.motion, child.as_deref(), &laser, self.options);
+        self.report.doubts.extend(doubt);
+        let odometry_topic = odometry.as_ref().map(|(topic, _)| *topic);
+        let mut odometry = self.odometry(odometry, &base, &laser);
+        self.notes.push(format!("scans: {}, frame {laser:?}", self.scan_topic));
         let mount = self.mount(&base, &laser)?;
-        let times: Vec<i64> =
-            self.scans.iter().map(|scan| time(scan.value.header.stamp, scan.log_time)).collect();
-        let reference = self.reference_track(&times)?;
-        // From the frame that the reference is of.
-        let reference_child = self.reference.first().and_then(|pose| pose.value.child.clone());
-        let reference_mount = match reference_child.filter(|child| *child != base) {
-            Some(child) => self.frames.tree.mount(&child, &laser)?.unwrap_or(mount),
-            None => mount,
-        };
-        let on = |mount: Mount, robot: Pose2| match mount.robot_from_laser == Pose2::IDENTITY {
-            true => robot,
-            false => robot.compose(&mount.robot_from_laser),
-        };
-        let occurrences = occurrences(&times);
+        let moments = self.moments();
+        let (mut reference, reference_frame) =
+            self.reference(reference_topic, &reference, &base, odometry_topic)?;
+        let reference_mount = self.reference_mount(reference_frame, &base, &laser, mount)?;
+        for track in [&odometry, &reference].into_iter().flatten() {
+            self.check_overlap(track, reference_topic, &moments)?;
+        }
+        let sways = self.options.laser_pose.is_none()
+            && self.motion.link(&base, &laser).is_some_and(|link| link.sways());
+        if sways {
+            self.notes.push(format!(
+                "the laser sways on {base:?}: where it is, is taken at the time of each scan"
+            ));
+        }
+        let occurrences = occurrences(&moments);
         let mut scans: Vec<LaserScan> = Vec::with_capacity(self.scans.len());
-        let mut before: Option<Pose2> = None;
-        let (mut by_log_time, mut outside_odometry, mut outside_reference) = (0, 0, 0);
-        for ((logged, &at), &occurrence) in self.scans.iter().zip(&times).zip(&occurrences) {
+        let mut before: Option<(Moment, Pose2)> = None;
+        let mut by_log_time = 0;
+        for ((logged, &moment), &occurrence) in self.scans.iter().zip(&moments).zip(&occurrences) {
             let header = logged.value.header.stamp;
             let stamp = match &self.content.unstamped {
                 Some(unstamped) => {
@@ -295,25 +241,28 @@ impl Assembly<'_> {
                 }
                 None => {
                     by_log_time += usize::from(header <= 0);
-                    Some(at)
+                    Some(moment.at)
                 }
             };
             self.report.unusable_stamps += usize::from(stamp.is_none());
-            let laser_in = |track: &Option<PoseTrack>, mount| {
-                track
-                    .as_ref()
-                    .and_then(|track| track.at(at, occurrence))
-                    .map(|pose| on(mount, pose))
+            let then = match self.motion.link(&base, &laser).filter(|_| sways) {
+                Some(link) => link.mount_at(moment).unwrap_or(mount),
+                None => mount,
             };
-            let odometry_pose = laser_in(&odometry, mount);
-            let map_from_laser = laser_in(&reference, reference_mount);
-            outside_odometry += usize::from(odometry.is_some() && odometry_pose.is_none());
-            outside_reference += usize::from(reference.is_some() && map_from_laser.is_none());
-            let increment = match (scans.is_empty(), before, odometry_pose) {
-                (false, Some(before), Some(pose)) => Some(before.between(&pose)),
+            let at = |track: &mut Option<Track>, mount: Mount| {
+                let robot = track.as_mut()?.at(moment, occurrence)?;
+                Some(on(mount, robot))
+            };
+            let odometry_pose = at(&mut odometry, then);
+            let of_reference = reference_mount.unwrap_or(then);
+            let map_from_laser = at(&mut reference, of_reference);
+            let increment = match (before, odometry_pose) {
+                (Some((last, before)), Some(pose)) if last.stretch == moment.stretch => {
+                    Some(before.between(&pose))
+                }
                 _ => None,
             };
-            before = odometry_pose;
+            before = odometry_pose.map(|pose| (moment, pose));
             scans.push(LaserScan {
                 stamp: stamp.map(Stamp::from_nanoseconds),
                 geometry: mount.seen_from_above(logged.value.geometry),
@@ -327,17 +276,8 @@ impl Assembly<'_> {
                 "stamps: scans without a stamp in their header: {by_log_time}; the time they were logged is taken"
             ));
         }
-        for (outside, what) in [(outside_odometry, "odometry"), (outside_reference, "reference")] {
-            if outside > 0 {
-                let which = if outside == 1 {
-                    "1 scan lies".to_owned()
-                } else {
-                    format!("{outside} scans lie")
-                };
-                self.assumptions.push(format!(
-                    "{which} before the first or after the last {what} message: nothing is extrapolated, so no {what} there"
-                ));
-            }
+        for track in [odometry, reference].into_iter().flatten() {
+            self.say_missing(&track);
         }
         Ok(Log {
             recording: Recording { scans, robot_from_laser: mount.robot_from_laser },
@@ -349,116 +289,276 @@ impl Assembly<'_> {
         })
     }
 
-    /// The robot's frame and its poses in the odometry's frame: of the odometry's topic, and before
-    /// and after that of `/tf`, which tells the same.
-    fn odometry_track(&mut self) -> (Option<String>, Option<PoseTrack>) {
-        let samples = |poses: &[Logged<PoseMessage>]| {
-            let sample = |pose: &Logged<PoseMessage>| {
-                (time(pose.value.header.stamp, pose.log_time), pose.value.pose)
-            };
-            poses.iter().map(sample).collect::<Vec<_>>()
+    fn moments(&self) -> Vec<Moment> {
+        let moment = |scan: &Logged<ScanMessage>| {
+            self.stretches.moment(scan.place, time(scan.value.header.stamp, scan.log_time))
         };
-        if let (Some(topic), Some(first)) = (self.chosen.odometry, self.odometry.first()) {
-            let frame = &first.value.header.frame;
-            let base = first.value.child.clone().filter(|child| !child.is_empty());
-            self.notes.push(format!(
-                "odometry: {topic}, {} messages, frame {frame:?} to {:?}",
-                self.odometry.len(),
-                base.as_deref().unwrap_or_default()
+        self.scans.iter().map(moment).collect()
+    }
+
+    /// What of the scans contradicts itself or is left out.
+    fn check_scans(&mut self) {
+        let topic = self.scan_topic;
+        let off: Vec<(usize, f64)> = self
+            .scans
+            .iter()
+            .map(|scan| scan.value.steps_off())
+            .enumerate()
+            .filter(|&(_, steps)| steps > STEPS_OFF)
+            .collect();
+        if let Some(&(index, _)) = off.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
+            let scan = &self.scans[index].value;
+            let geometry = &scan.geometry;
+            self.report.doubts.push(format!(
+                "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings by angle_increment {:.6} from angle_min {:.4} on end at {:.4} rad, angle_max is {:.4} (scan {index}); angle_increment is taken",
+                off.len(),
+                self.scans.len(),
+                geometry.beams,
+                geometry.angle_step,
+                geometry.start_angle,
+                geometry.angle(geometry.beams - 1),
+                scan.last_angle,
             ));
-            let on_tf = base
-                .as_ref()
-                .and_then(|base| self.frames.from_odometry.get(&format!("{frame} {base}")));
-            let track = PoseTrack::new(samples(&self.odometry));
-            let track = match (track, on_tf) {
-                (Some(track), Some(on_tf)) => Some(track.extended_by(on_tf)),
-                (track, _) => track,
-            };
-            return (base, track);
         }
-        let on_tf = BASE_FRAMES.iter().find_map(|base| {
-            let key = format!("{ODOMETRY_FRAME} {base}");
-            self.frames.from_odometry.get(&key).map(|samples| (*base, samples.clone()))
-        });
-        match on_tf {
-            Some((base, samples)) => {
-                let count = samples.len();
-                self.notes.push(format!(
-                    "odometry: no topic of nav_msgs/msg/Odometry; {count} transforms from {ODOMETRY_FRAME:?} to {base:?} on /tf"
-                ));
-                (Some(base.to_owned()), PoseTrack::new(samples))
-            }
-            None => {
-                self.notes.push("odometry: none in the bag".to_owned());
-                (None, None)
-            }
+        let at_max: usize = self.scans.iter().map(|scan| scan.value.at_max).sum();
+        if at_max > 0 {
+            let readings: usize = self.scans.iter().map(|scan| scan.value.ranges.len()).sum();
+            self.notes.push(format!(
+                "{topic}: {at_max} of {readings} readings equal range_max: nothing came back there"
+            ));
         }
     }
 
-    /// The robot's frame where no odometry tells it: of the usual ones that which the laser is fixed
-    /// to, else the laser's own.
-    fn base_frame(&self, laser: &str) -> String {
-        self.frames.tree.base_of(laser).unwrap_or(laser).to_owned()
+    /// The robot's poses in the odometry's frame: of the odometry's topic, and before and after that of
+    /// `/tf`, which tells the same.
+    fn odometry(
+        &mut self,
+        topic: Option<(&str, Vec<Logged<PoseMessage>>)>,
+        base: &str,
+        laser: &str,
+    ) -> Option<Track> {
+        const WHAT: &str = "odometry";
+        if let Some((topic, poses)) = topic
+            && let Some(first) = poses.first()
+        {
+            let frame = &first.value.header.frame;
+            let child = first.value.child.clone().unwrap_or_default();
+            self.notes.push(format!(
+                "odometry: {topic}, {} messages, frame {frame:?} to {child:?}",
+                poses.len()
+            ));
+            let track = PoseTrack::new(self.samples(&poses), self.longest)?;
+            let on_tf = (!child.is_empty()).then(|| self.motion.poses(frame, &child)).flatten();
+            return Some(Track::new(
+                match on_tf {
+                    Some(on_tf) => track.extended_by(&on_tf),
+                    None => track,
+                },
+                WHAT,
+            ));
+        }
+        let asked = self.options.odometry_frame.clone();
+        // What moves in the map is where a localizer or a reference has it.
+        let is_map = |frame: &str| frame.rsplit('/').next() == Some("map");
+        let found = self.motion.robot(laser);
+        let found = found.filter(|(robot, frame)| robot == base && !is_map(frame));
+        let frame = asked.or_else(|| Some(found?.1));
+        let on_tf = frame.and_then(|frame| {
+            let samples = self.motion.poses(&frame, base)?;
+            Some((frame, samples))
+        });
+        let Some((frame, samples)) = on_tf else {
+            self.notes.push("odometry: none in the bag".to_owned());
+            return None;
+        };
+        self.notes.push(format!(
+            "odometry: no topic of nav_msgs/msg/Odometry; {} transforms from {frame:?} to {base:?} on /tf",
+            samples.len()
+        ));
+        PoseTrack::new(samples, self.longest).map(|track| Track::new(track, WHAT))
+    }
+
+    fn samples(&self, poses: &[Logged<PoseMessage>]) -> Vec<(Moment, Pose2)> {
+        let sample = |pose: &Logged<PoseMessage>| {
+            let at = time(pose.value.header.stamp, pose.log_time);
+            (self.stretches.moment(pose.place, at), pose.value.pose)
+        };
+        poses.iter().map(sample).collect()
     }
 
     fn mount(&mut self, base: &str, laser: &str) -> Result<Mount, BagError> {
-        match self.frames.tree.mount(base, laser)? {
-            Some(mount) => {
-                let Pose2 { x, y, theta } = mount.robot_from_laser;
-                let turned = if mount.is_upside_down { ", upside down" } else { "" };
-                self.notes.push(format!(
-                    "laser on {base:?}: x {x:.3} m, y {y:.3} m, turned by {:.1}°{turned}",
-                    theta.to_degrees()
-                ));
-                Ok(mount)
-            }
-            None => {
-                let why = match self.frames.tree.contains(laser) {
-                    true => "no transforms lead from one to the other",
-                    false => "no transform says where it is",
-                };
-                self.assumptions.push(format!(
-                    "laser on {base:?}: {why}, so it is taken to be at the robot's origin, looking ahead"
-                ));
-                Ok(Mount::IDENTITY)
-            }
-        }
-    }
-
-    fn reference_track(&mut self, times: &[i64]) -> Result<Option<PoseTrack>, BagError> {
-        let Some(topic) = self.chosen.reference else {
-            self.notes.push("reference: none".to_owned());
-            return Ok(None);
-        };
-        let sample = |pose: &Logged<PoseMessage>| {
-            (time(pose.value.header.stamp, pose.log_time), pose.value.pose)
-        };
-        let Some(track) = PoseTrack::new(self.reference.iter().map(sample).collect()) else {
-            self.assumptions.push(format!("reference: {topic} has no readable message"));
-            return Ok(None);
-        };
-        let (start, end) = track.span();
-        let scan_start = times.iter().copied().min().unwrap_or_default();
-        let scan_end = times.iter().copied().max().unwrap_or_default();
-        if end < scan_start || start > scan_end {
-            return Err(BagError::NoOverlap {
-                topic: topic.to_owned(),
-                scan_topic: self.chosen.scan.to_owned(),
-                reference_start: Stamp::from_nanoseconds(start),
-                reference_end: Stamp::from_nanoseconds(end),
-                scan_start: Stamp::from_nanoseconds(scan_start),
-                scan_end: Stamp::from_nanoseconds(scan_end),
+        if let Some(asked) = self.options.laser_pose {
+            self.notes.push(format!("laser on {base:?}: as asked for"));
+            return Ok(Mount {
+                robot_from_laser: asked.robot_from_laser,
+                is_upside_down: asked.is_upside_down,
+                tilt_degrees: 0.0,
             });
         }
-        self.notes.push(format!("reference: {topic}, {} messages", self.reference.len()));
-        Ok(Some(track))
+        let Some(mount) = self.motion.mount(base, laser)? else {
+            let why = match self.motion.contains(laser) {
+                true => "no transforms lead from one to the other",
+                false => "no transform says where it is",
+            };
+            self.report.doubts.push(format!(
+                "laser on {base:?}: {why}, so it is taken to be at the robot's origin, looking ahead; say where it is with --laser-pose X,Y,THETA"
+            ));
+            return Ok(Mount::IDENTITY);
+        };
+        let Pose2 { x, y, theta } = mount.robot_from_laser;
+        let turned = if mount.is_upside_down { ", upside down" } else { "" };
+        self.notes.push(format!(
+            "laser on {base:?}: x {x:.3} m, y {y:.3} m, turned by {:.1}°{turned}",
+            theta.to_degrees()
+        ));
+        if mount.tilt_degrees >= TOLD_TILT && self.options.slice.is_none() {
+            self.report.doubts.push(format!(
+                "laser on {base:?}: tilted by {:.1}°, but its readings are taken as if it were level: a wall at 10 m is up to {:.2} m off",
+                mount.tilt_degrees,
+                10.0 * (1.0 - mount.tilt_degrees.to_radians().cos()),
+            ));
+        }
+        Ok(mount)
+    }
+
+    /// The reference poses, and the frame they are of where that is said.
+    fn reference(
+        &mut self,
+        topic: Option<&str>,
+        poses: &[Logged<PoseMessage>],
+        base: &str,
+        odometry_topic: Option<&str>,
+    ) -> Result<(Option<Track>, Option<String>), BagError> {
+        let Some(topic) = topic else {
+            let mut possible = possible_references(self.content, odometry_topic);
+            possible.extend(self.motion.pairs(base));
+            self.notes.push(match possible.is_empty() {
+                true => "reference: none".to_owned(),
+                false => {
+                    format!("reference: none; --reference-topic could take {}", possible.join(", "))
+                }
+            });
+            return Ok((None, None));
+        };
+        let pair = Pair::of(topic).filter(|_| poses.is_empty());
+        let frames = pair.and_then(|pair| pair.frames(|frame| self.motion.knows(frame)));
+        let (samples, child) = match (pair, frames) {
+            (None, _) => {
+                (self.samples(poses), poses.first().and_then(|pose| pose.value.child.clone()))
+            }
+            (Some(_), Some((parent, child))) => match self.motion.poses(parent, child) {
+                Some(samples) => (samples, Some(child.to_owned())),
+                None => return Err(self.no_pair(topic)),
+            },
+            (Some(_), None) => return Err(self.no_pair(topic)),
+        };
+        let count = samples.len();
+        let Some(track) = PoseTrack::new(samples, self.longest) else {
+            self.assumptions.push(format!("reference: {topic} has no readable message"));
+            return Ok((None, None));
+        };
+        self.notes.push(format!("reference: {topic}, {count} messages"));
+        Ok((Some(Track::new(track, "reference")), child.filter(|child| !child.is_empty())))
+    }
+
+    fn no_pair(&self, topic: &str) -> BagError {
+        BagError::NoPair { topic: topic.to_owned(), frames: self.motion.frames() }
+    }
+
+    /// Mount of the laser on the frame that the reference is of; `None` where that is the robot's.
+    fn reference_mount(
+        &mut self,
+        child: Option<String>,
+        base: &str,
+        laser: &str,
+        mount: Mount,
+    ) -> Result<Option<Mount>, BagError> {
+        let frame = match self.options.reference_frame.as_deref() {
+            Some("robot") => return Ok(None),
+            Some("laser") => return Ok(Some(Mount::IDENTITY)),
+            Some(asked) => Some(asked.to_owned()),
+            None => child,
+        };
+        let Some(frame) = frame.filter(|frame| frame != base) else { return Ok(None) };
+        let found = self.motion.mount(&frame, laser)?;
+        if found.is_none() {
+            self.report.doubts.push(format!(
+                "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken to be those of {base:?} (--reference-frame robot, laser or NAME says otherwise)"
+            ));
+        }
+        Ok(Some(found.unwrap_or(mount)))
+    }
+
+    /// Poses that were recorded at another time than the scans.
+    fn check_overlap(
+        &self,
+        track: &Track,
+        reference_topic: Option<&str>,
+        moments: &[Moment],
+    ) -> Result<(), BagError> {
+        let (start, end) = track.poses.span();
+        let times = || moments.iter().map(|moment| moment.at);
+        let scan_start = times().min().unwrap_or_default();
+        let scan_end = times().max().unwrap_or_default();
+        if track.what != "reference" || end >= scan_start && start <= scan_end {
+            return Ok(());
+        }
+        Err(BagError::NoOverlap {
+            topic: reference_topic.unwrap_or_default().to_owned(),
+            scan_topic: self.scan_topic.to_owned(),
+            reference_start: Stamp::from_nanoseconds(start),
+            reference_end: Stamp::from_nanoseconds(end),
+            scan_start: Stamp::from_nanoseconds(scan_start),
+            scan_end: Stamp::from_nanoseconds(scan_end),
+        })
+    }
+
+    fn say_missing(&mut self, track: &Track) {
+        let Track { what, outside, in_gaps, longest_gap, .. } = *track;
+        let scans = |count: usize, lie: [&str; 2]| match count {
+            1 => format!("1 scan {}", lie[0]),
+            _ => format!("{count} scans {}", lie[1]),
+        };
+        if outside == self.scans.len() {
+            let (start, end) = track.poses.span();
+            let times = self.moments();
+            let times = || times.iter().map(|moment| moment.at);
+            let told = |at: Option<i64>| Stamp::from_nanoseconds(at.unwrap_or_default());
+            self.report.doubts.push(format!(
+                "{what}: it lasts from {} s to {} s, the scans from {} s to {} s, so no scan has any; were they stamped by different clocks?",
+                told(Some(start)),
+                told(Some(end)),
+                told(times().min()),
+                told(times().max()),
+            ));
+        } else if outside > 0 {
+            self.assumptions.push(format!(
+                "{} before the first or after the last {what} message: nothing is extrapolated, so no {what} there",
+                scans(outside, ["lies", "lie"])
+            ));
+        }
+        if in_gaps > 0 {
+            self.assumptions.push(format!(
+                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over so long, so no {what} there",
+                scans(in_gaps, ["lies", "lie"]),
+                longest_gap as f64 / NANOSECONDS
+            ));
+        }
+    }
+}
+
+/// The pose of the laser on a robot.
+fn on(mount: Mount, robot: Pose2) -> Pose2 {
+    match mount.robot_from_laser == Pose2::IDENTITY {
+        true => robot,
+        false => robot.compose(&mount.robot_from_laser),
     }
 }
 
 /// How often each time has been there before.
-fn occurrences(times: &[i64]) -> Vec<usize> {
-    let mut seen: BTreeMap<i64, usize> = BTreeMap::new();
-    let mut occurrence = |&time: &i64| {
+fn occurrences(times: &[Moment]) -> Vec<usize> {
+    let mut seen: BTreeMap<Moment, usize> = BTreeMap::new();
+    let mut occurrence = |&time: &Moment| {
         let count = seen.entry(time).or_default();
         *count += 1;
         *count - 1

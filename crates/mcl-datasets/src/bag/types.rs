@@ -1,4 +1,5 @@
-//! Descriptions of the ROS 2 messages that are written, as `.msg` texts without their comments.
+//! Descriptions of the messages that are written, and of those that are read from bags that do not
+//! describe them, as `.msg` texts without their comments.
 //!
 //! The fields are those of the packages `builtin_interfaces`, `std_msgs`, `geometry_msgs`,
 //! `sensor_msgs`, `nav_msgs` and `tf2_msgs`, the same in every ROS 2 distribution so far.
@@ -12,6 +13,15 @@ pub struct MessageType {
 }
 
 impl MessageType {
+    /// [`MessageType::description`] for ROS 1, whose headers also have a number.
+    pub fn description_of_ros1(&self) -> String {
+        let of_ros1 = |line: &str| match line {
+            "builtin_interfaces/Time stamp" => "uint32 seq\ntime stamp\n".to_owned(),
+            line => format!("{line}\n"),
+        };
+        self.description().lines().map(of_ros1).collect()
+    }
+
     /// The description as bags carry it: the fields, then those of every type they hold, each once.
     pub fn description(&self) -> String {
         let mut text = self.fields.to_owned();
@@ -28,6 +38,25 @@ impl MessageType {
         }
         text
     }
+}
+
+/// The types that are read, by their names without `msg`.
+pub fn named(plain_name: &str) -> Option<&'static MessageType> {
+    if plain_name == "tf/tfMessage" {
+        return Some(&TF_MESSAGE);
+    }
+    let all = [
+        &LASER_SCAN,
+        &MULTI_ECHO_LASER_SCAN,
+        &ODOMETRY,
+        &POSE_STAMPED,
+        &POSE_WITH_COVARIANCE_STAMPED,
+        &TRANSFORM_STAMPED,
+        &PATH,
+        &TF_MESSAGE,
+        &POINT_CLOUD2,
+    ];
+    all.into_iter().find(|message| message.name.replace("/msg/", "/") == plain_name)
 }
 
 /// `builtin_interfaces/msg/Time`
@@ -138,6 +167,26 @@ pub static LASER_SCAN: MessageType = MessageType {
     parts: &[&HEADER],
 };
 
+/// `sensor_msgs/msg/LaserEcho`
+pub static LASER_ECHO: MessageType =
+    MessageType { name: "sensor_msgs/msg/LaserEcho", fields: "float32[] echoes\n", parts: &[] };
+
+/// `sensor_msgs/msg/MultiEchoLaserScan`
+pub static MULTI_ECHO_LASER_SCAN: MessageType = MessageType {
+    name: "sensor_msgs/msg/MultiEchoLaserScan",
+    fields: "std_msgs/Header header\nfloat32 angle_min\nfloat32 angle_max\n\
+             float32 angle_increment\nfloat32 time_increment\nfloat32 scan_time\n\
+             float32 range_min\nfloat32 range_max\nLaserEcho[] ranges\nLaserEcho[] intensities\n",
+    parts: &[&HEADER, &LASER_ECHO],
+};
+
+/// `nav_msgs/msg/Path`
+pub static PATH: MessageType = MessageType {
+    name: "nav_msgs/msg/Path",
+    fields: "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
+    parts: &[&HEADER, &POSE_STAMPED],
+};
+
 /// `geometry_msgs/msg/PoseWithCovarianceStamped`
 pub static POSE_WITH_COVARIANCE_STAMPED: MessageType = MessageType {
     name: "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -181,10 +230,28 @@ mod tests {
 
     #[test]
     fn every_description_is_complete() {
-        for message in [&LASER_SCAN, &ODOMETRY, &TF_MESSAGE, &POSE_STAMPED] {
-            let text = message.description();
-            let schema = MessageSchema::parse(message.name, "ros2msg", text.as_bytes()).unwrap();
-            assert!(!schema.root().fields.is_empty());
+        for name in [
+            "sensor_msgs/LaserScan",
+            "sensor_msgs/MultiEchoLaserScan",
+            "sensor_msgs/PointCloud2",
+            "nav_msgs/Odometry",
+            "nav_msgs/Path",
+            "tf/tfMessage",
+            "geometry_msgs/PoseStamped",
+            "geometry_msgs/PoseWithCovarianceStamped",
+            "geometry_msgs/TransformStamped",
+        ] {
+            let message = named(name).unwrap();
+            for (language, text, fields) in [
+                ("ros2msg", message.description(), 2),
+                ("ros1msg", message.description_of_ros1(), 3),
+            ] {
+                let schema = MessageSchema::parse(message.name, language, text.as_bytes()).unwrap();
+                assert!(!schema.root().fields.is_empty());
+                let count = text.split("MSG: std_msgs/Header\n").nth(1).unwrap();
+                let count = count.lines().take_while(|line| !line.starts_with("===")).count();
+                assert_eq!(count, fields, "{language}");
+            }
         }
     }
 }

@@ -206,7 +206,7 @@ fn qos(delivery: Delivery) -> String {
 ///
 /// | topic | type | |
 /// |---|---|---|
-/// | `/scan` | `sensor_msgs/msg/LaserScan` | frame `laser`; `range_min` and `range_max` enclose all readings of the recording |
+/// | `/scan` | `sensor_msgs/msg/LaserScan` | frame `laser`; `range_min` and `range_max` enclose all readings of the recording, none of which equals `range_max` |
 /// | `/odom` | `nav_msgs/msg/Odometry` | frames `odom`, `base_link`: the increments put together, from the origin |
 /// | `/reference` | `geometry_msgs/msg/PoseStamped` | frame `map`: the reference pose of `base_link` |
 /// | `/tf` | `tf2_msgs/msg/TFMessage` | `map` → `odom` (reference less odometry), `odom` → `base_link`; `map` → `base_link` without odometry |
@@ -325,12 +325,14 @@ fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagEr
     Ok(placed)
 }
 
-/// The smallest and the largest reading, and 0 if that is smaller.
+/// Limits around all readings: 0 or the smallest, and a little more than the largest, as readers take a
+/// reading that is equal to the limit for none.
 fn range_limits(scans: &[LaserScan]) -> (f32, f32) {
     let readings = scans.iter().flat_map(|scan| &scan.ranges).map(|&range| range as f32);
-    readings
+    let (min, max) = readings
         .filter(|range| range.is_finite())
-        .fold((0.0, 0.0), |(min, max): (f32, f32), range| (min.min(range), max.max(range)))
+        .fold((0.0, 0.0), |(min, max): (f32, f32), range| (min.min(range), max.max(range)));
+    (min, if max > 0.0 { max * 1.001 + f32::MIN_POSITIVE } else { max })
 }
 
 /// The scans with a pose by odometry, and those with a reference pose; each without gaps.

@@ -5,7 +5,7 @@ use std::str::SplitAsciiWhitespace;
 
 use mcl_core::{ParseStampError, Pose2, Stamp};
 
-use crate::log::{Place, SkippedRecord};
+use crate::log::report::{Place, SkippedRecord};
 
 /// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough
 /// that composing poses keeps them finite.
@@ -65,6 +65,7 @@ impl Malformed {
 }
 
 /// The fields of a record after its kind, taken one by one.
+#[derive(Clone)]
 pub(crate) struct Fields<'a> {
     record: &'static str,
     tokens: SplitAsciiWhitespace<'a>,
@@ -111,10 +112,11 @@ impl<'a> Fields<'a> {
         text.parse().map_err(|_| self.malformed(field, text, EXPECTED))
     }
 
-    /// Any number, `nan` and `inf` included.
+    /// Any number, `nan` and `inf` included, also as programs of Windows print them.
     pub fn number(&mut self, field: Field) -> Result<f64, Malformed> {
         let text = self.text(field, "a number")?;
-        text.parse().map_err(|_| self.malformed(field, text, "a number"))
+        let value = text.parse().ok().or_else(|| no_number(text));
+        value.ok_or_else(|| self.malformed(field, text, "a number"))
     }
 
     pub fn finite(&mut self, field: Field) -> Result<f64, Malformed> {
@@ -134,6 +136,11 @@ impl<'a> Fields<'a> {
         ))
     }
 
+    /// [`Fields::stamp`]; `None` as well where the record ends before it.
+    pub fn stamp_if_any(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
+        if self.remaining() == 0 { Ok(None) } else { self.stamp(field) }
+    }
+
     /// A stamp; `None` for a number that is no time (uninitialised, negative).
     pub fn stamp(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
         const EXPECTED: &str = "a decimal number of seconds";
@@ -143,5 +150,21 @@ impl<'a> Fields<'a> {
             Err(ParseStampError::Unusable) => Ok(None),
             Err(ParseStampError::NotANumber) => Err(self.malformed(field, text, EXPECTED)),
         }
+    }
+}
+
+/// What `1.#INF`, `-1.#IND`, `1.#QNAN` or `-nan(ind)` stands for.
+fn no_number(text: &str) -> Option<f64> {
+    let text = text.to_ascii_lowercase();
+    let (sign, rest) = match text.strip_prefix('-') {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, text.strip_prefix('+').unwrap_or(&text)),
+    };
+    let kind = rest.strip_prefix("1.#").or_else(|| rest.strip_prefix("nan("))?;
+    // Digits are cut off or padded by the format.
+    if kind.starts_with("inf") {
+        Some(sign * f64::INFINITY)
+    } else {
+        ["ind", "qnan", "snan"].iter().any(|name| kind.starts_with(name)).then_some(f64::NAN)
     }
 }

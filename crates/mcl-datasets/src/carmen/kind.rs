@@ -3,7 +3,8 @@
 use mcl_core::{LaserScan, Pose2, Recording, wrap_angle};
 
 use super::odometry::{Evidence, Gap};
-use crate::log::{LogKind, ReferencePoses};
+use crate::log::content::LogKind;
+use crate::log::options::ReferencePoses;
 
 /// A scan as logged, before the meaning of its poses is known.
 pub(super) struct LoggedScan {
@@ -11,6 +12,8 @@ pub(super) struct LoggedScan {
     pub scan: LaserScan,
     pub laser: Pose2,
     pub robot: Pose2,
+    /// Where a simulated robot really was, by a `TRUEPOS` record before it.
+    pub truth: Option<Pose2>,
     pub gap: Gap,
 }
 
@@ -27,7 +30,11 @@ pub(super) struct Content {
 pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, Recording) {
     let constant_mount = constant_mount(&content.scans, content.front_laser_offset);
     let detected = detect(&content, constant_mount.is_some());
+    let has_truth = detected == LogKind::Raw
+        && reference != ReferencePoses::None
+        && content.scans.iter().any(|scan| scan.truth.is_some());
     let kind = match (detected, reference) {
+        (LogKind::Raw, _) if has_truth => LogKind::RawWithTruth,
         // Ground truth at a fixed offset from the odometry fields makes these ground truth, too:
         // what odometry there is stands in the ODOM lines.
         (LogKind::Raw, ReferencePoses::Recorded) => LogKind::GfsCorrected,
@@ -53,7 +60,10 @@ pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, 
         .into_iter()
         .zip(std::iter::once(None).chain(increments))
         .map(|(logged, odometry)| LaserScan {
-            map_from_laser: has_reference.then_some(logged.laser),
+            map_from_laser: match has_truth {
+                true => logged.truth.map(|robot| robot.compose(&robot_from_laser)),
+                false => has_reference.then_some(logged.laser),
+            },
             odometry,
             ..logged.scan
         })
@@ -137,7 +147,9 @@ impl Odometry {
             LogKind::GfsCorrected if self.restarts => scan.gap.restarted,
             LogKind::GfsCorrected => Some(before.gap.last?.between(&scan.gap.last?)),
             _ if self.are_fields_empty => None,
-            LogKind::Raw => return Some(before.laser.between(&scan.laser)),
+            LogKind::Raw | LogKind::RawWithTruth => {
+                return Some(before.laser.between(&scan.laser));
+            }
             // No CARMEN log is detected as a bag.
             LogKind::CorrectedWithOdometry | LogKind::Bag => {
                 Some(before.robot.between(&scan.robot))

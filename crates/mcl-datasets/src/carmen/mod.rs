@@ -52,7 +52,7 @@
 mod fields;
 mod kind;
 mod odometry;
-mod reader;
+pub(crate) mod reader;
 pub mod record;
 mod writer;
 

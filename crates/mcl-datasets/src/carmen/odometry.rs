@@ -67,6 +67,8 @@ pub(super) struct OdometryChain {
     /// Where the lines since the last scan, readable or not, started.
     segment_start: Option<Pose2>,
     segment_last: Option<Pose2>,
+    /// How many there are.
+    segment_lines: usize,
     /// The next line is the restart after an unreadable scan, and gives the pose of that scan.
     awaiting_restart: bool,
     /// Whether an unreadable record hides what the lines since the last kept scan begin with.
@@ -85,6 +87,7 @@ impl OdometryChain {
             self.awaiting_restart = false;
         }
         self.segment_last = Some(pose);
+        self.segment_lines += 1;
         self.first = self.first.or(Some(pose));
         self.last = Some(pose);
         self.lines += 1;
@@ -119,12 +122,17 @@ impl OdometryChain {
         self.close_segment();
         self.segment_start = None;
         self.segment_last = None;
+        self.segment_lines = 0;
         self.awaiting_restart = true;
         self.is_start_hidden = true;
     }
 
+    /// A segment of nothing but the restart says nothing of the motion.
     fn close_segment(&mut self) {
+        let is_restart_only =
+            |start: &Pose2, last: &Pose2| self.segment_lines == 1 && is_same_pose(start, last);
         self.before_segment = match (self.before_segment, self.segment_start, self.segment_last) {
+            (_, Some(start), Some(last)) if is_restart_only(&start, &last) => None,
             (Some(before), Some(start), Some(last)) => Some(before.compose(&start.between(&last))),
             _ => None,
         };
@@ -141,12 +149,15 @@ impl OdometryChain {
         self.evidence.gaps += 1;
         self.evidence.restarts += restarts;
         if self.lines > 1 {
-            let jumps = (robot.x - last.x).abs() > SAME_POSE
-                || (robot.y - last.y).abs() > SAME_POSE
-                || last.between(&robot).theta.abs() > SAME_POSE;
+            let jumps = !is_same_pose(&robot, &last);
             self.evidence.telling_gaps += 1;
             self.evidence.telling_restarts += restarts;
             self.evidence.jumps += usize::from(jumps);
         }
     }
+}
+
+fn is_same_pose(a: &Pose2, b: &Pose2) -> bool {
+    let is_far = |difference: f64| difference.abs() > SAME_POSE;
+    !(is_far(a.x - b.x) || is_far(a.y - b.y) || is_far(b.between(a).theta))
 }

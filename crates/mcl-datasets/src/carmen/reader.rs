@@ -1,13 +1,17 @@
 //! From the lines of a log to a recording, in one pass and then a decision on the kind of log.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, BufRead, Read};
 
-use mcl_core::LaserScan;
+use mcl_core::{LaserScan, Pose2, ScanGeometry};
 
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
-use super::record::{self, Record, RecordKind};
-use crate::log::{Log, ReadReport, ReferencePoses, damaged_gzip};
+use super::record::{self, Record, RecordKind, ScanRecord};
+use crate::log::content::{Log, LogKind};
+use crate::log::options::ReferencePoses;
+use crate::log::report::ReadReport;
+use crate::packed::damage;
 
 /// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a file
 /// that is no text at all could fill the memory.
@@ -27,11 +31,13 @@ pub enum CarmenError {
     },
     /// No scan could be read.
     #[error(
-        "no laser scan in {lines} lines, expected FLASER or ROBOTLASER1 records of a CARMEN log\n{report}"
+        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log\n{report}"
     )]
     NoScan {
         /// Number of lines.
         lines: usize,
+        /// The kinds of records there are, with their numbers.
+        kinds: String,
         /// What was ignored and skipped.
         report: Box<ReadReport>,
     },
@@ -61,7 +67,7 @@ pub fn read(
                 return Err(CarmenError::LineTooLong { line: pass.lines + 1 });
             }
             Ok(_) => pass.line(&line),
-            Err(error) => match damaged_gzip(&error) {
+            Err(error) => match damage(&error) {
                 Some(reason) => {
                     let reason = format!("{reason} after line {}", pass.lines);
                     pass.report.truncated = Some(reason);
@@ -74,16 +80,69 @@ pub fn read(
     pass.finish(file_name, reference)
 }
 
+/// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
+const COUNTED_KINDS: usize = 20;
+
+const NO_RECORDS: &str = "no records";
+
+/// How many records there are of each kind.
+#[derive(Default)]
+struct Kinds {
+    counts: BTreeMap<String, usize>,
+    others: usize,
+}
+
+impl Kinds {
+    fn count(&mut self, line: &[u8]) {
+        let word = line.split(u8::is_ascii_whitespace).find(|word| !word.is_empty());
+        let is_name = |byte: &u8| byte.is_ascii_alphanumeric() || b"#@_".contains(byte);
+        let name = word.filter(|word| word.len() <= 20 && word.iter().all(is_name));
+        let name = name.map(|name| String::from_utf8_lossy(name).into_owned());
+        match name
+            .filter(|name| self.counts.len() < COUNTED_KINDS || self.counts.contains_key(name))
+        {
+            Some(name) => *self.counts.entry(name).or_default() += 1,
+            None => self.others += 1,
+        }
+    }
+
+    fn list(&self) -> String {
+        let mut list: Vec<String> =
+            self.counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
+        if self.others > 0 {
+            list.push(format!("others {}", self.others));
+        }
+        if list.is_empty() { NO_RECORDS.to_owned() } else { list.join(", ") }
+    }
+}
+
 /// What is kept while the lines stream by.
 #[derive(Default)]
 struct Pass {
     lines: usize,
     scans: Vec<LoggedScan>,
+    /// `RAWLASER1` scans with the odometry before them; only as long as there are no others, which log the
+    /// same scans again.
+    raw_scans: Vec<LoggedScan>,
+    raw_records: usize,
+    raw_report: ReadReport,
+    true_poses: usize,
     /// Kind of the first readable scan; the only one read from then on.
     scan_kind: Option<RecordKind>,
     odometry: OdometryChain,
+    /// The last `ODOM` and `TRUEPOS` poses.
+    last_odom: Option<Pose2>,
+    last_truth: Option<Pose2>,
     has_neff: bool,
     front_laser_offset: Option<f64>,
+    /// Angle covered and angle between two beams by the parameters.
+    fov: Option<f64>,
+    resolution: Option<f64>,
+    /// Numbers of beams whose directions CARMEN's rule for any number gave.
+    ruled: BTreeSet<usize>,
+    not_numbers: usize,
+    kinds: Kinds,
+    ignored_kinds: Kinds,
     declared: ReferencePoses,
     report: ReadReport,
 }
@@ -96,36 +155,56 @@ impl Pass {
             line = line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(line);
         }
         let kind = RecordKind::of(line);
+        if kind != RecordKind::Comment
+            || line.starts_with(b"#") && line.get(1).is_some_and(u8::is_ascii_alphabetic)
+        {
+            self.kinds.count(line);
+        }
         let is_scan = matches!(kind, RecordKind::Flaser | RecordKind::RobotLaser1);
-        if is_scan && self.scan_kind.is_some_and(|read| read != kind) {
-            self.report.ignored += 1;
+        let is_again = self.scan_kind.is_some_and(|read| read != kind);
+        if is_again && (is_scan || kind == RecordKind::RawLaser1) {
+            self.ignore(line);
             return;
         }
         match record::parse(line) {
-            Ok(Record::Scan(scan)) => {
+            Ok(Record::Scan(mut scan)) => {
                 self.scan_kind = Some(kind);
-                self.report.unusable_stamps += usize::from(scan.stamp.is_none());
-                let gap = self.odometry.scan(scan.robot);
-                self.scans.push(LoggedScan {
-                    laser: scan.laser,
-                    robot: scan.robot,
-                    gap,
-                    scan: LaserScan {
-                        stamp: scan.stamp,
-                        geometry: scan.geometry,
-                        ranges: scan.ranges,
-                        map_from_laser: None,
-                        odometry: None,
-                    },
-                });
+                if kind == RecordKind::Flaser {
+                    scan.geometry = self.flaser_geometry(scan.geometry);
+                }
+                self.raw_scans = Vec::new();
+                self.report.ignored += std::mem::take(&mut self.raw_records);
+                let scan = self.logged(scan);
+                self.scans.push(scan);
             }
-            Ok(Record::Odom(pose)) => self.odometry.odom(pose),
+            Ok(Record::RawScan(mut scan)) => {
+                scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
+                let offset = self.front_laser_offset.unwrap_or(0.0);
+                scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
+                let scan = self.logged(scan);
+                self.raw_scans.push(scan);
+                self.raw_records += 1;
+            }
+            Ok(Record::Odom(pose)) => {
+                self.last_odom = Some(pose);
+                self.odometry.odom(pose);
+            }
+            Ok(Record::TruePos(pose)) => {
+                self.last_truth = Some(pose);
+                self.true_poses += 1;
+            }
             Ok(Record::FrontLaserOffset(offset)) => self.front_laser_offset = Some(offset),
+            Ok(Record::LaserFov(angle)) => self.fov = Some(angle),
+            Ok(Record::LaserResolution(angle)) => self.resolution = Some(angle),
             Ok(Record::ReferencePoses(declared)) => self.declared = declared,
             Ok(Record::Nothing) => {}
             Ok(Record::Ignored) => {
                 self.has_neff |= line.trim_ascii_start().starts_with(b"NEFF");
-                self.report.ignored += 1;
+                self.ignore(line);
+            }
+            Err(malformed) if kind == RecordKind::RawLaser1 => {
+                self.raw_records += 1;
+                self.raw_report.skip(malformed.at_line(self.lines));
             }
             Err(malformed) => {
                 if is_scan {
@@ -138,9 +217,92 @@ impl Pass {
         }
     }
 
-    fn finish(self, file_name: &str, reference: ReferencePoses) -> Result<Log, CarmenError> {
+    fn ignore(&mut self, line: &[u8]) {
+        self.report.ignored += 1;
+        self.ignored_kinds.count(line);
+    }
+
+    fn logged(&mut self, scan: ScanRecord) -> LoggedScan {
+        self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
+        let gap = self.odometry.scan(scan.robot);
+        LoggedScan {
+            laser: scan.laser,
+            robot: scan.robot,
+            truth: self.last_truth.take(),
+            gap,
+            scan: LaserScan {
+                stamp: scan.stamp,
+                geometry: scan.geometry,
+                ranges: scan.ranges,
+                map_from_laser: None,
+                odometry: None,
+            },
+        }
+    }
+
+    /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
+    /// beams, else those that its number implies.
+    fn flaser_geometry(&mut self, implied: ScanGeometry) -> ScanGeometry {
+        let beams = implied.beams;
+        let by_parameters = self
+            .fov
+            .zip(self.resolution)
+            .and_then(|(fov, step)| record::parameter_geometry(beams, fov, step));
+        match by_parameters {
+            // Rounded, and so less exact than what the number implies.
+            Some(found) if !is_alike(&found, &implied) => found,
+            Some(_) => implied,
+            None => {
+                if record::flaser_geometry(beams).is_none() && self.ruled.len() < COUNTED_KINDS {
+                    self.ruled.insert(beams);
+                }
+                implied
+            }
+        }
+    }
+
+    fn finish(mut self, file_name: &str, reference: ReferencePoses) -> Result<Log, CarmenError> {
+        let is_raw = self.scans.is_empty();
+        if is_raw {
+            self.scans = std::mem::take(&mut self.raw_scans);
+            self.report.skipped += self.raw_report.skipped;
+            self.report.skipped_details.append(&mut self.raw_report.skipped_details);
+        }
         if self.scans.is_empty() {
-            return Err(CarmenError::NoScan { lines: self.lines, report: Box::new(self.report) });
+            return Err(CarmenError::NoScan {
+                lines: self.lines,
+                kinds: self.kinds.list(),
+                report: Box::new(self.report),
+            });
+        }
+        let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
+        if self.ignored_kinds.list() != NO_RECORDS {
+            notes.push(format!("ignored records: {}", self.ignored_kinds.list()));
+        }
+        if is_raw {
+            assumptions.push(
+                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken".to_owned(),
+            );
+        }
+        if !self.ruled.is_empty() {
+            let numbers: Vec<String> = self.ruled.iter().map(usize::to_string).collect();
+            assumptions.push(format!(
+                "scans: no parameters say the directions of FLASER records of {} beams; CARMEN's own rule is taken: 100° for 400 and 401 beams, else 180°, evenly",
+                numbers.join(", ")
+            ));
+        }
+        if self.not_numbers > 0 {
+            notes.push(format!("readings that are no numbers: {}, no returns", self.not_numbers));
+        }
+        let stamps: Vec<_> = self.scans.iter().filter_map(|scan| scan.scan.stamp).collect();
+        self.report.unusable_stamps = self.scans.len() - stamps.len();
+        let different: BTreeSet<_> = stamps.iter().map(|stamp| stamp.nanoseconds()).collect();
+        if 2 * different.len() < stamps.len() {
+            assumptions.push(format!(
+                "stamps: {} scans have {} different stamps, which cannot tell them apart",
+                stamps.len(),
+                different.len()
+            ));
         }
         let content = Content {
             scans: self.scans,
@@ -151,13 +313,21 @@ impl Pass {
         };
         let reference = if reference == ReferencePoses::Auto { self.declared } else { reference };
         let (kind, recording) = kind::resolve(content, reference);
+        if kind != LogKind::RawWithTruth {
+            self.report.ignored += self.true_poses;
+        }
         Ok(Log {
             recording,
             kind,
             report: self.report,
             front_laser_offset: self.front_laser_offset,
-            notes: Vec::new(),
-            assumptions: Vec::new(),
+            notes,
+            assumptions,
         })
     }
+}
+
+fn is_alike(a: &ScanGeometry, b: &ScanGeometry) -> bool {
+    let last = a.beams.saturating_sub(1);
+    (a.start_angle - b.start_angle).abs().max((a.angle(last) - b.angle(last)).abs()) < 0.01
 }

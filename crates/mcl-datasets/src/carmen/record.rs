@@ -2,15 +2,19 @@
 //!
 //! The definitions follow the comments that CARMEN's logger writes at the head of its logs.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 use mcl_core::{Pose2, ScanGeometry, Stamp};
 
 use super::fields::{Field, Fields, Malformed};
-use crate::log::ReferencePoses;
+use crate::log::options::ReferencePoses;
 
 /// Parameter that says how far ahead of the robot's centre the front laser is mounted (metres).
 pub(super) const FRONT_LASER_PARAM: &str = "robot_frontlaser_offset";
+/// Parameters that say what angle a `FLASER` record covers (radians) and what lies between two of its beams
+/// (degrees).
+pub(super) const LASER_FOV_PARAM: &str = "laser_front_laser_fov";
+pub(super) const LASER_RESOLUTION_PARAM: &str = "laser_front_laser_resolution";
 /// Parameter that this suite's writer adds, so that its logs need no guess: whether the laser poses
 /// are ground truth (a name of [`ReferencePoses`]).
 pub(super) const REFERENCE_PARAM: &str = "mcl_reference_poses";
@@ -22,8 +26,12 @@ pub enum RecordKind {
     Flaser,
     /// A scan with explicit directions of its beams (newer CARMEN).
     RobotLaser1,
+    /// A scan as the scanner itself gives it, without a pose.
+    RawLaser1,
     /// An odometry reading.
     Odom,
+    /// The true pose of a simulated robot.
+    TruePos,
     /// A parameter of the robot.
     Param,
     /// A comment or a blank line.
@@ -40,7 +48,9 @@ impl RecordKind {
         match &line[..end] {
             b"FLASER" => RecordKind::Flaser,
             b"ROBOTLASER1" => RecordKind::RobotLaser1,
+            b"RAWLASER1" => RecordKind::RawLaser1,
             b"ODOM" => RecordKind::Odom,
+            b"TRUEPOS" => RecordKind::TruePos,
             b"PARAM" => RecordKind::Param,
             word if word.is_empty() || word[0] == b'#' => RecordKind::Comment,
             _ => RecordKind::Other,
@@ -68,6 +78,14 @@ pub struct ScanRecord {
 pub enum Record {
     /// `FLASER` or `ROBOTLASER1`.
     Scan(ScanRecord),
+    /// `RAWLASER1`; both poses are the origin.
+    RawScan(ScanRecord),
+    /// `TRUEPOS`: where the simulated robot really is.
+    TruePos(Pose2),
+    /// `PARAM laser_front_laser_fov`: the angle (radians) that a `FLASER` record covers.
+    LaserFov(f64),
+    /// `PARAM laser_front_laser_resolution`: the angle (radians) between two of its beams.
+    LaserResolution(f64),
     /// `ODOM`: pose of the robot in the frame of its odometry. Velocities and stamp are not used.
     Odom(Pose2),
     /// `PARAM robot_frontlaser_offset` (metres).
@@ -96,7 +114,11 @@ pub fn parse(line: &[u8]) -> Result<Record, Malformed> {
     match kind {
         RecordKind::Flaser => flaser(&text).map(Record::Scan),
         RecordKind::RobotLaser1 => robot_laser(&text).map(Record::Scan),
+        RecordKind::RawLaser1 => raw_laser(&text).map(Record::RawScan),
         RecordKind::Odom => Fields::of("ODOM", &text).pose(["x", "y", "theta"]).map(Record::Odom),
+        RecordKind::TruePos => {
+            Fields::of("TRUEPOS", &text).pose(["x", "y", "theta"]).map(Record::TruePos)
+        }
         _ => param(&text),
     }
 }
@@ -112,23 +134,66 @@ pub(super) fn flaser_geometry(beams: usize) -> Option<ScanGeometry> {
     Some(ScanGeometry { start_angle: -FRAC_PI_2, angle_step: step_degrees.to_radians(), beams })
 }
 
-/// `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`
+/// The rule of CARMEN's own reader for any other number: 100° in steps of 0.25° for 400 or 401 beams, else
+/// 180° evenly.
+fn other_geometry(beams: usize) -> ScanGeometry {
+    let (fov, steps) = match beams {
+        400 | 401 => (100_f64.to_radians(), 400),
+        _ => (PI, beams.saturating_sub(1).max(1)),
+    };
+    ScanGeometry { start_angle: -0.5 * fov, angle_step: fov / steps as f64, beams }
+}
+
+/// Directions of the beams of a `FLASER` record by the parameters of the log: the angle it covers and that
+/// between two beams, in radians. `None` where they are of another number of beams.
+pub(super) fn parameter_geometry(beams: usize, fov: f64, step: f64) -> Option<ScanGeometry> {
+    let steps = fov / step;
+    let (closed, open) = (beams.saturating_sub(1) as f64, beams as f64);
+    // The parameters are rounded.
+    let angle_step = if (steps - closed).abs() < 0.5 {
+        fov / closed
+    } else if (steps - open).abs() < 0.5 {
+        fov / open
+    } else {
+        return None;
+    };
+    let is_angle = angle_step.is_finite() && angle_step > 0.0;
+    is_angle.then_some(ScanGeometry { start_angle: -0.5 * fov, angle_step, beams })
+}
+
+/// `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`, of which the last three may be missing. The
+/// directions are those of a log without parameters.
 fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("FLASER", line);
     let beams = fields.count(Field::Named("n"))?;
-    let Some(geometry) = flaser_geometry(beams) else {
-        return Err(fields.malformed(
-            Field::Named("n"),
-            &beams.to_string(),
-            "180, 181, 360 or 361 beams (the directions of any other number are not defined)",
-        ));
-    };
+    if beams == 0 {
+        return Err(fields.malformed(Field::Named("n"), "0", "at least 1 beam"));
+    }
     // Counted first: one reading too few would shift every later field, and blame the wrong one.
-    check_total(&fields, 2, beams + 11, || format!("n = {beams}"))?;
+    let total = beams.saturating_add(11);
+    let missing = 3 - fields.remaining().saturating_sub(beams.saturating_add(6)).min(3);
+    let complete = fields.clone();
+    let check = |total| check_total(&complete, 2, total, || format!("n = {beams}"));
+    check(total - missing).or_else(|_| check(total))?;
+    let geometry = flaser_geometry(beams).unwrap_or_else(|| other_geometry(beams));
     let ranges = readings(&mut fields, beams)?;
     let laser = fields.pose(["x", "y", "theta"])?;
     let robot = fields.pose(["ox", "oy", "otheta"])?;
+    let stamp = match fields.stamp_if_any(Field::Named("stamp")) {
+        // What is missing is a reading, then, and not the end.
+        Err(_) if missing > 0 => check(total).map(|()| None),
+        stamp => stamp,
+    }?;
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+}
+
+/// `RAWLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ stamp host
+/// logger_stamp`
+fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
+    let mut fields = Fields::of("RAWLASER1", line);
+    let (geometry, ranges) = explicit_scan(&mut fields, 3)?;
     let stamp = fields.stamp(Field::Named("stamp"))?;
+    let (laser, robot) = (Pose2::IDENTITY, Pose2::IDENTITY);
     Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
 }
 
@@ -137,6 +202,20 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
 /// host logger_stamp`
 fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("ROBOTLASER1", line);
+    let (geometry, ranges) = explicit_scan(&mut fields, 14)?;
+    let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
+    let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
+    fields.pass(5);
+    let stamp = fields.stamp(Field::Named("stamp"))?;
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+}
+
+/// The directions and readings of a record that says its directions, up to its remission values; `after`
+/// fields follow them.
+fn explicit_scan(
+    fields: &mut Fields<'_>,
+    after: usize,
+) -> Result<(ScanGeometry, Vec<f64>), Malformed> {
     fields.pass(1);
     let start_angle = fields.finite(Field::Named("start_angle"))?;
     fields.pass(1);
@@ -152,33 +231,35 @@ fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
         let expected = "the angle between two beams in radians, not 0";
         return Err(fields.malformed(Field::Named("resolution"), "0", expected));
     }
-    let ranges = readings(&mut fields, beams)?;
+    let ranges = readings(fields, beams)?;
     // With a reading too many or too few, another field stands here.
     let remissions = fields.count(Field::Named("m")).map_err(|error| Malformed {
         expected: format!("a count of remission values after n = {beams} readings"),
         ..error
     })?;
     let read = 10 + beams;
-    let total = read.saturating_add(14).saturating_add(remissions);
-    check_total(&fields, read, total, || format!("n = {beams}, m = {remissions}"))?;
+    let total = read.saturating_add(after).saturating_add(remissions);
+    check_total(fields, read, total, || format!("n = {beams}, m = {remissions}"))?;
     for index in 0..remissions {
         fields.number(Field::Remission(index))?;
     }
-    let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
-    let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
-    fields.pass(5);
-    let stamp = fields.stamp(Field::Named("stamp"))?;
-    let geometry = ScanGeometry { start_angle, angle_step, beams };
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+    Ok((ScanGeometry { start_angle, angle_step, beams }, ranges))
 }
 
-/// `PARAM name value …`; other parameters than the two that are used may have any form.
+/// `PARAM name value …`; other parameters than those that are used may have any form.
 fn param(line: &str) -> Result<Record, Malformed> {
     let mut fields = Fields::of("PARAM", line);
     match fields.text(Field::Named("name"), "a parameter's name")? {
         FRONT_LASER_PARAM => {
             fields.finite(Field::Named(FRONT_LASER_PARAM)).map(Record::FrontLaserOffset)
         }
+        LASER_FOV_PARAM => fields.finite(Field::Named(LASER_FOV_PARAM)).map(|fov| {
+            // Radians, though older logs have degrees.
+            Record::LaserFov(if fov > 7.0 { fov.to_radians() } else { fov })
+        }),
+        LASER_RESOLUTION_PARAM => fields
+            .finite(Field::Named(LASER_RESOLUTION_PARAM))
+            .map(|degrees| Record::LaserResolution(degrees.to_radians())),
         REFERENCE_PARAM => {
             const EXPECTED: &str = "auto, recorded or none";
             let field = Field::Named(REFERENCE_PARAM);

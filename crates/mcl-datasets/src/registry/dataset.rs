@@ -1,10 +1,9 @@
 use mcl_core::Pose2;
 use serde::Deserialize;
 
-use super::definition::Definition;
-use crate::log::ReferencePoses;
+use crate::log::options::ReferencePoses;
 
-use super::{Content, DefinitionError, Facts, Sha256Digest};
+use super::{Content, Facts, Sha256Digest};
 
 /// Name of the file that defines a data set, in the folder named after the data set.
 pub const DEFINITION_FILE: &str = "dataset.toml";
@@ -86,14 +85,6 @@ pub struct KnownCopy {
 }
 
 impl Dataset {
-    /// Reads the text of a `dataset.toml`; `name` is that of its folder.
-    ///
-    /// # Errors
-    /// [`DefinitionError`] names the line or the key that is wrong, unknown or missing.
-    pub fn parse(name: &str, text: &str) -> Result<Dataset, DefinitionError> {
-        toml::from_str::<Definition>(text)?.check(name)
-    }
-
     /// The file of the data set; `None` when it is made in memory.
     pub fn log_file(&self) -> Option<&LogFile> {
         match &self.source {

@@ -3,7 +3,7 @@
 use mcl_core::Pose2;
 use serde::Deserialize;
 
-use crate::log::ReferencePoses;
+use crate::log::options::ReferencePoses;
 
 use super::dataset::{Dataset, DatasetKind, KnownCopy, LogFile, Source};
 use super::{DEFINITION_FILE, Facts};
@@ -81,7 +81,7 @@ struct PoseKeys {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Definition {
+struct Definition {
     title: String,
     description: String,
     format: Format,
@@ -103,8 +103,18 @@ pub(super) struct Definition {
     copies: Vec<KnownCopy>,
 }
 
+impl Dataset {
+    /// Reads the text of a `dataset.toml`; `name` is that of its folder.
+    ///
+    /// # Errors
+    /// [`DefinitionError`] names the line or the key that is wrong, unknown or missing.
+    pub fn parse(name: &str, text: &str) -> Result<Dataset, DefinitionError> {
+        toml::from_str::<Definition>(text)?.check(name)
+    }
+}
+
 impl Definition {
-    pub(super) fn check(self, name: &str) -> Result<Dataset, DefinitionError> {
+    fn check(self, name: &str) -> Result<Dataset, DefinitionError> {
         if !is_plain_name(name) {
             return Err(DefinitionError::Value {
                 key: "folder",

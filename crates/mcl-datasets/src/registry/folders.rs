@@ -11,11 +11,15 @@ const REGISTRY_FOLDER: &str = "datasets";
 const DATA_DIR_VARIABLE: &str = "MCL_DATA_DIR";
 
 /// The definitions of this repository.
-const BUILT_IN: [(&str, &str); 7] = [
+const BUILT_IN: [(&str, &str); 11] = [
     ("aces", include_str!("../../../../datasets/aces/dataset.toml")),
+    ("csail", include_str!("../../../../datasets/csail/dataset.toml")),
     ("freiburg-079", include_str!("../../../../datasets/freiburg-079/dataset.toml")),
+    ("freiburg-101", include_str!("../../../../datasets/freiburg-101/dataset.toml")),
     ("intel-lab", include_str!("../../../../datasets/intel-lab/dataset.toml")),
     ("olin-mac", include_str!("../../../../datasets/olin-mac/dataset.toml")),
+    ("orebro", include_str!("../../../../datasets/orebro/dataset.toml")),
+    ("seattle", include_str!("../../../../datasets/seattle/dataset.toml")),
     ("simulated-office", include_str!("../../../../datasets/simulated-office/dataset.toml")),
     ("simulated-office-3d", include_str!("../../../../datasets/simulated-office-3d/dataset.toml")),
     ("small-gicp-target", include_str!("../../../../datasets/small-gicp-target/dataset.toml")),

@@ -1,6 +1,9 @@
 //! Bags built in code, message by message, with the `mcap` crate.
 #![allow(dead_code)] // Each test binary uses its own part.
 
+pub mod database;
+pub mod ros1;
+
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
@@ -151,6 +154,15 @@ pub fn assert_says(error: &BagError, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "no {part:?} in: {message}");
     }
+}
+
+#[track_caller]
+pub fn assert_doubts(log: &Log, parts: &[&str]) {
+    let doubts = log.report.doubts.join("\n");
+    for part in parts {
+        assert!(doubts.contains(part), "no {part:?} in: {doubts}");
+    }
+    assert!(!log.report.is_complete());
 }
 
 #[track_caller]

@@ -22,7 +22,11 @@ pub struct SourceOptions {
 impl SourceOptions {
     /// How to read the log, where the user does not say whether there is a reference: `reference`.
     pub(crate) fn read_options(&self, reference: ReferencePoses) -> ReadOptions {
-        ReadOptions { reference: self.reference.unwrap_or(reference), topics: self.topics.clone() }
+        ReadOptions {
+            reference: self.reference.unwrap_or(reference),
+            topics: self.topics.clone(),
+            ..ReadOptions::default()
+        }
     }
 }
 

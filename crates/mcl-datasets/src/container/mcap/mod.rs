@@ -5,16 +5,29 @@
 //! file a record is, nor keeps what a cut chunk still holds, and overflows on a record that is longer
 //! than its uncompressed chunk (0.26).
 
+mod fields;
+mod records;
+
 use std::collections::BTreeMap;
-use std::io::{self, Read};
+use std::io::Read;
 use std::sync::Arc;
 
 use mcap::records::op;
 
-use super::bytes::Fields;
-use super::chunk::{self, MAX_CHUNK_BYTES};
-use super::error::{BagError, StreamProblem};
-use crate::log::damaged_gzip;
+use crate::container::chunk::MAX_CHUNK_BYTES;
+use crate::container::input::Counted;
+use crate::container::item::{Channel, Container, Input, Item, Message, SchemaText, Visit};
+use crate::container::position::Position;
+use crate::container::problem::{StreamError, StreamProblem};
+use fields::Fields;
+
+/// MCAP, as ROS 2 writes it since 2022.
+pub static CONTAINER: Container =
+    Container { name: "MCAP", magic: mcap::MAGIC, ending: "mcap", storage: Some("mcap"), read };
+
+fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
+    read_stream(input.stream, visit)
+}
 
 /// Largest record accepted outside of chunks that is passed over unread (attachments), in bytes.
 pub const MAX_SKIPPED_BYTES: u64 = 1 << 40;
@@ -23,58 +36,6 @@ const CHUNK_HEADER_BYTES: u64 = 1 << 16;
 /// Code and length of a record.
 const PREFIX_BYTES: usize = 9;
 
-/// How messages are laid out, as written in the bag.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct SchemaText {
-    /// Name of the message type.
-    pub name: String,
-    /// Language of the text: `ros2msg`, `ros2idl`, …
-    pub encoding: String,
-    /// The text.
-    pub data: Vec<u8>,
-}
-
-/// A topic as one file describes it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Channel {
-    /// Number in this file.
-    pub id: u16,
-    /// Name of the topic.
-    pub topic: String,
-    /// How messages are encoded: `cdr`, …
-    pub message_encoding: String,
-    /// How messages are laid out, if the file says so.
-    pub schema: Option<Arc<SchemaText>>,
-}
-
-/// One message, with where it stands.
-#[derive(Debug, Clone, Copy)]
-pub struct Message<'a> {
-    /// Its topic.
-    pub channel: &'a Channel,
-    /// Number the writer gave it.
-    pub sequence: u32,
-    /// When it was recorded, in nanoseconds.
-    pub log_time: u64,
-    /// When it was published, in nanoseconds.
-    pub publish_time: u64,
-    /// The encoded message.
-    pub data: &'a [u8],
-    /// Offset in the file of its record, or of the chunk that holds it.
-    pub offset: u64,
-}
-
-/// What a visitor of [`read_stream`] gets to see.
-#[derive(Debug, Clone, Copy)]
-pub enum Item<'a> {
-    /// A channel, when it first appears.
-    Channel(&'a Channel),
-    /// A message.
-    Message(Message<'a>),
-    /// A metadata record: its name, and pairs of keys and values.
-    Metadata(&'a str, &'a [(&'a str, &'a str)]),
-}
-
 /// Reads an MCAP file and shows everything of use in it to `visit`, in the file's order.
 ///
 /// A file that ends early is no error: what came before the cut is shown, that of a cut chunk too,
@@ -82,26 +43,26 @@ pub enum Item<'a> {
 /// unpacked chunk, and nothing is allocated by a length field that the bytes there do not bear out.
 ///
 /// # Errors
-/// [`BagError::Stream`] for a file that is no MCAP or is damaged, with the offset; and what `visit`
+/// [`StreamError`] for a file that is no MCAP or is damaged, with the offset; and what `visit`
 /// returns.
 pub fn read_stream(
     input: impl Read,
     mut visit: impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
-) -> Result<Option<String>, BagError> {
+) -> Result<Option<String>, StreamError> {
     let mut reader = Reader {
-        input: Input { input, offset: 0, crc: crc32fast::Hasher::new(), damaged: None },
+        input: Counted::new(input),
         channels: BTreeMap::new(),
         schemas: BTreeMap::new(),
         record_start: 0,
     };
     match reader.read(&mut visit) {
         Ok(end) => Ok(end),
-        Err(problem) => Err(BagError::Stream { offset: reader.record_start, problem }),
+        Err(problem) => Err(StreamError { position: Position::Byte(reader.record_start), problem }),
     }
 }
 
 struct Reader<R> {
-    input: Input<R>,
+    input: Counted<R>,
     channels: BTreeMap<u16, Channel>,
     schemas: BTreeMap<u16, Arc<SchemaText>>,
     /// Where the record being read begins.
@@ -202,7 +163,7 @@ impl<R: Read> Reader<R> {
                 };
                 match self.schemas.get(&id) {
                     Some(known) if **known != schema => {
-                        return Err(StreamProblem::Conflict("Schema", id));
+                        return Err(StreamProblem::Conflict("Schema", u32::from(id)));
                     }
                     Some(_) => {}
                     None => drop(self.schemas.insert(id, Arc::new(schema))),
@@ -223,10 +184,10 @@ impl<R: Read> Reader<R> {
                         }
                     },
                 };
-                let channel = Channel { id, topic, message_encoding, schema };
+                let channel = Channel { id: u32::from(id), topic, message_encoding, schema };
                 match self.channels.get(&id) {
                     Some(known) if *known != channel => {
-                        return Err(StreamProblem::Conflict("Channel", id));
+                        return Err(StreamProblem::Conflict("Channel", u32::from(id)));
                     }
                     Some(_) => {}
                     None => {
@@ -241,14 +202,15 @@ impl<R: Read> Reader<R> {
                 let sequence = fields.u32("sequence")?;
                 let log_time = fields.u64("log_time")?;
                 let publish_time = fields.u64("publish_time")?;
-                let channel = self.channels.get(&id).ok_or(StreamProblem::UnknownChannel(id))?;
+                let channel =
+                    self.channels.get(&id).ok_or(StreamProblem::UnknownChannel(u32::from(id)))?;
                 visit(Item::Message(Message {
                     channel,
                     sequence,
                     log_time,
                     publish_time,
                     data: fields.rest(),
-                    offset: self.record_start,
+                    position: Position::Byte(self.record_start),
                 }))?;
             }
             _ => {}
@@ -262,7 +224,7 @@ impl<R: Read> Reader<R> {
         is_cut: bool,
         visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
     ) -> Result<(), StreamProblem> {
-        let records = match chunk::unpack(body, is_cut) {
+        let records = match records::of(body, is_cut) {
             // The cut is in the chunk's own fields: nothing of it can be told.
             Err(StreamProblem::Record(_)) if is_cut => return Ok(()),
             other => other?,
@@ -322,53 +284,4 @@ fn prefix(bytes: &[u8]) -> Option<(u8, u64)> {
     let (&[opcode], rest) = bytes.split_first_chunk()?;
     let (&length, _) = rest.split_first_chunk()?;
     Some((opcode, u64::from_le_bytes(length)))
-}
-
-/// Counts and sums up what is read.
-struct Input<R> {
-    input: R,
-    offset: u64,
-    crc: crc32fast::Hasher,
-    /// Why the compressed file ends early, if it does.
-    damaged: Option<String>,
-}
-
-impl<R: Read> Input<R> {
-    /// Appends up to `length` bytes to `bytes`, fewer only at the end of the file.
-    fn read_up_to(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<(), StreamProblem> {
-        let start = bytes.len();
-        let outcome = self.input.by_ref().take(length).read_to_end(bytes);
-        self.offset += (bytes.len() - start) as u64;
-        self.crc.update(&bytes[start..]);
-        self.ended(outcome.map(|_| ()))
-    }
-
-    /// Passes over up to `length` bytes, and says over how many.
-    fn skip(&mut self, length: u64) -> Result<u64, StreamProblem> {
-        let mut skipped = 0;
-        let mut buffer = Vec::new();
-        while skipped < length {
-            buffer.clear();
-            self.read_up_to((length - skipped).min(1 << 16), &mut buffer)?;
-            if buffer.is_empty() {
-                break;
-            }
-            skipped += buffer.len() as u64;
-        }
-        Ok(skipped)
-    }
-
-    /// A compressed file that is cut or damaged ends there.
-    fn ended(&mut self, outcome: io::Result<()>) -> Result<(), StreamProblem> {
-        match outcome {
-            Ok(()) => Ok(()),
-            Err(error) => match damaged_gzip(&error) {
-                Some(reason) => {
-                    self.damaged = Some(reason);
-                    Ok(())
-                }
-                None => Err(StreamProblem::Io(error)),
-            },
-        }
-    }
 }

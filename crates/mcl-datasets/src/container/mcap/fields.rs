@@ -3,17 +3,7 @@
 //! The `mcap` crate's own parser reserves memory by a string's length field before it looks whether
 //! so many bytes are there; this one never allocates more than the record holds.
 
-/// A field that a record should have and has not, or that is no text.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{record} record: {field} is {found}")]
-pub struct BadRecord {
-    /// Kind of the record.
-    pub record: &'static str,
-    /// The field at fault.
-    pub field: &'static str,
-    /// What is wrong with it.
-    pub found: &'static str,
-}
+use crate::container::problem::BadRecord;
 
 /// The fields of one record.
 pub(super) struct Fields<'a> {

@@ -1,0 +1,40 @@
+//! What a chunk of an MCAP file holds: its compression undone, its length and checksum checked.
+
+use super::fields::Fields;
+use crate::container::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
+use crate::container::problem::StreamProblem;
+
+/// The records of a chunk, back to back. Of a chunk whose file is cut off (`is_cut`), as much as can
+/// be told of it.
+pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Vec<u8>, StreamProblem> {
+    let mut fields = Fields::new("Chunk", body);
+    fields.bytes("message_start_time, message_end_time", 16)?;
+    let size = fields.u64("uncompressed_size")?;
+    let crc = fields.u32("uncompressed_crc")?;
+    let compression = fields.text("compression")?;
+    let packed_size = fields.u64("records")?;
+    if size > MAX_CHUNK_BYTES {
+        return Err(StreamProblem::ChunkTooLarge { size, limit: MAX_CHUNK_BYTES });
+    }
+    let rest = fields.rest();
+    let packed = match usize::try_from(packed_size).ok().and_then(|length| rest.get(..length)) {
+        Some(packed) => packed,
+        None if is_cut => rest,
+        None => return Err(StreamProblem::ChunkLength { size: packed_size, there: rest.len() }),
+    };
+    let compression = match compression {
+        "" => Compression::None,
+        "zstd" => Compression::Zstd,
+        "lz4" => Compression::Lz4,
+        other => {
+            let (found, expected) = (other.to_owned(), "none, zstd or lz4");
+            return Err(StreamProblem::UnknownCompression { found, expected });
+        }
+    };
+    let records = unpack(compression, packed, size, is_cut)?;
+    let found = crc32fast::hash(&records);
+    if !is_cut && crc != 0 && crc != found {
+        return Err(StreamProblem::ChunkCrc { declared: crc, found });
+    }
+    Ok(records)
+}

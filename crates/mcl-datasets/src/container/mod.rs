@@ -1,0 +1,44 @@
+//! Containers of messages: MCAP, ROS 1 bags, and rosbag2's SQLite databases.
+//!
+//! A container knows nothing of what messages say: it yields topics (with the names and descriptions
+//! of their types, as far as it holds them) and encoded messages, one after the other. Formats are told
+//! apart by their first bytes. To add one, write its file and a line in [`CONTAINERS`].
+
+pub(crate) mod chunk;
+pub mod folder;
+mod input;
+pub mod item;
+pub mod mcap;
+pub mod position;
+pub mod problem;
+mod ros1;
+mod sqlite;
+
+use std::io::BufRead;
+
+use item::{Container, Input, Visit};
+use problem::{StreamError, StreamProblem};
+
+/// All formats that are read.
+pub static CONTAINERS: &[&Container] = &[&mcap::CONTAINER, &ros1::CONTAINER, &sqlite::CONTAINER];
+
+/// The container that begins with these bytes; also of a file that ends within its magic bytes, or
+/// before them.
+pub fn of(head: &[u8]) -> Option<&'static Container> {
+    CONTAINERS.iter().copied().find(|container| {
+        let length = head.len().min(container.magic.len());
+        head[..length] == container.magic[..length]
+    })
+}
+
+/// Reads a container of any format; see [`item::Read`].
+///
+/// # Errors
+/// [`StreamError`] for bytes that are no container or damaged, and what `visit` returns.
+pub fn read(mut input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
+    let head = input.stream.fill_buf().map_err(StreamError::at_start)?;
+    match of(head) {
+        Some(container) => (container.read)(input, visit),
+        None => Err(StreamError::at_start(StreamProblem::Magic)),
+    }
+}

@@ -1,0 +1,415 @@
+//! rosbag2's SQLite databases: a table of topics, a table of messages, and, since 2023, one of the
+//! descriptions of their types.
+//!
+//! SQLite reads pages in no order, so a database that is compressed is unpacked into a temporary file
+//! first. A database may come from anywhere: nothing that it defines (views, triggers) is run, no row is
+//! larger than a chunk may be, and the rows together are no larger than the file, as they are when each
+//! page belongs to one table. Messages come in the order of their rows, as they were recorded.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
+use rusqlite::types::ValueRef;
+use rusqlite::{Connection, ErrorCode, OpenFlags, Row};
+use tempfile::{NamedTempFile, TempDir};
+
+use super::chunk::MAX_CHUNK_BYTES;
+use super::item::{Channel, Container, Input, Item, Message, SchemaText, Visit};
+use super::position::Position;
+use super::problem::{StreamError, StreamProblem};
+use crate::packed::damage;
+
+/// Databases of rosbag2, its default format until 2023.
+pub static CONTAINER: Container = Container {
+    name: "rosbag2 database",
+    magic: b"SQLite format 3\0",
+    ending: "db3",
+    storage: Some("sqlite3"),
+    read,
+};
+
+/// Largest database unpacked, in bytes, into the folder for temporary files.
+const MAX_UNPACKED_BYTES: u64 = 64 << 30;
+/// Topics and types accepted, each.
+const MAX_TOPICS: usize = u16::MAX as usize;
+/// Bytes of the header of a database.
+const HEADER_BYTES: usize = 100;
+/// Steps of SQLite's machine between two looks at their number.
+const STEPS: i32 = 1 << 20;
+/// Steps allowed per byte of the file, and for any: a row takes about ten, and at least six bytes.
+const STEPS_PER_BYTE: u64 = 16;
+const STEPS_FOR_ANY: u64 = 32 << 20;
+
+fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
+    let mut database = match input.file {
+        Some(path) => Database::of_file(path),
+        None => Database::of_stream(input.stream),
+    }
+    .map_err(StreamError::at_start)?;
+    database.read(visit)
+}
+
+/// A database opened for reading.
+struct Database {
+    connection: Connection,
+    bytes: u64,
+    /// Why its end is missing, if it is.
+    cut: Option<String>,
+    /// Where it lies, if it was copied.
+    _copy: Option<Copied>,
+}
+
+/// Removed when dropped.
+enum Copied {
+    File { _file: NamedTempFile },
+    Folder { _folder: TempDir },
+}
+
+impl Database {
+    fn of_file(path: &Path) -> Result<Self, StreamProblem> {
+        // A recorder that was killed leaves the last messages in a file beside the database. SQLite
+        // would merge them into it, so that is done with a copy.
+        let sidecars: Vec<PathBuf> = ["-wal", "-journal"]
+            .into_iter()
+            .map(|ending| {
+                let mut name = path.as_os_str().to_owned();
+                name.push(ending);
+                PathBuf::from(name)
+            })
+            .filter(|path| path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0))
+            .collect();
+        if sidecars.is_empty() {
+            return Self::open(path, None, None);
+        }
+        let folder = tempfile::tempdir()?;
+        let mut copy = PathBuf::new();
+        for from in std::iter::once(path).chain(sidecars.iter().map(PathBuf::as_path)) {
+            let to = folder.path().join(from.file_name().unwrap_or_default());
+            std::fs::copy(from, &to)?;
+            if from == path {
+                copy = to;
+            }
+        }
+        Self::open(&copy, None, Some(Copied::Folder { _folder: folder }))
+    }
+
+    fn of_stream(mut stream: impl Read) -> Result<Self, StreamProblem> {
+        let mut file = NamedTempFile::new()?;
+        let mut header = Vec::new();
+        let outcome = stream.by_ref().take(HEADER_BYTES as u64).read_to_end(&mut header);
+        file.write_all(&header)?;
+        let declared = Header::of(&header).map_or(0, |header| header.page_size * header.pages);
+        if declared > MAX_UNPACKED_BYTES {
+            return Err(StreamProblem::DatabaseTooLarge { declared, limit: MAX_UNPACKED_BYTES });
+        }
+        let limit = if declared == 0 { MAX_UNPACKED_BYTES } else { declared };
+        let rest = limit.saturating_sub(HEADER_BYTES as u64);
+        let outcome = outcome.and_then(|_| io::copy(&mut stream.take(rest), file.as_file_mut()));
+        let cut = match outcome {
+            Ok(_) => None,
+            Err(error) => Some(damage(&error).ok_or(error)?),
+        };
+        let path = file.path().to_owned();
+        Self::open(&path, cut, Some(Copied::File { _file: file }))
+    }
+
+    fn open(path: &Path, cut: Option<String>, copy: Option<Copied>) -> Result<Self, StreamProblem> {
+        let mut file = File::open(path)?;
+        let bytes = file.metadata()?.len();
+        let mut header = Vec::new();
+        Read::by_ref(&mut file).take(HEADER_BYTES as u64).read_to_end(&mut header)?;
+        let declared = Header::of(&header).map_or(0, |header| header.page_size * header.pages);
+        let is_cut = bytes < declared;
+        let is_merging = matches!(copy, Some(Copied::Folder { .. }));
+        let mut connection = match is_merging {
+            true => Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?,
+            false => {
+                let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI;
+                Connection::open_with_flags(unchanging(path), flags)?
+            }
+        };
+        let budget = STEPS_FOR_ANY + bytes.saturating_mul(STEPS_PER_BYTE);
+        let mut left = budget / STEPS as u64;
+        let is_over = move || {
+            left = left.saturating_sub(1);
+            left == 0
+        };
+        connection.progress_handler(STEPS, Some(is_over))?;
+        connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES as i32)?;
+        for (setting, value) in [
+            (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
+            (DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false),
+            (DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false),
+            // Else SQLite refuses all of a file that is shorter than it should be.
+            (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, is_cut),
+        ] {
+            connection.set_db_config(setting, value)?;
+        }
+        connection.execute_batch(
+            "PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA cache_size = -8192;",
+        )?;
+        let cut = match cut {
+            Some(reason) => Some(format!("{reason} after {bytes} of {declared} unpacked bytes")),
+            None => {
+                is_cut.then(|| format!("the file has {bytes} bytes, its header says {declared}"))
+            }
+        };
+        Ok(Database { connection, bytes, cut, _copy: copy })
+    }
+
+    fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
+        let mut topics = self.topics().map_err(StreamError::at_start)?;
+        for topic in topics.values() {
+            visit(Item::Channel(&topic.channel)).map_err(StreamError::at_start)?;
+        }
+        let mut rows = Rows::default();
+        let end = self.messages(&mut topics, &mut rows, visit);
+        match end {
+            Ok(()) => Ok(self
+                .cut
+                .take()
+                .map(|cut| format!("{cut}; the messages that are there are used"))),
+            Err(Stop::Damage(reason)) => {
+                let reason = self.cut.take().unwrap_or(reason);
+                Ok(Some(match rows.used {
+                    Some(row) => format!("{reason}; the messages up to row {row} are used"),
+                    None => format!("{reason}; no message can be read"),
+                }))
+            }
+            Err(Stop::Problem(problem)) => {
+                Err(StreamError { position: Position::Row(rows.current), problem })
+            }
+        }
+    }
+
+    /// The table of this name, which must be one, and neither a view nor virtual.
+    fn has_table(&self, name: &str) -> Result<bool, StreamProblem> {
+        let found = self.connection.query_row(
+            "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = ?1 AND rootpage > 0",
+            [name],
+            |row| row.get::<_, i64>(0),
+        )?;
+        Ok(found > 0)
+    }
+
+    /// The topics by the number that messages refer to them by.
+    fn topics(&self) -> Result<BTreeMap<i64, Topic>, StreamProblem> {
+        for table in ["topics", "messages"] {
+            if !self.has_table(table)? {
+                return Err(StreamProblem::NoTable(table));
+            }
+        }
+        let mut descriptions = BTreeMap::new();
+        if self.has_table("message_definitions")? {
+            let columns = "topic_type, encoding, encoded_message_definition";
+            self.rows("message_definitions", columns, |row| {
+                let language = text(row, 1, "message_definitions.encoding")?;
+                let description = text(row, 2, "message_definitions.encoded_message_definition")?;
+                let name = text(row, 0, "message_definitions.topic_type")?;
+                descriptions.insert(name, (language, description.into_bytes()));
+                Ok(())
+            })?;
+        }
+        let mut topics = BTreeMap::new();
+        self.rows("topics", "id, name, type, serialization_format", |row| {
+            let number = integer(row, 0, "topics.id")?;
+            let name = text(row, 2, "topics.type")?;
+            let (encoding, data) = descriptions.get(&name).cloned().unwrap_or_default();
+            // Recorders that do not find a description write "unknown".
+            let encoding = if data.is_empty() { String::new() } else { encoding };
+            let channel = Channel {
+                id: topics.len() as u32,
+                topic: text(row, 1, "topics.name")?,
+                message_encoding: text(row, 3, "topics.serialization_format")?,
+                schema: Some(Arc::new(SchemaText { name, encoding, data })),
+            };
+            topics.insert(number, Topic { channel, messages: 0 });
+            Ok(())
+        })?;
+        Ok(topics)
+    }
+
+    /// Shows the rows of a table with a row for each topic or type.
+    fn rows(
+        &self,
+        table: &'static str,
+        columns: &str,
+        mut take: impl FnMut(&Row<'_>) -> Result<(), StreamProblem>,
+    ) -> Result<(), StreamProblem> {
+        let query = format!("SELECT {columns} FROM {table} NOT INDEXED");
+        let mut statement = self.connection.prepare(&query)?;
+        let mut rows = statement.query([])?;
+        let mut count = 0;
+        while let Some(row) = rows.next()? {
+            count += 1;
+            if count > MAX_TOPICS {
+                return Err(StreamProblem::Database {
+                    table,
+                    found: format!("has more than {MAX_TOPICS} rows"),
+                });
+            }
+            take(row)?;
+        }
+        Ok(())
+    }
+
+    fn messages(
+        &self,
+        topics: &mut BTreeMap<i64, Topic>,
+        at: &mut Rows,
+        visit: &mut Visit<'_>,
+    ) -> Result<(), Stop> {
+        let query = "SELECT rowid, topic_id, timestamp, data FROM messages NOT INDEXED";
+        let mut statement = self.connection.prepare(query).map_err(Stop::of)?;
+        let mut rows = statement.query([]).map_err(Stop::of)?;
+        let mut left = self.bytes;
+        while let Some(row) = rows.next().map_err(Stop::of)? {
+            let number = integer(row, 0, "messages.rowid")?;
+            at.current = number;
+            if at.used.is_some_and(|used| number <= used) {
+                return Err(Stop::Damage(format!("row {number} comes a second time")));
+            }
+            let topic = integer(row, 1, "messages.topic_id")?;
+            let log_time = integer(row, 2, "messages.timestamp")?;
+            let data = match row.get_ref(3).map_err(Stop::of)? {
+                ValueRef::Blob(data) => data,
+                ValueRef::Null => &[],
+                other => {
+                    return Err(wrong_type("messages.data", &other, "a BLOB").into());
+                }
+            };
+            left = left.checked_sub(data.len() as u64).ok_or_else(|| {
+                Stop::Damage("the messages take more bytes than the file has".to_owned())
+            })?;
+            let topic = topics.get_mut(&topic).ok_or(StreamProblem::UnknownTopic(topic))?;
+            let sequence = topic.messages;
+            topic.messages = sequence.wrapping_add(1);
+            at.used = Some(number);
+            visit(Item::Message(Message {
+                channel: &topic.channel,
+                sequence,
+                log_time: u64::try_from(log_time).unwrap_or(0),
+                publish_time: u64::try_from(log_time).unwrap_or(0),
+                data,
+                position: Position::Row(number),
+            }))?;
+        }
+        Ok(())
+    }
+}
+
+/// How far the table of messages is read.
+#[derive(Default)]
+struct Rows {
+    current: i64,
+    /// The last one that was shown.
+    used: Option<i64>,
+}
+
+struct Topic {
+    channel: Channel,
+    messages: u32,
+}
+
+/// Why no more messages come.
+enum Stop {
+    /// The database is damaged or cut off: what came before counts.
+    Damage(String),
+    Problem(StreamProblem),
+}
+
+impl From<StreamProblem> for Stop {
+    fn from(problem: StreamProblem) -> Self {
+        Stop::Problem(problem)
+    }
+}
+
+impl Stop {
+    fn of(error: rusqlite::Error) -> Self {
+        match error.sqlite_error_code() {
+            Some(
+                ErrorCode::DatabaseCorrupt
+                | ErrorCode::NotADatabase
+                | ErrorCode::TooBig
+                | ErrorCode::OperationInterrupted,
+            ) => Stop::Damage(told(&error)),
+            _ => Stop::Problem(error.into()),
+        }
+    }
+}
+
+fn told(error: &rusqlite::Error) -> String {
+    match error.sqlite_error_code() {
+        Some(ErrorCode::OperationInterrupted) => {
+            "the database takes more steps to read than its size allows for, so it is damaged"
+                .to_owned()
+        }
+        Some(ErrorCode::TooBig) => {
+            format!("a row is longer than {MAX_CHUNK_BYTES} bytes, or says so")
+        }
+        _ => format!("the database is damaged ({error})"),
+    }
+}
+
+impl From<rusqlite::Error> for StreamProblem {
+    fn from(error: rusqlite::Error) -> Self {
+        StreamProblem::Sqlite(told(&error))
+    }
+}
+
+/// What the header of a database says of its size.
+struct Header {
+    page_size: u64,
+    pages: u64,
+}
+
+impl Header {
+    fn of(bytes: &[u8]) -> Option<Self> {
+        let u32_at = |at: usize| Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?));
+        let page_size = match u16::from_be_bytes(*bytes.get(16..)?.first_chunk()?) {
+            1 => 1 << 16,
+            size => u64::from(size),
+        };
+        // Old versions of SQLite leave the number of pages as it is; then these two differ.
+        let is_valid = u32_at(24)? == u32_at(92)?;
+        Some(Header { page_size, pages: if is_valid { u64::from(u32_at(28)?) } else { 0 } })
+    }
+}
+
+/// The address of a file that SQLite takes for one that nobody writes: it looks for no other file.
+fn unchanging(path: &Path) -> String {
+    let mut address = String::from("file:");
+    for &byte in path.as_os_str().as_encoded_bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'-' | b'_' => {
+                address.push(char::from(byte));
+            }
+            _ => address += &format!("%{byte:02x}"),
+        }
+    }
+    address + "?immutable=1"
+}
+
+fn wrong_type(column: &'static str, found: &ValueRef<'_>, expected: &str) -> StreamProblem {
+    let found = format!("is of type {}, expected {expected}", found.data_type());
+    StreamProblem::Database { table: column, found }
+}
+
+fn integer(row: &Row<'_>, index: usize, column: &'static str) -> Result<i64, StreamProblem> {
+    match row.get_ref(index)? {
+        ValueRef::Integer(value) => Ok(value),
+        other => Err(wrong_type(column, &other, "INTEGER")),
+    }
+}
+
+fn text(row: &Row<'_>, index: usize, column: &'static str) -> Result<String, StreamProblem> {
+    match row.get_ref(index)? {
+        ValueRef::Text(text) => Ok(String::from_utf8_lossy(text).into_owned()),
+        other => Err(wrong_type(column, &other, "TEXT")),
+    }
+}

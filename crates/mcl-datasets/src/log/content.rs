@@ -1,0 +1,57 @@
+//! A log as read, whatever its format.
+
+use std::fmt;
+
+use mcl_core::Recording;
+use serde::{Deserialize, Serialize};
+
+use crate::log::report::ReadReport;
+
+/// A log as read: the recording, and what is known about how it was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// Scans with their stamps, reference poses and odometry increments.
+    pub recording: Recording,
+    /// Where the reference and the odometry come from.
+    pub kind: LogKind,
+    /// What was ignored, skipped or unusable.
+    pub report: ReadReport,
+    /// How far ahead of the robot's centre the log says the front laser is mounted (metres;
+    /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
+    /// it where the poses of the log leave the mount open.
+    pub front_laser_offset: Option<f64>,
+    /// How a bag was read, a line each: its topics, the mount of the laser.
+    pub notes: Vec<String>,
+    /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside
+    /// of the odometry.
+    pub assumptions: Vec<String>,
+}
+
+/// Where the reference poses and the odometry of a log come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogKind {
+    /// Laser poses are corrected (the reference), and so are the odometry fields beside them; raw
+    /// odometry, where the log has any, stands in odometry records between the scans.
+    GfsCorrected,
+    /// Laser poses are corrected (the reference); the odometry fields beside them are raw.
+    CorrectedWithOdometry,
+    /// Laser poses are raw odometry, at a fixed mount on the robot; there is no reference.
+    Raw,
+    /// As [`LogKind::Raw`], with the true poses of a simulator in records of their own.
+    RawWithTruth,
+    /// A bag: odometry and, where it has them, reference poses from topics of their own.
+    Bag,
+}
+
+impl fmt::Display for LogKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            LogKind::GfsCorrected => "corrected log, raw odometry between the scans",
+            LogKind::CorrectedWithOdometry => "corrected log, raw odometry beside each laser pose",
+            LogKind::Raw => "raw log, no reference poses",
+            LogKind::RawWithTruth => "raw log, reference poses of TRUEPOS records",
+            LogKind::Bag => "bag",
+        })
+    }
+}

@@ -1,0 +1,205 @@
+//! Opening a log: its format is told by its first bytes.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+
+use encoding_rs_io::DecodeReaderBytes;
+
+use crate::bag::clouds::{self, BagCloud, CloudOptions};
+use crate::bag::error::BagError;
+use crate::bag::poses::{self, PoseTopic};
+use crate::bag::recording::{self, purpose};
+use crate::bag::topics::{Content, PoseRole, Purpose};
+use crate::carmen;
+use crate::carmen::reader::CarmenError;
+use crate::container::item::Input;
+use crate::container::{self, folder};
+use crate::log::content::Log;
+use crate::log::error::LogError;
+use crate::log::foreign;
+use crate::log::options::ReadOptions;
+use crate::packed::{Unpacked, damage};
+
+/// Reads a log, plain or compressed, or the folder of a bag; the first bytes decide, not the name.
+///
+/// # Errors
+/// [`LogError`] when the file cannot be opened or holds no scan. Malformed records and a damaged end
+/// of the compressed data are no errors: the rest is read, and
+/// [`ReadReport`](crate::log::ReadReport) says what was lost.
+pub fn read_log(path: &Path) -> Result<Log, LogError> {
+    read_log_as(path, &ReadOptions::default())
+}
+
+/// [`read_log`], told what the content of the log leaves open.
+///
+/// # Errors
+/// As [`read_log`].
+pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> {
+    // Opening a directory succeeds on Unix; reading it fails with a less helpful message.
+    if path.is_dir() {
+        let content = content_of_folder(path, purpose(options))?;
+        return recording::assemble(content, options).map_err(at(path));
+    }
+    read_opened(open(path)?, path, true, options)
+}
+
+/// Reads a log from its bytes, plain or compressed; they decide on the format. `path` stands for the
+/// file in errors, and its name settles what the content leaves open.
+///
+/// # Errors
+/// As [`read_log`].
+pub fn read_log_from(
+    input: impl Read,
+    path: &Path,
+    options: &ReadOptions,
+) -> Result<Log, LogError> {
+    let input = Unpacked::new(input).map_err(|error| io_error(path, error))?;
+    read_opened(input, path, false, options)
+}
+
+/// `is_file` says that the bytes are those of the file at `path`.
+fn read_opened(
+    input: Unpacked<'_>,
+    path: &Path,
+    is_file: bool,
+    options: &ReadOptions,
+) -> Result<Log, LogError> {
+    let input = some(input, path)?;
+    if container::of(input.head()).is_some() {
+        let content = content_of(input, path, is_file, purpose(options))?;
+        return recording::assemble(content, options).map_err(at(path));
+    }
+    let is_utf16 = matches!(input.head(), [0xff, 0xfe, ..] | [0xfe, 0xff, ..]);
+    if !is_utf16 {
+        refuse_foreign(&input, path)?;
+    }
+    if let Some(topic) = options.topics.any() {
+        return Err(LogError::NoTopics { path: path.to_owned(), topic: topic.to_owned() });
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let text: Box<dyn BufRead + '_> = match is_utf16 {
+        true => Box::new(BufReader::new(DecodeReaderBytes::new(input))),
+        false => Box::new(input),
+    };
+    carmen::read(text, &name, options.reference).map_err(|error| match error {
+        CarmenError::Io(error) => io_error(path, error),
+        error => LogError::Carmen { path: path.to_owned(), error },
+    })
+}
+
+/// Whether a path is that of a bag: the folder of one, or a file, plain or compressed, that begins like
+/// one.
+///
+/// # Errors
+/// [`LogError`] when the file cannot be opened.
+pub fn is_bag(path: &Path) -> Result<bool, LogError> {
+    Ok(is_bag_folder(path) || !path.is_dir() && container::of(open(path)?.head()).is_some())
+}
+
+/// Reads the poses of one topic of a bag, a file or a folder: the topic asked for, or the one that its
+/// type and name tell.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
+pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
+    poses::poses(&content(path, Purpose::Scans)?, topic, role).map_err(at(path))
+}
+
+/// Reads the point clouds of one topic of a bag, a file or a folder.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened or is no bag, and as
+/// [`bag::read_clouds`](crate::bag::read_clouds).
+pub fn read_clouds(path: &Path, options: &CloudOptions) -> Result<BagCloud, LogError> {
+    clouds::join(&content(path, Purpose::Clouds)?, options).map_err(at(path))
+}
+
+/// Whether a folder holds a bag: a `metadata.yaml`, or files that are named like those of bags.
+pub fn is_bag_folder(path: &Path) -> bool {
+    path.is_dir() && folder::is_bag(path)
+}
+
+/// The content of the bag at a path, a file or a folder.
+fn content(path: &Path, purpose: Purpose) -> Result<Content, LogError> {
+    if path.is_dir() {
+        return content_of_folder(path, purpose);
+    }
+    let input = some(open(path)?, path)?;
+    if container::of(input.head()).is_none() {
+        refuse_foreign(&input, path)?;
+    }
+    content_of(input, path, true, purpose)
+}
+
+fn content_of(
+    input: Unpacked<'_>,
+    path: &Path,
+    is_file: bool,
+    purpose: Purpose,
+) -> Result<Content, LogError> {
+    let mut content = Content::new(purpose);
+    content.add(source(input, path, is_file), None).map_err(at(path))?;
+    Ok(content)
+}
+
+fn content_of_folder(folder: &Path, purpose: Purpose) -> Result<Content, LogError> {
+    if !folder::is_bag(folder) {
+        return Err(LogError::Directory { path: folder.to_owned() });
+    }
+    let bag = folder::open(folder).map_err(|error| at(folder)(error.into()))?;
+    let mut content = Content::new(purpose);
+    content.types = bag.types;
+    for path in bag.files {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let input = some(open(&path)?, &path)?;
+        content.add(source(input, &path, true), Some(&name)).map_err(at(&path))?;
+    }
+    Ok(content)
+}
+
+fn source<'a>(input: Unpacked<'a>, path: &'a Path, is_file: bool) -> Input<'a> {
+    let file = (is_file && !input.is_packed).then_some(path);
+    Input { stream: Box::new(input), file }
+}
+
+fn at(path: &Path) -> impl FnOnce(BagError) -> LogError {
+    move |error| LogError::Bag { path: path.to_owned(), error: Box::new(error) }
+}
+
+fn io_error(path: &Path, error: io::Error) -> LogError {
+    LogError::Io { path: path.to_owned(), error }
+}
+
+/// Opens a file, and unpacks it if it is compressed.
+fn open(path: &Path) -> Result<Unpacked<'static>, LogError> {
+    let file = File::open(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => LogError::NotFound { path: path.to_owned() },
+        _ => io_error(path, error),
+    })?;
+    Unpacked::new(file).map_err(|error| io_error(path, error))
+}
+
+/// What has any bytes.
+fn some<'a>(mut input: Unpacked<'a>, path: &Path) -> Result<Unpacked<'a>, LogError> {
+    match input.take_error() {
+        Some(error) => Err(match damage(&error) {
+            Some(reason) => LogError::Compressed { path: path.to_owned(), reason },
+            None => io_error(path, error),
+        }),
+        None if input.head().is_empty() => Err(LogError::Empty { path: path.to_owned() }),
+        None => Ok(input),
+    }
+}
+
+/// Names what is no container and no text for what it is.
+fn refuse_foreign(input: &Unpacked<'_>, path: &Path) -> Result<(), LogError> {
+    let path = path.to_owned();
+    if let Some(found) = foreign::of_head(input.head()) {
+        return Err(LogError::Foreign { path, what: found.what, advice: found.advice });
+    }
+    match input.head().iter().position(|&byte| byte == 0) {
+        Some(offset) => Err(LogError::Binary { path, offset }),
+        None => Ok(()),
+    }
+}

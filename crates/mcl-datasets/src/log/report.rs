@@ -1,0 +1,118 @@
+//! What a reader did not use of a log, and where it stands.
+
+use std::fmt;
+
+use crate::container::position::Position;
+
+/// Skipped records described in full in a [`ReadReport`]; further ones are only counted.
+const SKIPPED_DETAILS: usize = 20;
+
+/// What a reader did not use of a log.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadReport {
+    /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …; bags: messages of
+    /// other types); nothing is lost.
+    pub ignored: usize,
+    /// Malformed records of kinds that are read; what they said is lost.
+    pub skipped: usize,
+    /// The first 20 skipped records.
+    pub skipped_details: Vec<SkippedRecord>,
+    /// Scans whose stamp is a number but no time (uninitialised, negative); they are kept without.
+    pub unusable_stamps: usize,
+    /// What contradicts itself, or had to be guessed, a line each: results may be wrong by it.
+    pub doubts: Vec<String>,
+    /// Why the log ends early, when a bag or compressed data is cut off or damaged; what came before
+    /// is kept.
+    pub truncated: Option<String>,
+}
+
+impl ReadReport {
+    /// Whether every record of a known kind was read, nothing skipped, nothing cut off, and nothing in it
+    /// is in doubt.
+    pub fn is_complete(&self) -> bool {
+        self.skipped == 0 && self.truncated.is_none() && self.doubts.is_empty()
+    }
+
+    pub(crate) fn skip(&mut self, record: SkippedRecord) {
+        self.skipped += 1;
+        if self.skipped_details.len() < SKIPPED_DETAILS {
+            self.skipped_details.push(record);
+        }
+    }
+}
+
+/// One line on the totals, then one per described skipped record and per doubt, then why the log
+/// ends early.
+impl fmt::Display for ReadReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "ignored records: {}, skipped records: {}, unusable stamps: {}",
+            self.ignored, self.skipped, self.unusable_stamps
+        )?;
+        for record in &self.skipped_details {
+            write!(f, "\n{record}")?;
+        }
+        let more = self.skipped.saturating_sub(self.skipped_details.len());
+        if more > 0 {
+            write!(f, "\n… and {more} more")?;
+        }
+        for doubt in &self.doubts {
+            write!(f, "\nin doubt: {doubt}")?;
+        }
+        if let Some(reason) = &self.truncated {
+            write!(f, "\nthe log ends early: {reason}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Where a record stands in its log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// Line of a text, from 1.
+    Line(usize),
+    /// Message of a bag.
+    Message {
+        /// Its topic.
+        topic: String,
+        /// When it was logged, in nanoseconds.
+        log_time: u64,
+        /// Where it stands in its file.
+        position: Position,
+    },
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Place::Line(line) => write!(f, "line {line}"),
+            Place::Message { topic, log_time, position } => {
+                let (seconds, rest) = (log_time / 1_000_000_000, log_time % 1_000_000_000);
+                write!(f, "{topic} at {seconds}.{rest:09} s ({position})")
+            }
+        }
+    }
+}
+
+/// A malformed record: where it is, and what is wrong with it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SkippedRecord {
+    /// Where it stands.
+    pub place: Place,
+    /// Kind of the record (`FLASER`), or type of the message.
+    pub record: String,
+    /// Name of the field at fault.
+    pub field: String,
+    /// What stands there.
+    pub found: String,
+    /// What should.
+    pub expected: String,
+}
+
+impl fmt::Display for SkippedRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let SkippedRecord { place, record, field, found, expected } = self;
+        write!(f, "{place}: {record} skipped: {field} is {found}, expected {expected}")
+    }
+}

@@ -1,0 +1,218 @@
+//! CARMEN logs as they occur: other numbers of beams, other records, other ends of lines.
+
+mod support;
+
+use std::f64::consts::{PI, TAU};
+
+use mcl_core::Pose2;
+use mcl_datasets::carmen;
+use mcl_datasets::log::{LogKind, ReferencePoses, read_log};
+use support::*;
+
+fn parameters(fov: &str, degrees: &str) -> String {
+    format!(
+        "PARAM laser_front_laser_fov {fov}\nPARAM laser_front_laser_resolution {degrees} nohost 0\n"
+    )
+}
+
+fn angles(text: &str) -> (f64, f64) {
+    let geometry = read(text).recording.scans[0].geometry;
+    (geometry.angle(0), geometry.angle(geometry.beams - 1))
+}
+
+#[track_caller]
+fn assert_angles(text: &str, first: f64, last: f64) {
+    let found = angles(text);
+    assert!((found.0 - first).abs() < 1e-5 && (found.1 - last).abs() < 1e-5, "{found:?}");
+}
+
+#[test]
+fn any_number_of_beams_by_the_parameters_of_the_log() {
+    let scan = |beams: usize| flaser(&vec![1.0; beams], ORIGIN, ORIGIN, 1);
+    for (beams, fov, resolution) in [
+        (541, "4.71239", "0.5"),
+        (682, "4.18879", "0.3524"),
+        (401, "1.74533", "0.25"),
+        (91, "3.14159", "2.0000"),
+        (541, "270", "0.5"),
+    ] {
+        let text = parameters(fov, resolution) + &scan(beams);
+        let fov: f64 = fov.parse().unwrap();
+        let half = 0.5 * if fov > 7.0 { fov.to_radians() } else { fov };
+        assert_angles(&text, -half, half);
+        assert!(read(&text).assumptions.is_empty());
+    }
+    // A full turn in 360 steps, and not half a one in 720.
+    let full = parameters("6.28319", "1.0") + &scan(360);
+    assert_angles(&full, -PI, PI - TAU / 360.0);
+    // Parameters of another number of beams than the records have.
+    let other = parameters("3.14159", "1.0") + &scan(360);
+    assert_angles(&other, -0.5 * PI, -0.5 * PI + 359.0 * PI / 360.0);
+    let usual = parameters("3.14159", "1.0") + &scan(181);
+    assert_eq!(read(&usual).recording, read(&scan(181)).recording);
+}
+
+#[test]
+fn without_parameters_the_rule_of_carmen_is_told() {
+    for (beams, half_degrees) in [(541, 90.0_f64), (401, 50.0), (91, 90.0), (2, 90.0)] {
+        let text = flaser(&vec![1.0; beams], ORIGIN, ORIGIN, 1);
+        assert_angles(&text, -half_degrees.to_radians(), half_degrees.to_radians());
+        let told = &read(&text).assumptions[0];
+        assert!(told.contains(&format!("of {beams} beams")) && told.contains("CARMEN's own rule"));
+    }
+}
+
+/// Of one of nine public logs, 219 of the 236 gaps hold nothing but the restart.
+#[test]
+fn a_gap_of_nothing_but_the_restart_says_nothing_of_the_motion() {
+    let log = corrected();
+    let text = log.text();
+    let lost = text.replace(&log.gap(1), &restart(log.poses[1]));
+    assert_ne!(lost, text);
+    let found = read(&lost);
+    assert_eq!(found.kind, LogKind::GfsCorrected);
+    let steps = increments(&found);
+    assert_close(steps[1], log.raw[0], 1e-12);
+    assert_eq!(steps[2], None);
+    assert_close(steps[3], log.raw[2], 1e-12);
+    // A robot that stands still says so.
+    let still = restart(log.poses[1]) + &odom(log.poses[1]);
+    let steps = increments(&read(&text.replace(&log.gap(1), &still)));
+    assert_close(steps[2], ORIGIN, 1e-12);
+}
+
+#[test]
+fn scans_of_one_stamp_are_told() {
+    let text: String = (0..6).map(|k| scan(pose(f64::from(k), 0.0, 0.0), "1.01893e+09")).collect();
+    let told = read(&text).assumptions.join("\n");
+    assert!(told.contains("6 scans have 1 different stamps"), "{told}");
+    let different: String = (0..6).map(|k| scan(pose(f64::from(k), 0.0, 0.0), k)).collect();
+    assert!(read(&different).assumptions.is_empty());
+}
+
+fn raw_laser(stamp: usize, reading: f64) -> String {
+    let readings = vec![reading.to_string(); 5].join(" ");
+    format!(
+        "RAWLASER1 0 -1.570796 3.141593 0.785398 81.9 0.01 0 5 {readings} 0 {stamp} host {stamp}\n"
+    )
+}
+
+#[test]
+fn scans_of_the_scanner_itself_are_read_with_the_odometry() {
+    let at = |k: usize| pose(k as f64, 0.5 * k as f64, 0.1 * k as f64);
+    let text: String = (0..4).map(|k| odom(at(k)) + &raw_laser(k, 2.5)).collect();
+    let log = read(&format!("PARAM robot_frontlaser_offset 0.2\n{text}"));
+    assert_eq!((log.kind, log.recording.scans.len()), (LogKind::Raw, 4));
+    assert_eq!(log.recording.scans[0].ranges, [2.5; 5]);
+    assert_eq!(log.recording.robot_from_laser.x, 0.2);
+    let mount = Pose2::new(0.2, 0.0, 0.0);
+    let expected = at(0).compose(&mount).between(&at(1).compose(&mount));
+    assert_close(increments(&log)[1], expected, 1e-12);
+    assert!(log.assumptions[0].contains("RAWLASER1"));
+    // Where another record has the same scans with their poses, that one is read.
+    let both: String = (0..4).map(|k| odom(at(k)) + &raw_laser(k, 2.5) + &scan(at(k), k)).collect();
+    let log = read(&both);
+    assert_eq!((log.recording.scans.len(), log.report.ignored), (4, 4));
+    assert!(log.recording.scans.iter().all(|scan| scan.ranges.len() == 180));
+    assert!(log.report.is_complete());
+}
+
+#[test]
+fn true_poses_of_a_simulator_are_the_reference() {
+    let robot = |k: usize| pose(k as f64, 0.0, 0.1);
+    let truth = |k: usize| pose(1.1 * k as f64, 0.2, 0.05);
+    let line = |k: usize| {
+        let (Pose2 { x, y, theta }, odometry) = (truth(k), robot(k));
+        format!(
+            "TRUEPOS {x} {y} {theta} {} {} {} {k} host {k}\n",
+            odometry.x, odometry.y, odometry.theta
+        )
+    };
+    let text: String = (0..4).map(|k| line(k) + &odom(robot(k)) + &scan(robot(k), k)).collect();
+    let log = read(&text);
+    assert_eq!(log.kind, LogKind::RawWithTruth);
+    for (k, scan) in log.recording.scans.iter().enumerate() {
+        assert_close(scan.map_from_laser, truth(k), 1e-12);
+    }
+    assert_close(increments(&log)[2], robot(1).between(&robot(2)), 1e-12);
+    let none = read_as(&text, ReferencePoses::None);
+    assert!(none.recording.scans.iter().all(|scan| scan.map_from_laser.is_none()));
+}
+
+#[test]
+fn where_there_is_no_scan_the_kinds_that_are_there_are_named() {
+    let rear = scan(ORIGIN, 1).replace("FLASER", "RLASER");
+    let text = rear.repeat(10) + &odom(ORIGIN).repeat(3) + "#ROBOT 1 2 3\n#LASER 181 0: 1\n";
+    let error = carmen::read(text.as_bytes(), "rear.log", ReferencePoses::Auto).unwrap_err();
+    let told = error.to_string();
+    assert!(told.contains("in 15 lines (#LASER 1, #ROBOT 1, ODOM 3, RLASER 10)"), "{told}");
+    // A text with a new word in each line is not listed in full.
+    let text: String = (0..1000).map(|k| format!("word{k}\n")).collect();
+    let error = carmen::read(text.as_bytes(), "words.log", ReferencePoses::Auto).unwrap_err();
+    assert!(error.to_string().contains("others 980"), "{error}");
+}
+
+#[test]
+fn the_end_of_a_record_may_be_missing() {
+    let place = pose(1.0, 2.0, 0.5);
+    let whole = scan(place, "3.25");
+    let expected = read(&whole).recording.scans[0].clone();
+    for (tail, has_stamp) in [(" pippo 3.25", true), (" 3.25", true), (" pippo", true)] {
+        let cut = whole.trim_end().strip_suffix(tail).unwrap_or(whole.trim_end());
+        let found = read(cut);
+        assert_eq!(found.report.skipped, 0, "{cut}");
+        assert_eq!(found.recording.scans[0].stamp.is_some(), has_stamp);
+        assert_eq!(found.recording.scans[0].ranges, expected.ranges);
+    }
+    let cut = whole.trim_end().strip_suffix(" 3.25 pippo 3.25").unwrap();
+    let log = read(cut);
+    assert_eq!((log.report.skipped, log.report.unusable_stamps), (0, 1));
+    assert_eq!(
+        (log.recording.scans[0].stamp, &log.recording.scans[0].ranges),
+        (None, &expected.ranges)
+    );
+    // A reading too few is none of these.
+    let short = whole.replacen(" 1 ", " ", 1);
+    assert_eq!(read(&(short + &whole)).report.skipped, 1);
+}
+
+#[test]
+fn readings_that_programs_of_windows_print_are_no_returns() {
+    for (text, is_nan) in [
+        ("1.#INF", false),
+        ("1.#INF00", false),
+        ("-1.#IND", true),
+        ("1.#QNAN", true),
+        ("-nan(ind)", true),
+        ("nan(snan)", true),
+        ("-1.#J", true),
+    ] {
+        let line = scan(ORIGIN, 1).replacen(" 1 ", &format!(" {text} "), 1);
+        let log = read(&(line + &scan(ORIGIN, 2)));
+        if text == "-1.#J" {
+            assert_eq!(log.report.skipped, 1);
+            continue;
+        }
+        assert_eq!(log.report.skipped, 0, "{text}");
+        let found = log.recording.scans[0].ranges[0];
+        assert!(if is_nan { found.is_nan() } else { found == f64::INFINITY }, "{text}: {found}");
+        assert_eq!(log.recording.scans[0].usable_beams(10.0), 179);
+        assert_eq!(log.notes.join("").contains("no numbers: 1"), is_nan);
+    }
+}
+
+#[test]
+fn a_log_in_utf_16_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = corrected().text();
+    let plain = read(&text);
+    let little: Vec<u8> =
+        "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    let big: Vec<u8> =
+        "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
+    for (name, bytes) in [("little.log", little), ("big.log", big)] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        assert_eq!(read_log(&path).unwrap().recording, plain.recording, "{name}");
+    }
+}
