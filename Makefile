@@ -79,6 +79,7 @@ interop: build
 	$(PYTHON) -m venv $(INTEROP)
 	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
 	$(INTEROP)/bin/python crates/mcl-datasets/interop/interop.py --program $(MCL_EVAL)
+	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
 
 # The inner loops one by one, then how their time grows (fitted exponents).
 bench:

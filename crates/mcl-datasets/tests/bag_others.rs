@@ -13,12 +13,9 @@ use mcl_datasets::container::mcap::read_stream;
 use mcl_datasets::log::{ReadOptions, read_log, read_poses};
 use serde_json::Value;
 
-/// The files of an archive by name; `None` where it is not at hand.
-fn archive(name: &str) -> Option<BTreeMap<String, Vec<u8>>> {
-    let Some(folder) = std::env::var_os("MCL_MCAP_DIR") else {
-        eprintln!("skipped: MCL_MCAP_DIR is not set");
-        return None;
-    };
+/// The files of an archive by name.
+fn archive(name: &str) -> BTreeMap<String, Vec<u8>> {
+    let folder = std::env::var_os("MCL_MCAP_DIR").expect("MCL_MCAP_DIR is set");
     let file = std::fs::File::open(Path::new(&folder).join(name)).unwrap();
     let mut files = BTreeMap::new();
     for entry in tar::Archive::new(liblzma::read::XzDecoder::new(file)).entries().unwrap() {
@@ -28,7 +25,7 @@ fn archive(name: &str) -> Option<BTreeMap<String, Vec<u8>>> {
         entry.read_to_end(&mut bytes).unwrap();
         files.insert(path.to_string_lossy().into_owned(), bytes);
     }
-    Some(files)
+    files
 }
 
 /// A message as both sides know it: topic, sequence, log and publish time, bytes.
@@ -82,8 +79,12 @@ fn expected(json: &Value) -> Vec<Seen> {
 }
 
 #[test]
+#[cfg_attr(
+    not(real_data = "conformance.tar.xz"),
+    ignore = "needs conformance.tar.xz in MCL_MCAP_DIR"
+)]
 fn the_conformance_suite() {
-    let Some(files) = archive("conformance.tar.xz") else { return };
+    let files = archive("conformance.tar.xz");
     let (mut count, mut with_messages) = (0, 0);
     for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".mcap")) {
         let json = &files[&name.replace(".mcap", ".json")];
@@ -102,8 +103,9 @@ fn the_conformance_suite() {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "rosbag2.tar.xz"), ignore = "needs rosbag2.tar.xz in MCL_MCAP_DIR")]
 fn bags_of_rosbag2_and_every_message_in_them() {
-    let Some(files) = archive("rosbag2.tar.xz") else { return };
+    let files = archive("rosbag2.tar.xz");
     let bags = files.iter().filter(|(name, _)| name.ends_with(".mcap"));
     let (mut count, mut decoded) = (0, 0);
     let mut unread = BTreeMap::new();
@@ -140,16 +142,10 @@ fn bags_of_rosbag2_and_every_message_in_them() {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "olin-mac"), ignore = "needs olin-mac in MCL_DATA_DIR")]
 fn the_olin_bag() {
-    let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
-        eprintln!("skipped: MCL_DATA_DIR is not set");
-        return;
-    };
+    let folder = std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set");
     let folder = Path::new(&folder).join("olin-mac");
-    if !folder.is_dir() {
-        eprintln!("skipped: no olin-mac in MCL_DATA_DIR");
-        return;
-    }
     let log = read_log(&folder.join("take2_zstd.mcap")).unwrap();
     assert_eq!(read_log(&folder).unwrap(), log, "as the folder of a bag");
     assert!(log.report.is_complete());
@@ -173,11 +169,9 @@ fn the_olin_bag() {
 /// Bags of the test data of evo and LAMBKIN, where `MCL_BAG_DIR` names their folder: a ROS 1 bag and a
 /// database of the same transforms, one of strings, and one of a TurtleBot without its scans.
 #[test]
+#[cfg_attr(not(real_data = "tf_example.bag"), ignore = "needs tf_example.bag in MCL_BAG_DIR")]
 fn bags_of_ros_1_and_databases() {
-    let Some(folder) = std::env::var_os("MCL_BAG_DIR").map(PathBuf::from) else {
-        eprintln!("skipped: MCL_BAG_DIR is not set");
-        return;
-    };
+    let folder = PathBuf::from(std::env::var_os("MCL_BAG_DIR").expect("MCL_BAG_DIR is set"));
     let refused = |name: &str| read_log(&folder.join(name)).unwrap_err().to_string();
     let told = refused("basic.bag");
     assert!(told.ends_with("topics: /input (std_msgs/String, 47 messages)"), "{told}");

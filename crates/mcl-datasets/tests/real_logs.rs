@@ -1,4 +1,4 @@
-//! Facts about the public logs. They run where `MCL_DATA_DIR` names the folder that holds the logs.
+//! Facts about the public logs. Each is ignored where `MCL_DATA_DIR` does not hold its log.
 
 use std::path::PathBuf;
 
@@ -6,18 +6,15 @@ use mcl_core::{Bounds, Pose2, Recording};
 use mcl_datasets::carmen;
 use mcl_datasets::log::{Log, LogKind, ReferencePoses, read_log};
 
-fn real_log(name: &str) -> Option<Log> {
-    let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
-        eprintln!("skipped: MCL_DATA_DIR is not set");
-        return None;
-    };
+fn real_log(name: &str) -> Log {
+    let folder = std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set");
     let log = read_log(&PathBuf::from(folder).join(name)).unwrap();
     assert!(log.report.is_complete(), "{}", log.report);
     assert_eq!(log.report.unusable_stamps, 0);
     assert_eq!(log.kind, LogKind::GfsCorrected);
     assert_eq!(log.recording.robot_from_laser, Pose2::IDENTITY);
     assert!(log.recording.has_reference() && log.recording.has_odometry());
-    Some(log)
+    log
 }
 
 /// Root mean square translation (m) and rotation (rad) by which the odometry of a step misses the
@@ -48,8 +45,9 @@ fn assert_counts(log: &Log, scans: usize, beams: usize, points: usize) {
 /// The path lengths and odometry errors below were also computed by another program, which reads
 /// the text of the logs on its own.
 #[test]
+#[cfg_attr(not(real_data = "intel-lab"), ignore = "needs intel-lab in MCL_DATA_DIR")]
 fn intel_research_lab() {
-    let Some(log) = real_log("intel-lab/intel.gfs.log") else { return };
+    let log = real_log("intel-lab/intel.gfs.log");
     assert_counts(&log, 910, 180, 155_648);
     let recording = &log.recording;
     assert_eq!(recording.backward_stamps(), 4);
@@ -65,8 +63,9 @@ fn intel_research_lab() {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "freiburg-079"), ignore = "needs freiburg-079 in MCL_DATA_DIR")]
 fn freiburg_building_079() {
-    let Some(log) = real_log("freiburg-079/freiburg-079-corrected.log.gz") else { return };
+    let log = real_log("freiburg-079/freiburg-079-corrected.log.gz");
     assert_counts(&log, 4_791, 360, 1_654_968);
     assert_eq!(log.recording.readings(), 1_724_760);
     assert!((log.recording.path_length_m() - 422.471_159_9).abs() < 1e-6);
@@ -76,8 +75,9 @@ fn freiburg_building_079() {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "aces"), ignore = "needs aces in MCL_DATA_DIR")]
 fn aces_building() {
-    let Some(log) = real_log("aces/aces-corrected.log.gz") else { return };
+    let log = real_log("aces/aces-corrected.log.gz");
     assert_counts(&log, 440, 180, 73_195);
     assert_eq!(log.recording.readings(), 79_200);
     assert_eq!(log.front_laser_offset, Some(0.0));
@@ -85,8 +85,9 @@ fn aces_building() {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "intel-lab"), ignore = "needs intel-lab in MCL_DATA_DIR")]
 fn a_real_log_survives_writing_and_reading() {
-    let Some(log) = real_log("intel-lab/intel.gfs.log") else { return };
+    let log = real_log("intel-lab/intel.gfs.log");
     let mut text = Vec::new();
     carmen::write(&log.recording, &["copy"], &mut text).unwrap();
     let copy = carmen::read(text.as_slice(), "copy.log", ReferencePoses::Auto).unwrap();
@@ -105,18 +106,24 @@ fn a_real_log_survives_writing_and_reading() {
 
 /// Numbers of scans, of beams, of points up to 10 m, and of steps whose odometry is missing.
 #[test]
+#[cfg_attr(
+    not(all(
+        real_data = "freiburg-101",
+        real_data = "seattle",
+        real_data = "csail",
+        real_data = "orebro"
+    )),
+    ignore = "needs freiburg-101, seattle, csail and orebro in MCL_DATA_DIR"
+)]
 fn further_corrected_logs() {
+    let folder = PathBuf::from(std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set"));
     for (name, scans, beams, points, lost) in [
         ("freiburg-101", 292, 360, 74_278, 0),
         ("seattle", 241, 361, 83_892, 1),
         ("csail", 406, 361, 138_174, 0),
         ("orebro", 237, 181, 39_670, 219),
     ] {
-        let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
-            eprintln!("skipped: MCL_DATA_DIR is not set");
-            return;
-        };
-        let path = PathBuf::from(folder).join(name).join(format!("{name}-corrected.log.gz"));
+        let path = folder.join(name).join(format!("{name}-corrected.log.gz"));
         let log = read_log(&path).unwrap();
         assert!(log.report.is_complete(), "{name}: {}", log.report);
         assert_eq!(log.kind, LogKind::GfsCorrected, "{name}");

@@ -452,13 +452,10 @@ fn files_that_cannot_be_compared_say_why() {
     lab.ends(&["evaluate", "--reference", "a.tum", "high.tum", "--project"], 3);
 }
 
-/// Position tracking on the real Intel log. Runs where `MCL_DATA_DIR` holds it.
+/// Position tracking on the real Intel log.
 #[test]
+#[cfg_attr(not(real_data = "intel-lab"), ignore = "needs intel-lab in MCL_DATA_DIR")]
 fn tracks_the_intel_robot() {
-    if std::env::var_os("MCL_DATA_DIR").is_none() {
-        eprintln!("skipped: MCL_DATA_DIR is not set");
-        return;
-    }
     let lab = Lab(tempfile::tempdir().unwrap());
     lab.done(&["map", "intel-lab", "--init", "grid", "--size", "1%", "-o", "map.ply"]);
     let log = ["localize", "intel-lab", "--map", "map.ply", "--beams", "45", "-o", "out", "--json"];

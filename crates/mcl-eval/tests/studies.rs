@@ -296,7 +296,7 @@ fn choices_stand_beside_the_best_of_the_sweep() {
         let row = with(&rows, &[("sigma_by", by)])[0];
         let sigma =
             &built(&format!("--size 2% --sigma auto --auto-by {by}"))["auto_sigma"]["value"];
-        assert_eq!(sigma.as_f64().unwrap(), number(row, "chosen_sigma_m"), "{by}");
+        assert_eq!(sigma.as_f64().unwrap(), number(row, "used_sigma_m"), "{by}");
     }
 }
 

@@ -1,4 +1,4 @@
-//! Tracking a real robot: the Intel Research Lab log. Runs only where `MCL_DATA_DIR` is set.
+//! Tracking a real robot: the Intel Research Lab log. Ignored where `MCL_DATA_DIR` does not hold it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,12 +6,9 @@ use std::path::Path;
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
 use mcl_filter::{FilterSettings, MapDistances, Proposal, Replay, localize};
 
-/// The corrected log, when there is one; says so when there is none.
-fn intel() -> Option<Recording> {
-    let Some(folder) = std::env::var_os("MCL_DATA_DIR") else {
-        eprintln!("skipped: MCL_DATA_DIR is not set");
-        return None;
-    };
+/// The corrected log.
+fn intel() -> Recording {
+    let folder = std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set");
     let path = Path::new(&folder).join("intel-lab/intel.gfs.log");
     let text = std::fs::read_to_string(&path)
         .unwrap_or_else(|error| panic!("cannot read {}: {error}", path.display()));
@@ -45,7 +42,7 @@ fn intel() -> Option<Recording> {
         }
     }
     assert_eq!(scans.len(), 910);
-    Some(Recording { scans, robot_from_laser: Pose2::IDENTITY })
+    Recording { scans, robot_from_laser: Pose2::IDENTITY }
 }
 
 /// The paper's error (eq. 7) with ξ = 0.8.
@@ -60,8 +57,9 @@ fn nearest_to_mean(points: Vec<[f64; 2]>) -> [f64; 2] {
 }
 
 #[test]
+#[cfg_attr(not(real_data = "intel-lab"), ignore = "needs intel-lab in MCL_DATA_DIR")]
 fn tracks_the_intel_robot_on_one_percent_of_the_points() {
-    let Some(recording) = intel() else { return };
+    let recording = intel();
     let points = recording.points(10.0).unwrap();
     assert_eq!(points.len(), 155_648);
     // About 1 % of the points: in each cell of a grid, the one nearest to the mean.

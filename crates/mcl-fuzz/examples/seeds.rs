@@ -14,11 +14,17 @@ use mcl_datasets::bag::{self, Encoder, planar, types};
 use mcl_datasets::carmen;
 use mcl_datasets::container;
 use mcl_datasets::container::item::Item;
+use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_fuzz::bag_of_one_message;
 use mcl_maps::files::{Encoding, PointFormat, encode_grid};
 use mcl_maps::occupancy::rasterize;
 use mcl_metrics::tum;
+use mcl_study::data::source::{DataSource, LogSource};
+use mcl_study::run::run_study;
+use mcl_study::study::definition::Study;
+use mcl_study::trial::division::StudyData;
+use serde_json::{Value, json};
 
 struct Corpus(PathBuf);
 
@@ -280,38 +286,72 @@ fn texts(corpus: &Corpus) -> Result<()> {
         let text = std::fs::read(root.join("datasets").join(name).join("dataset.toml"))?;
         corpus.add("dataset", name, text)?;
     }
-    for name in ["likelihood", "localization", "sensitivity"] {
-        let text = std::fs::read(root.join("experiments").join(name).with_extension("toml"))?;
-        corpus.add("experiment", name, text)?;
-    }
-    for kind in ["likelihood", "localization"] {
-        let results = root.join("results").join(kind).join("simulated-office");
-        let manifest = std::fs::read(results.join("manifest.json"))?;
-        let trials = if kind == "likelihood" { LIKELIHOOD } else { LOCALIZATION };
-        corpus.add("results", kind, [&*manifest, &[0], trials.as_bytes()].concat())?;
-        corpus.add("rows", &format!("{kind}-trials"), trials)?;
-        for table in ["summary", "tests"] {
-            let text = std::fs::read_to_string(results.join(table).with_extension("csv"))?;
-            let start: String = text.split_inclusive('\n').take(4).collect();
-            corpus.add("rows", &format!("{kind}-{table}"), start)?;
+    for entry in std::fs::read_dir(root.join("experiments"))? {
+        let path = entry?.path();
+        if path.extension() == Some("toml".as_ref()) {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            corpus.add("study", &name, std::fs::read(&path)?)?;
         }
     }
-    corpus.add("rows", "timings", "trial,part,seconds\ngbs 1 % #0,em,0.25\n\"a,b\",c,1e-3\n")?;
-    corpus.add("rows", "failures", "trial,reason\ngbs 1 % #0,\"no \"\"points\"\"\"\n")
+    for (name, study) in [("likelihood", LIKELIHOOD), ("localization", LOCALIZATION)] {
+        let (manifest, rows) = results(study)?;
+        corpus.add("parts", name, &rows)?;
+        corpus.add("results", name, [manifest, study.to_owned(), rows].join("\0"))?;
+    }
+    let (_, rows) = results(LIKELIHOOD)?;
+    let first = rows.lines().next().unwrap_or_default();
+    let failed = "{\"failed\":{\"trial\":\"gbs #0\",\"reason\":\"no \\\"points\\\"\"}}";
+    corpus.add("parts", "failed", format!("{first}\n{failed}\n{failed}"))?;
+    corpus.add(
+        "parts",
+        "other-build",
+        first.replace("0123456789abcdef", "0") + "\n" + failed + "\n",
+    )
 }
 
-const LIKELIHOOD: &str = "dataset,builder,size_percent,repeat,seed,data_points,requested_points,cell_m,\
-    offset_x_m,offset_y_m,initial_points,initial_log_likelihood,iterations,converged,\
-    fitted_log_likelihood,improved_points,improved_log_likelihood\n\
-    simulated-office,gbs,1,0,7,1000,10,0.5,0.1,0.2,9,-3.5,12,true,-2.5,9,-2.75\n\
-    simulated-office,gbs,1,1,8,1000,10,0.5,0.1,0.2,10,-3.25,14,true,-2.5,9,-2.5\n\
-    simulated-office,rnd,1,0,9,1000,10,,,,10,-4.5,30,false,-2.5,8,-2.5\n\
-    simulated-office,rnd,1,1,10,1000,10,,,,10,-4.75,31,true,-2.25,8,-2.25\n";
-const LOCALIZATION: &str = "dataset,split,strategy,size_percent,map,map_seed,run,data_points,map_points,scans,used_beams,\
-    weighted,translation,heading,translation_max,diverged,lost_episodes,recovered_episodes,\
-    mean_effective_sample_size,resamplings\n\
-    simulated-office,same,gbs,1,0,7,0,1000,10,20,3600,0.05,0.04,0.02,0.1,false,0,0,250.5,5\n\
-    simulated-office,same,gbs,1,1,8,1,1000,10,20,3600,0.06,0.05,0.02,0.1,false,0,0,240,5\n\
-    simulated-office,same,gbs+f-km,1,0,7,0,1000,9,20,3600,0.04,0.04,0.02,0.1,false,0,0,250,5\n\
-    simulated-office,same,rnd,1,0,9,0,1000,10,20,3600,1.5,1.4,0.2,3.5,true,1,0,20,9\n\
-    simulated-office,held-out,all,100,0,0,0,1000,1000,20,3600,0.02,0.02,0.01,0.1,false,0,0,300,4\n";
+/// The manifest and the rows of a study on a piece of the office, without their digests, as if of the
+/// identity that the targets compare with.
+fn results(study: &str) -> Result<(String, String)> {
+    let log = LogSource {
+        name: "lab".to_owned(),
+        title: "Lab".to_owned(),
+        recording: piece(12, 30)?,
+        kind: None,
+        report: ReadReport::default(),
+        notes: Vec::new(),
+        assumptions: Vec::new(),
+        max_range: 10.0,
+    };
+    let folder = tempfile::tempdir()?;
+    let data = StudyData::new(DataSource::Log(log));
+    run_study(&Study::parse(study)?, "study", &data, folder.path(), false, |_| {})?;
+    let identity = |mut identity: Value| {
+        identity["build"] =
+            json!({ "version": "0.1.0", "revision": null, "sources": "0123456789abcdef" });
+        identity["data"]["sha256"] = json!("00");
+        identity["data"]["points"] = json!(300);
+        identity
+    };
+    let mut manifest: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("manifest.json"))?)?;
+    manifest["identity"] = identity(manifest["identity"].take());
+    let mut rows = String::new();
+    for entry in std::fs::read_dir(folder.path().join("parts"))? {
+        for line in std::fs::read_to_string(entry?.path())?.lines() {
+            let mut line = serde_json::from_str::<Value>(line)?["line"].take();
+            if line["identity"].is_object() {
+                line["identity"] = identity(line["identity"].take());
+            }
+            rows += &format!("{line}\n");
+        }
+    }
+    Ok((format!("{manifest}\n"), rows))
+}
+
+const LIKELIHOOD: &str = "seed = 1\nmeasures = [\"likelihood\"]\n[base]\ntolerance = 1e-2\n[[trials]]\n\
+    map = [\"gbs\", \"gbs+f-km\"]\nsize = [10, 20]\ndraws = 2\n[[views.tests]]\ny = \"log_likelihood\"\n\
+    test = \"welch\"\npairs = [[\"gbs+f-km\", \"gbs\"]]\n[[views.charts]]\nname = \"chart\"\n\
+    x = { column = \"real_percent\", scale = \"log\" }\ny = { column = \"log_likelihood\" }\n";
+const LOCALIZATION: &str = "seed = 1\n[base]\ntolerance = 1e-2\nparticles = 10\nbeams = 5\n[[trials]]\n\
+    map = [\"gbs\", \"gbs+f-km\", \"rnd\"]\nsize = 20\ndraws = 2\nruns = 1\n[[views.tests]]\ny = \"weighted\"\n\
+    ratio = true\npairs = [[\"gbs+f-km\", \"gbs\"]]\n[views.ranking]\ny = \"weighted\"\n";

@@ -38,8 +38,8 @@ pub const TARGETS: [Target; 15] = [
     Target { name: "map_pcd", run: maps::pcd },
     Target { name: "map_grid", run: maps::grid },
     Target { name: "dataset", run: definitions::dataset },
-    Target { name: "experiment", run: definitions::experiment },
-    Target { name: "rows", run: results::rows },
+    Target { name: "study", run: definitions::study },
+    Target { name: "parts", run: results::parts },
     Target { name: "results", run: results::folder },
 ];
 

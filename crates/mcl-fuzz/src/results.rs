@@ -1,105 +1,130 @@
-//! Saved results, as a run goes on from them, and as claims and comparisons read them.
+//! Saved results, as a run goes on from them, and as tables, charts, claims and comparisons read them.
 
-use std::fmt::Debug;
 use std::path::Path;
 
-use mcl_eval::claims;
-use mcl_eval::experiment::{
-    FailureRow, LikelihoodRow, LocalizationRow, LocalizationSummaryRow, LocalizationTestRow,
-    Manifest, SensitivityRow, SummaryRow, TestRow, TimingRow, TrialStore, compare_strategies,
-    parse_rows, summarize, summarize_localization, summarize_sensitivity, test_improvement,
-    test_localization, write_rows,
-};
-use mcl_eval::results::compare;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use mcl_eval::{claims, compare};
+use mcl_study::data::facts::DataFacts;
+use mcl_study::store::identity::{Build, Identity};
+use mcl_study::store::parts::{PARTS, Parts, seal};
+use mcl_study::store::results::{MANIFEST, Manifest, Results, STUDY};
+use mcl_study::view;
 use tempfile::TempDir;
 
 use crate::memory::{ANY_INPUT, bounded};
 
-/// A row of single digits takes several times its bytes, its text fields an allocation each.
-const PER_BYTE: usize = 256;
+/// A row of single digits takes many times its bytes, its identity and its text an allocation each.
+const PER_BYTE: usize = 512;
+/// The name of a file of rows.
+const PART: &str = "rows-1-AbCd1234.jsonl";
 
-/// A table of rows of any kind, and what is made of them.
-pub fn rows(bytes: &[u8]) {
-    if let Some(rows) = table::<LikelihoodRow>(bytes) {
-        let _ = summarize(&rows);
-        let _ = test_improvement(&rows);
+/// A file of rows, as it is and with the digests made right: whatever is in it, the same is read twice, and no
+/// more when its end is cut off.
+pub fn parts(bytes: &[u8]) {
+    let identity = identity();
+    for is_sealed in [false, true] {
+        let file = if is_sealed { sealed(bytes) } else { bytes.to_vec() };
+        let scratch = scratch();
+        write_part(scratch.path(), &file);
+        let read = || Parts::read(scratch.path(), &identity);
+        let parts = match bounded(file.len(), 2 * ANY_INPUT, PER_BYTE, read) {
+            Ok(parts) => parts,
+            Err(error) => {
+                assert!(format!("{error:#}").contains(PART), "{error:#}");
+                continue;
+            }
+        };
+        let again = Parts::read(scratch.path(), &identity).expect("it was read before");
+        let told =
+            |parts: &Parts| format!("{:?} {:?} {:?}", parts.seconds, parts.failed, parts.damage);
+        assert_eq!(told(&parts), told(&again));
+        if !is_sealed {
+            // Nobody finds a digest by chance; the corpus holds no whole lines.
+            assert!(parts.seconds.is_empty() || file.starts_with(b"{\"sha256\":"));
+        }
+        write_part(scratch.path(), &file[..file.len() / 2]);
+        let half = Parts::read(scratch.path(), &identity).expect("a part of what was read before");
+        assert!(parts.seconds.starts_with(&half.seconds) && parts.failed.starts_with(&half.failed));
     }
-    if let Some(rows) = table::<LocalizationRow>(bytes) {
-        let _ = summarize_localization(&rows);
-        let _ = test_localization(&rows);
-    }
-    if let Some(rows) = table::<SensitivityRow>(bytes) {
-        let _ = summarize_sensitivity(&rows);
-        let _ = compare_strategies(&rows);
-    }
-    table::<SummaryRow>(bytes);
-    table::<TestRow>(bytes);
-    table::<LocalizationSummaryRow>(bytes);
-    table::<LocalizationTestRow>(bytes);
-    table::<TimingRow>(bytes);
-    table::<FailureRow>(bytes);
 }
 
-/// The rows, if it is a table of them, after a way through a file.
-fn table<R: Serialize + DeserializeOwned + Debug>(bytes: &[u8]) -> Option<Vec<R>> {
-    let parse = |bytes: &[u8]| parse_rows::<R>(bytes, Path::new("fuzzed.csv"));
-    let rows = bounded(bytes.len(), ANY_INPUT, PER_BYTE, || parse(bytes)).ok()?;
-    let scratch = scratch();
-    let path = scratch.path().join("rows.csv");
-    write_rows(&path, &rows).expect("rows can be written");
-    let written = std::fs::read(&path).expect("they were written");
-    let again = parse(&written).expect("what was written can be read");
-    // NaN equals itself in text.
-    assert_eq!(format!("{rows:?}"), format!("{again:?}"));
-    Some(rows)
-}
-
-/// A result folder: `manifest.json` and `trials.csv`, parted by a NUL.
+/// A result folder: `manifest.json`, the study and the file of rows without digests, parted by NULs.
 pub fn folder(bytes: &[u8]) {
-    let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
-    let (manifest, trials) = (&bytes[..end], bytes.get(end + 1..).unwrap_or_default());
-    if let Ok(text) = std::str::from_utf8(manifest) {
-        let parsed = bounded(bytes.len(), ANY_INPUT, 1_000, || Manifest::parse(text));
-        if let Ok(manifest) = parsed {
-            let text = serde_json::to_string(&manifest).expect("JSON holds it");
-            let again = Manifest::parse(&text).expect("what was written can be read");
-            assert_eq!(again, manifest);
-            again.check_continues(&manifest).expect("the same manifest");
-            assert!(!manifest.dataset.describe().is_empty());
-        }
+    let mut files = bytes.splitn(3, |&byte| byte == 0);
+    let [manifest, study, rows] = [(); 3].map(|()| files.next().unwrap_or_default());
+    if let Ok(text) = std::str::from_utf8(manifest)
+        && let Ok(manifest) = bounded(bytes.len(), ANY_INPUT, 1_000, || Manifest::parse(text))
+    {
+        let text = manifest.to_text().expect("JSON holds it");
+        let again = Manifest::parse(&text).expect("what was written can be read");
+        assert_eq!(again.to_text().expect("JSON holds it"), text);
+        again.identity.check_same(&manifest.identity).expect("the same identity");
+        assert!(!manifest.identity.data.describe().is_empty());
     }
     let scratch = scratch();
-    let folder = scratch.path();
-    write(&folder.join("manifest.json"), manifest);
-    write(&folder.join("trials.csv"), trials);
-    if let Ok(datasets) = claims::decide(&[folder.to_owned()]) {
-        for dataset in datasets {
-            assert!(!dataset.claims.is_empty());
-            serde_json::to_string(&dataset).expect("claims can be told in JSON");
-        }
+    let folder = scratch.path().join("study").join("lab");
+    std::fs::create_dir_all(&folder).expect("a folder of the test");
+    for (name, bytes) in [(MANIFEST, manifest), (STUDY, study)] {
+        std::fs::write(folder.join(name), bytes).expect("a file of the test can be written");
     }
-    let same = compare(folder, folder, 0.0).expect("the files are there");
+    write_part(&folder, &sealed(rows));
+    let same = compare::compare(scratch.path(), scratch.path(), 0.0).expect("the files are there");
     assert_eq!((same.files, same.differences), (2, 0));
-    goes_on::<LikelihoodRow>(&folder.join("trials.csv"), trials);
-    goes_on::<LocalizationRow>(&folder.join("trials.csv"), trials);
+    let results = match Results::read(&folder) {
+        Ok(results) => results.expect("there is a file of rows"),
+        Err(error) => return assert!(!format!("{error:#}").is_empty()),
+    };
+    assert!(results.done <= results.asked && results.table.len() <= 1_000_000);
+    assert_eq!(results.is_complete(), results.done == results.asked);
+    let again = Results::read(&folder).expect("it was read before").expect("it was there");
+    assert!(again.table == results.table);
+    // A large study is seldom one of few bytes, and its bootstrap takes its time.
+    if results.asked > 300 {
+        return;
+    }
+    results.table.to_csv().expect("there is memory for it");
+    drop((view::summary::summary(&results), view::compare::tests(&results)));
+    if let Ok(charts) = view::charts::charts(&results) {
+        charts.iter().for_each(|chart| drop(chart.to_table()));
+    }
+    let all = [results];
+    drop(view::ranking::ranking(&all));
+    for dataset in claims::decide(&all) {
+        assert!(!dataset.claims.is_empty());
+        serde_json::to_string(&dataset).expect("claims can be told in JSON");
+    }
 }
 
-/// A stopped run finds its whole rows, and finds the same ones when it is stopped once more.
-fn goes_on<R: Serialize + DeserializeOwned + Debug>(path: &Path, trials: &[u8]) {
-    write(path, trials);
-    let Ok(store) = TrialStore::<R>::open(path) else { return };
-    let rows = format!("{:?}", store.rows());
-    drop(store);
-    let kept = std::fs::read(path).expect("the file is there");
-    assert!(trials.starts_with(&kept));
-    let again = TrialStore::<R>::open(path).expect("it was opened before");
-    assert_eq!(format!("{:?}", again.rows()), rows);
+/// Lines with their digests; the last, if it has no end, stays torn.
+fn sealed(bytes: &[u8]) -> Vec<u8> {
+    let lines = bytes.split_inclusive(|&byte| byte == b'\n');
+    let line = |line: &[u8]| match line.strip_suffix(b"\n") {
+        Some(line) => [&*seal(line), b"\n"].concat(),
+        None => line.to_vec(),
+    };
+    lines.flat_map(line).collect()
 }
 
-fn write(path: &Path, bytes: &[u8]) {
-    std::fs::write(path, bytes).expect("a file of the test can be written");
+/// That of the rows in the corpus.
+fn identity() -> Identity {
+    let text = |text: &str| text.to_owned();
+    let build = Build { version: text("0.1.0"), revision: None, sources: text("0123456789abcdef") };
+    let data = DataFacts {
+        name: text("lab"),
+        title: text("Lab"),
+        sha256: text("00"),
+        dimensions: 2,
+        scans: 12,
+        max_range: Some(10.0),
+        points: 300,
+        skipped_records: 0,
+    };
+    Identity { build, data }
+}
+
+fn write_part(folder: &Path, bytes: &[u8]) {
+    let parts = folder.join(PARTS);
+    std::fs::create_dir_all(&parts).expect("a folder of the test");
+    std::fs::write(parts.join(PART), bytes).expect("a file of the test can be written");
 }
 
 /// A folder for one input, in memory where the system has one there. Readers of folders take paths.

@@ -106,7 +106,7 @@ pub fn run_study(
     let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
     // What pictures show may be there without a row, of other data or of another build.
     let before = Manifest::read(folder).ok().flatten();
-    if !before.is_some_and(|found| identity.check_same(&found.identity).is_ok()) {
+    if before.is_none_or(|found| identity.check_same(&found.identity).is_err()) {
         let path = folder.join(SHOWN);
         remove_folder(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     }

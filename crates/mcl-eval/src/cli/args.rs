@@ -3,6 +3,7 @@ mod map;
 
 use std::path::PathBuf;
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mcl_datasets::log::{ReferencePoses, TopicChoice};
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
@@ -29,7 +30,7 @@ pub struct Cli {
 pub struct Global {
     /// Worker threads; 0 for one per core. Results do not depend on it.
     #[arg(long, global = true, default_value_t = 0, value_name = "N",
-        value_parser = clap::value_parser!(u16).range(..=1024))]
+        value_parser = RangedU64ValueParser::<u16>::new().range(..=1024))]
     pub threads: u16,
     /// No progress bars and no notes on stderr; errors and losses are still told.
     #[arg(long, short, global = true)]

@@ -30,8 +30,8 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     let datasets = decide(&found.results);
     if datasets.is_empty() {
         bail!(
-            "{}: no rows that the claims are about: likelihoods or localization errors in the plane, \
-             of maps gbs, gbs+f-km, rnd and rnd+f-km; `make experiments` computes some",
+            "{}: no rows that the claims are about: likelihood or localization experiments in the plane, \
+             on maps gbs, gbs+f-km, rnd and rnd+f-km; `make experiments` runs them",
             args.root.display()
         );
     }
