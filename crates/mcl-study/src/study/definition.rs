@@ -1,5 +1,6 @@
 //! Reading a study's file.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
@@ -200,11 +201,14 @@ impl Study {
         self.datasets.iter().map(|listed| listed.name.as_str())
     }
 
-    /// The names (of maps, splits, …) that the study's factors have, in the order of the file.
+    /// The names (of maps, splits, …) that the study's factors have, in the order of the file, but the
+    /// longest list first: shorter ones may pick from it in another order.
     pub fn names_of_factors(&self) -> Vec<&str> {
         let own = self.datasets.iter().flat_map(|dataset| &dataset.entries);
         let factors = self.entries.iter().chain(own).flat_map(|entry| entry.factors.values());
-        factors.flat_map(|(values, _)| values).filter_map(Json::as_str).collect()
+        let mut lists: Vec<&[Json]> = factors.map(|(values, _)| &values[..]).collect();
+        lists.sort_by_key(|values| Reverse(values.len()));
+        lists.into_iter().flatten().filter_map(Json::as_str).collect()
     }
 
     /// Every trial of the study on a data set.

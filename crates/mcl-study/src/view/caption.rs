@@ -13,21 +13,23 @@ const TOLD: [&str; 8] =
     ["particles", "proposal", "beams", "sigma_hit", "z_rand", "alpha", "noise", "sigma_m"];
 
 /// What is known of the data; which trials are missing; what a point is a mean of, and what its interval
-/// is; and settings that do not vary.
+/// is; and settings that do not vary. `of_runs`: whether runs are shown, not only maps.
 pub fn caption(
     results: &Results,
     groups: &Groups<'_>,
     shown: &[&Group<'_>],
     points: &[&Point],
+    of_runs: bool,
 ) -> String {
     let mut sentences = vec![results.facts.describe()];
     if let Some(missing) = results.missing() {
         sentences.push(format!("Incomplete: {missing}"));
     }
-    sentences.extend(scans(groups, shown));
-    sentences.push(means(points));
-    let settings: Vec<String> =
-        TOLD.iter().filter_map(|name| setting(groups, shown, groups.place(name)?)).collect();
+    sentences.extend(scans(groups, shown, of_runs));
+    sentences.push(means(points, of_runs));
+    let told = TOLD.iter().filter_map(|name| groups.place(name));
+    let told = told.filter(|&place| of_runs || groups.settings[place].of_map);
+    let settings: Vec<String> = told.filter_map(|place| setting(groups, shown, place)).collect();
     if !settings.is_empty() {
         sentences.push(capitalized(&settings.join(", ")));
     }
@@ -48,15 +50,15 @@ pub fn of_all_points(panel: &str, mean: f64, interval: Option<[f64; 2]>) -> Stri
 }
 
 /// Which scans build maps, if it is the same in all of the chart.
-fn scans(groups: &Groups<'_>, shown: &[&Group<'_>]) -> Option<String> {
+fn scans(groups: &Groups<'_>, shown: &[&Group<'_>], of_runs: bool) -> Option<String> {
     let place = groups.place("split")?;
     match &distinct(groups, shown, place)[..] {
-        [split] => split.first()?.text().map(|split| groups.describe_split(split)),
+        [split] => split.first()?.text().map(|split| groups.describe_split(split, of_runs)),
         _ => None,
     }
 }
 
-fn means(points: &[&Point]) -> String {
+fn means(points: &[&Point], of_runs: bool) -> String {
     let range = |of: &dyn Fn(&Point) -> usize| {
         let counts = || points.iter().map(|point| of(point)).filter(|&count| count > 0);
         Some([counts().min()?, counts().max()?])
@@ -72,6 +74,7 @@ fn means(points: &[&Point]) -> String {
         blocks => format!("Means over {}", several(blocks, "map")),
     };
     if let Some(runs) = range(&per_block)
+        && of_runs
         && runs[1] > 1
     {
         text += &format!(", {} on each", several(runs, "run"));

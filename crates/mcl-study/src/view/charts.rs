@@ -95,13 +95,20 @@ impl Drawing<'_, '_> {
         }
         let points: Vec<&Point> = panels.iter().flat_map(|panel| &panel.points).collect();
         let Estimates { groups, .. } = self.estimates;
-        let mut told = caption(groups.results, groups, &self.shown, &points);
+        let mut told = caption(groups.results, groups, &self.shown, &points, self.of_runs());
         for (panel, mean, interval) in &on_all_points {
             told += &format!(" {}.", of_all_points(panel, *mean, *interval));
         }
         let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
         let caption = own.into_iter().chain([told]).collect();
         Ok(ChartData { name, kind: self.chart.kind, panels, caption })
+    }
+
+    /// Whether what is shown is measured of runs.
+    fn of_runs(&self) -> bool {
+        let measures = &self.estimates.groups.results.study.measures.of_runs;
+        let is_shown = |column: &&str| self.chart.y.column.iter().any(|y| y == column);
+        measures.iter().flat_map(|measure| measure.columns).any(is_shown)
     }
 
     /// Combinations of values of settings among the groups, ascending.
@@ -216,7 +223,7 @@ impl Drawing<'_, '_> {
                 _ if values.iter().all(Value::is_empty) => None,
                 "map" | "dataset" => Some(text),
                 "size_percent" => Some(format!("{text} %")),
-                "split" => Some(self.estimates.groups.describe_split(&text)),
+                "split" => Some(self.estimates.groups.describe_split(&text, self.of_runs())),
                 _ => Some(value(setting, &text)),
             }
         };

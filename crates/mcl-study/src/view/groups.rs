@@ -141,15 +141,14 @@ impl<'r> Groups<'r> {
         }
     }
 
-    /// What a split means for the scans that build maps and those that rate them, for captions.
-    pub fn describe_split(&self, name: &str) -> String {
-        let has_runs = self.settings.iter().any(|setting| !setting.of_map);
+    /// What a split means for the scans that build maps and those that rate them or (`of_runs`) are
+    /// localized, for captions.
+    pub fn describe_split(&self, name: &str, of_runs: bool) -> String {
         match Split::ALL.into_iter().find(|split| split.name() == name) {
-            // Nothing is localized.
-            Some(Split::Same) if !has_runs => {
+            Some(Split::Same) if !of_runs => {
                 "Maps are rated by the scans that build them".to_owned()
             }
-            Some(Split::Alternate) if !has_runs => {
+            Some(Split::Alternate) if !of_runs => {
                 "Maps are built from even scans and rated by odd ones".to_owned()
             }
             Some(split) => split.describe().to_owned(),
