@@ -1,5 +1,6 @@
 //! Where scans come from: a log file, a data set of the registry, or the simulated office.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
@@ -280,12 +281,13 @@ impl LogSource {
         }
     }
 
-    /// The point set D.
+    /// The point set D. Scans in a gap of the reference, which the reader of the log has reported, have no part
+    /// in it.
     ///
     /// # Errors
     /// When the log has no reference poses, or no usable reading.
     pub fn points(&self) -> Result<Vec<mcl_core::Point<2>>> {
-        let points = self.recording.points(self.max_range).with_context(|| {
+        let points = placed(&self.recording).points(self.max_range).with_context(|| {
             if self.recording.scans.iter().all(|scan| scan.map_from_laser.is_some()) {
                 return self.name.clone();
             }
@@ -304,6 +306,17 @@ impl LogSource {
         }
         Ok(points)
     }
+}
+
+/// The scans that have a reference pose; all of them where none has.
+pub(crate) fn placed(recording: &Recording) -> Cow<'_, Recording> {
+    let with = recording.scans.iter().filter(|scan| scan.map_from_laser.is_some()).count();
+    if with == 0 || with == recording.scans.len() {
+        return Cow::Borrowed(recording);
+    }
+    let mut placed = recording.clone();
+    placed.scans.retain(|scan| scan.map_from_laser.is_some());
+    Cow::Owned(placed)
 }
 
 /// From the first to the last scan that has something; all of them where none has.

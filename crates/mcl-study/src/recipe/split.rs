@@ -7,7 +7,7 @@ use mcl_core::{LaserScan, Pose2, Recording};
 use mcl_maps::PointSet;
 use serde::{Deserialize, Serialize};
 
-use crate::data::source::LogSource;
+use crate::data::source::{LogSource, placed};
 
 /// Which scans build maps, and which are localized or rate the map. One name, one meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -122,7 +122,7 @@ pub fn select(recording: &Recording, scans: &[usize]) -> Recording {
 /// # Errors
 /// When a scan has no reference pose, or none has a usable reading.
 pub fn points_of(log: &LogSource, scans: &[usize]) -> Result<PointSet<2>> {
-    let points = select(&log.recording, scans).points(log.max_range)?;
+    let points = placed(&select(&log.recording, scans)).points(log.max_range)?;
     if points.is_empty() {
         bail!("{}: {} scans of a split have no usable reading", log.name, scans.len());
     }
