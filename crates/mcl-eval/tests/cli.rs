@@ -171,14 +171,15 @@ fn the_simulation_is_decided_by_its_seed() {
 #[test]
 fn an_experiment_runs_on_a_log_that_no_registry_knows() {
     let lab = lab();
-    let experiment = "kind = \"likelihood\"\nseed = 1\nsigma = 0.05\ntolerance = 1e-2\n\
-        max_iterations = 20\n[[sizes]]\npercent = [5, 10]\nrepeats = 2\n\
-        [figures]\noverview = 5\ncomparison = 5\n[[dataset]]\nname = \"intel-lab\"\n";
+    let experiment = "seed = 1\nmeasures = [\"likelihood\"]\n[base]\ntolerance = 1e-2\nmax_iterations = 20\n\
+        [[trials]]\nmap = [\"gbs+f-km\", \"rnd+f-km\"]\nsize = [5, 10]\ndraws = 2\n\
+        [[views.charts]]\nname = \"chart\"\nx = { column = \"real_percent\" }\n\
+        y = { column = \"log_likelihood\" }\n[[dataset]]\nname = \"intel-lab\"\n";
     fs::write(lab.path().join("small.toml"), experiment).unwrap();
     let run = ["run", "small.toml", "--dataset", "office.log", "-o", "out", "--json"];
     let ran = json(&lab, &run);
     assert_keys(&ran, "trials done failed");
-    // Two sizes, two repeats, grid and random.
+    // Two sizes, two draws, grid and random.
     assert_eq!((&ran["done"], &ran["failed"]), (&Value::from(8), &Value::from(0)));
     let folder = lab.path().join("out/small/office");
     for name in ["manifest.json", "trials.csv", "summary.csv", "figures"] {

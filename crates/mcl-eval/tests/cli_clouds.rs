@@ -12,16 +12,29 @@ use office::{Bench, assert_same};
 use serde_json::Value;
 
 const EXPERIMENT: &str = r#"
-    kind = "likelihood"
-    seed = 3
-    sigma = 0.1
-    tolerance = 1e-3
-    max_iterations = 20
-    sizes = [{ percent = [1, 5], repeats = 2 }]
-    figures = { overview = 5, comparison = 2 }
-    [[dataset]]
-    name = "room"
-    hide_above = 2.4
+seed = 3
+measures = ["likelihood"]
+[base]
+sigma = 0.1
+tolerance = 1e-3
+max_iterations = 20
+[[trials]]
+map = ["gbs", "gbs+f-km", "rnd", "rnd+f-km"]
+size = [1, 5]
+draws = 2
+[[views.charts]]
+name = "figure4-likelihood"
+x = { column = "real_percent", scale = "log" }
+y = { column = "log_likelihood", scale = "symlog" }
+[[views.pictures]]
+name = "figure1-maps"
+maps = [{ map = "all" }, { map = "gbs+f-km", size = 5, offset = "origin" }]
+[[views.pictures]]
+name = "figure2-sampling"
+maps = [{ map = "rnd", size = 2 }, { map = "gbs", size = 2, offset = "origin" }]
+[[dataset]]
+name = "room"
+hide_above = 2.4
 "#;
 
 /// A folder with 3,000 points of the simulated office in three dimensions as `room.ply`.
@@ -177,7 +190,11 @@ fn bags_are_read_for_their_clouds_where_they_have_no_scans_or_it_is_asked_for() 
     assert_eq!(json(&bench, &map)["map_points"], 3);
 
     write("both.mcap", true, true);
-    assert_eq!(json(&bench, &["inspect", "both.mcap"])["scans"], 1);
+    // No transform says where the laser is: that is guessed, reported, and ends with 3.
+    let inspected = bench.run(&["inspect", "both.mcap", "--json"]);
+    assert_eq!(inspected.status.code(), Some(3));
+    let found: Value = serde_json::from_slice(&inspected.stdout).unwrap();
+    assert_eq!(found["scans"], 1);
     let text = said(&bench, &["inspect", "both.mcap", "--dimensions", "3"], 1);
     assert!(text.contains("--cloud-topic") && text.contains("/other"), "{text}");
     let asked = ["inspect", "both.mcap", "--cloud-topic", "/lidar/points"];
@@ -201,15 +218,19 @@ fn an_experiment_in_space() {
     }
     let manifest = fs::read_to_string(one.join("manifest.json")).unwrap();
     let manifest: Value = serde_json::from_str(&manifest).unwrap();
-    assert_eq!(manifest["dataset"]["dimensions"], 3);
+    assert_eq!(manifest["identity"]["data"]["dimensions"], 3);
     let rows = fs::read_to_string(one.join("trials.csv")).unwrap();
-    assert_eq!(rows.lines().count(), 1 + 2 * 2 * 2);
-    let map = one.join("maps/overview-gbs-fkm.ply").display().to_string();
-    assert_eq!(json(&bench, &["inspect", &map])["dimensions"], 3);
+    assert_eq!(rows.lines().count(), 1 + 4 * 2 * 2);
+    let shown: Vec<_> = fs::read_dir(one.join("shown")).unwrap().collect();
+    assert_eq!(shown.len(), 4);
+    for map in shown {
+        let map = map.unwrap().path().display().to_string();
+        assert_eq!(json(&bench, &["inspect", &map])["dimensions"], 3);
+    }
 
     assert_same(&run("two", "2"), &one);
     // The same bytes after an interruption in the middle of a row.
-    fs::write(one.join("trials.csv"), &rows[..rows.len() / 2]).unwrap();
+    office::cut_rows(&one, 2);
     assert_same(&run("one", "2"), &bench.path("two/space/room"));
     // No claim of the paper is about space.
     assert!(said(&bench, &["claims", "one"], 1).contains("experiments in the plane"));

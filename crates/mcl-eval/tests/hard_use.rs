@@ -357,7 +357,7 @@ fn a_results_folder_that_vanishes_ends_the_run() {
     fs::rename(bench.path("gone"), bench.path("away")).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", message(&output));
-    assert!(message(&output).contains("cannot save rows in gone/long"), "{}", message(&output));
+    assert!(message(&output).contains("cannot write rows in gone/long"), "{}", message(&output));
 }
 
 /// Results may come from anywhere: drawing them must not write elsewhere.

@@ -21,6 +21,7 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
         tell!("{} result folders have no rows and are left out", without_rows.len());
     }
     let mut complete = damaged.is_empty();
+    let mut failed = 0;
     for results in &results {
         let folder = results.folder.display();
         complete &= results.is_complete();
@@ -41,9 +42,12 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
             Ok(_) => {}
             Err(error) => {
                 tell!("error: leaving out {folder}: {}", told_once(&error));
-                complete = false;
+                failed += 1;
             }
         }
     }
-    Ok(Outcome::of(complete))
+    if failed == results.len() {
+        bail!("{}: the figures of no result folder could be drawn", args.root.display());
+    }
+    Ok(Outcome::of(complete && failed == 0))
 }

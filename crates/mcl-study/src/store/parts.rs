@@ -121,7 +121,7 @@ impl<'a> OwnPart<'a> {
 
     fn append(&mut self, line: &Line) -> Result<()> {
         let parts = self.folder.join(PARTS);
-        let cannot = || format!("cannot save rows in {}", parts.display());
+        let cannot = || format!("cannot write rows in {}", parts.display());
         let journal = match &mut self.journal {
             Some(journal) => journal,
             None => {
