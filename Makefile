@@ -50,7 +50,7 @@ reproduce: build
 	  $(MCL_EVAL) run experiments/$$name.toml -o $(REPRODUCED) || test $$? -eq 3 || exit 1; \
 	done
 	cd $(REPRODUCED) && for folder in */*/; do \
-	  test -f "$(CURDIR)/results/$$folder/manifest.json" || { echo "$$folder: no results are committed"; continue; }; \
+	  test -f "$(CURDIR)/results/$$folder/study.toml" || { echo "$$folder: no results are committed"; continue; }; \
 	  echo "$$folder" && $(CURDIR)/$(MCL_EVAL) compare "$$folder" "$(CURDIR)/results/$$folder" --tolerance $(TOLERANCE) || exit 1; \
 	done
 
