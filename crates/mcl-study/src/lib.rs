@@ -1,8 +1,8 @@
 //! Studies: what is compared, on what data, and how it is counted.
 //!
-//! Everything that is compared is a row of one tidy table. A [recipe](recipe) says how a map comes
-//! about and how a robot is localized on it; a *trial* is a map and the runs on it; [measures](measure)
-//! are what is found out about either. A [study](study) is a file that lists recipes, measures, and
+//! Everything that is compared is a row of one tidy table. A [`recipe`] says how a map comes
+//! about and how a robot is localized on it; a *trial* is a map and the runs on it; measures ([`measure`])
+//! are what is found out about either. A [`study`] is a file that lists recipes, measures, and
 //! the views that its tables and figures show.
 
 pub mod auto;

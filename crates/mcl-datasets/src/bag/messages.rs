@@ -157,10 +157,15 @@ impl ScanMessage {
     }
 
     /// How far the direction of the last beam that follows from the others is from the one that the message
-    /// says, in steps between two beams; 0 where that is not said.
+    /// says, in steps between two beams and beyond the rounding of the message's single precision; 0 where that is
+    /// not said.
     pub fn steps_off(&self) -> f64 {
-        let follows = self.geometry.angle(self.geometry.beams - 1);
-        let steps = ((follows - self.last_angle) / self.geometry.angle_step).abs();
+        let ScanGeometry { start_angle, angle_step, beams } = self.geometry;
+        let follows = self.geometry.angle(beams - 1);
+        let turned = (beams as f64 * angle_step).abs();
+        let rounding =
+            f64::from(f32::EPSILON) * (start_angle.abs() + self.last_angle.abs() + turned);
+        let steps = ((follows - self.last_angle).abs() - rounding).max(0.0) / angle_step.abs();
         if steps.is_finite() { steps } else { 0.0 }
     }
 }

@@ -1,7 +1,7 @@
 //! What the paper says in numbers and comparisons, beside what was measured: `mcl-eval claims`.
 //!
 //! Everything is decided from the rows of studies, and only from them. Every claim is a function of
-//! what was measured and comes out as a [`Claim`](claim::Claim); where rows are missing its verdict says
+//! what was measured and comes out as a [`claim::Claim`]; where rows are missing its verdict says
 //! so. How each claim is decided, and why so, stands in docs/claims.md. Modules: `cells` sorts rows by
 //! kind and size of map; `facts`, `maps` (section IV), `likelihood` (section V-A) and `localization`
 //! (section V-B) decide; [`render`] makes tables.
