@@ -22,7 +22,7 @@
 //!   negative `angle_increment`, and keeps it. Scans of more than a turn are malformed.
 //! * **Frames**: transforms are those of the scan topic's namespace. The robot is the odometry's
 //!   `child_frame_id`, or what the laser moves with on `/tf`; its parent there is the odometry, where no
-//!   topic is. [`ReadOptions`](crate::log::ReadOptions) says otherwise.
+//!   topic is. [`crate::log::ReadOptions`] says otherwise.
 //! * **The mount** of the laser is the chain of transforms from the robot's frame to the scan's, seen from
 //!   above; one that sways is taken as it is at each scan. A laser mounted upside down has its directions
 //!   turned over. Without such a chain the laser is taken to be at the robot's origin.
