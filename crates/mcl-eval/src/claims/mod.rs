@@ -13,7 +13,7 @@ mod likelihood;
 mod localization;
 mod maps;
 #[cfg(test)]
-mod planted;
+pub(crate) mod planted;
 pub mod render;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -13,7 +13,7 @@ const FOUR_KINDS: &str = r#"["gbs", "gbs+f-km", "rnd", "rnd+f-km"]"#;
 
 /// A row that a test fills or edits.
 #[derive(Clone, Default)]
-pub(super) struct PlantedRow(Cells);
+pub(crate) struct PlantedRow(Cells);
 
 impl PlantedRow {
     pub fn text(&self, column: &str) -> &str {
@@ -37,7 +37,7 @@ impl PlantedRow {
 }
 
 /// A complete study of this text on the office, each row filled by a function.
-pub(super) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
+pub(crate) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
     let study = Study::parse(&format!("seed = 1\n{text}")).unwrap();
     let plan = study.plan("office").unwrap();
     let mut rows = Vec::new();
@@ -68,7 +68,7 @@ pub(super) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -
 }
 
 /// What the data of planted studies is.
-pub(super) fn office_facts() -> DataFacts {
+pub(crate) fn office_facts() -> DataFacts {
     DataFacts {
         name: "office".into(),
         title: "Simulated office".into(),
@@ -84,7 +84,7 @@ pub(super) fn office_facts() -> DataFacts {
 /// Five maps of each kind and size, with likelihoods (initial, improved) chosen by the truth that a test
 /// plants: a function of whether the map is a random one, size, and a scatter of about ±1 that sums to
 /// 0.
-pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, f64)) -> Results {
+pub(crate) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, f64)) -> Results {
     let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
     let text = format!(
         "measures = [\"likelihood\"]\n[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 5\n\
@@ -105,7 +105,7 @@ pub(super) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, 
 /// Eight runs on four maps of every kind and size, with errors chosen by the truth that a test plants: a
 /// function of kind, size, run, and a random scatter of up to 1 % about 1. Errors above 1 are
 /// divergences.
-pub(super) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
+pub(crate) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
     let mut rng = Seed::new(1).derive("scatter").rng();
     let text = format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
     study("localization", &text, |row| {
@@ -117,14 +117,14 @@ pub(super) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) ->
 }
 
 /// Edits the rows of a study, or takes them away where the function says no.
-pub(super) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool) {
+pub(crate) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool) {
     let mut rows = rows(results);
     rows.retain_mut(keep);
     results.table = Table::of_cells(rows.into_iter().map(|row| row.0));
 }
 
 /// The study with every run as many times, under numbers of their own.
-pub(super) fn with_repeated_runs(results: &Results, times: u32) -> Results {
+pub(crate) fn with_repeated_runs(results: &Results, times: u32) -> Results {
     let rows = rows(results);
     let repeated = (0..times).flat_map(|time| {
         rows.iter().cloned().map(move |mut row| {

@@ -173,3 +173,83 @@ fn heat_figure(chart: &ChartData) -> HeatFigure {
         caption: chart.caption.clone(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(scale: views::Scale) -> PanelAxis {
+        PanelAxis { label: "axis".to_owned(), scale, places: Vec::new() }
+    }
+
+    fn point(x: f64, y: f64, interval: Option<[f64; 2]>) -> Point {
+        Point { curve: 0, x, y, interval, mark: None, blocks: 2, rows: 2 }
+    }
+
+    fn chart(kind: ChartKind, scale: views::Scale, points: Vec<Vec<Point>>) -> ChartData {
+        let panels = points.into_iter().map(|points| Panel {
+            title: String::new(),
+            part: 0,
+            x: PanelAxis {
+                places: vec!["low".to_owned(), "high".to_owned()],
+                ..axis(views::Scale::Places)
+            },
+            y: axis(scale),
+            curves: "rows".to_owned(),
+            labels: vec!["gbs".to_owned()],
+            points,
+        });
+        ChartData {
+            name: "chart".to_owned(),
+            kind,
+            panels: panels.collect(),
+            caption: vec!["C.".into()],
+        }
+    }
+
+    /// Student's interval of an error may reach below zero, where a logarithmic axis has no place: its bar
+    /// once was left out, just where some runs were lost.
+    #[test]
+    fn intervals_beyond_a_logarithmic_axis_are_cut_off_and_not_left_out() {
+        let points = vec![point(1.0, 2.0, Some([-1.0, 5.0])), point(2.0, 0.1, Some([0.05, 0.2]))];
+        let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Log, vec![points]));
+        let [low, high] = figure.panels[0].y.range.unwrap();
+        assert!(0.0 < low && low < 0.05 && high > 5.0);
+        let drawn = &figure.panels[0].curves[0].points;
+        assert!(0.0 < drawn[0].low && drawn[0].low < low, "{drawn:?}");
+        assert_eq!((drawn[0].high, drawn[1].low), (5.0, 0.05));
+        assert!(
+            figure.caption[0].ends_with("reach down to zero or below."),
+            "{:?}",
+            figure.caption
+        );
+        // Elsewhere they are what they are.
+        let points = vec![point(1.0, 2.0, Some([-1.0, 5.0]))];
+        let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Linear, vec![points]));
+        assert_eq!(figure.panels[0].curves[0].points[0].low, -1.0);
+        assert_eq!((figure.panels[0].y.range, &*figure.caption[0]), (None, "C."));
+    }
+
+    #[test]
+    fn panels_that_are_to_be_compared_share_their_axes() {
+        let panels = vec![vec![point(1.0, 2.0, None)], vec![point(2.0, 10.0, None)]];
+        let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Linear, panels));
+        assert_eq!(figure.panels[0].y.range, figure.panels[1].y.range);
+        let [low, high] = figure.panels[0].y.range.unwrap();
+        assert!(low < 2.0 && high > 10.0);
+        assert_eq!(figure.panels[0].x.label, "axis: 1 = low, 2 = high");
+        assert_eq!(figure.panels[0].x.range, Some([0.5, 2.5]));
+    }
+
+    #[test]
+    fn cells_stand_at_their_places() {
+        let mut marked = point(2.0, 0.25, None);
+        marked.mark = Some("1/2".to_owned());
+        let figure = heat_figure(&chart(ChartKind::Heat, views::Scale::Log, vec![vec![marked]]));
+        let panel = &figure.panels[0];
+        assert!(figure.log);
+        assert_eq!((panel.x.len(), panel.y_label.as_str()), (2, "rows"));
+        let cell = HeatCell { value: 0.25, text: "0.250 (1/2)".to_owned() };
+        assert_eq!(panel.cells, [None, Some(cell)]);
+    }
+}

@@ -85,3 +85,60 @@ fn make_folder(results: &Results) -> Result<PathBuf> {
     create_folder(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     Ok(folder)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::claims::planted::study;
+
+    const STUDY: &str = r#"
+[[trials]]
+map = ["gbs", "rnd"]
+size = [1, 2]
+draws = 3
+runs = 1
+[[views.tests]]
+y = "weighted"
+[[views.charts]]
+name = "error"
+x = { column = "size_percent" }
+y = { column = "weighted", scale = "log" }
+[[views.charts]]
+name = "unknown"
+x = { column = "size_percent" }
+y = { column = "translation" }
+[[views.pictures]]
+name = "maps"
+maps = [{ map = "all" }]
+"#;
+
+    /// The fault: figures of an earlier definition stayed, and showed other maps than the rows beside them.
+    #[test]
+    fn figures_are_of_these_results_or_not_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut results = study("small", STUDY, |row| {
+            row.set("weighted", 0.1 * (1.0 + row.number("draw")));
+        });
+        results.folder = folder.path().to_owned();
+        // The map of the picture is not there, and no row has a translation error.
+        results.pictured = vec![vec![None]];
+        let figures = folder.path().join("figures");
+        std::fs::create_dir(&figures).unwrap();
+        for stale in ["maps.svg", "maps.png", "unknown.png", "unknown.csv"] {
+            std::fs::write(figures.join(stale), "of an earlier run").unwrap();
+        }
+        std::fs::write(figures.join("notes.txt"), "no figure").unwrap();
+        write_tables(&results).unwrap();
+        let drawn = draw(&results).unwrap();
+        assert_eq!(drawn, ["error.svg", "error.png"].map(|name| figures.join(name)));
+        let entries = std::fs::read_dir(&figures).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["error.csv", "error.png", "error.svg", "notes.txt"]);
+        for table in ["summary.csv", "tests.csv"] {
+            let text = std::fs::read_to_string(folder.path().join(table)).unwrap();
+            assert!(text.starts_with("dataset,split,"), "{text}");
+        }
+        assert_eq!(write_ranking(folder.path(), &[results]).unwrap(), None);
+    }
+}

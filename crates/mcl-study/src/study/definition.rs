@@ -659,4 +659,21 @@ y = "weighted"
             assert!(message.starts_with(&line) && message.contains(named), "{wrong}: {message}");
         }
     }
+
+    /// What comes with the program can be read, whatever data set is at hand.
+    #[test]
+    fn the_experiments_are_studies() {
+        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../experiments");
+        let mut read = 0;
+        for folder in [root.to_owned(), format!("{root}/examples")] {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.extension().is_some_and(|ending| ending == "toml") {
+                    Study::read(&path).unwrap();
+                    read += 1;
+                }
+            }
+        }
+        assert!(read >= 13, "{read}");
+    }
 }
