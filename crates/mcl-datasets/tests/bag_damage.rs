@@ -25,25 +25,8 @@ fn a_truncated_bag_keeps_what_came_before_the_cut() {
         ),
         ("plain", bag_as(&entries, WriteOptions::new().compression(None))),
     ] {
-        let whole = read(&bytes);
-        let mut seen = 0;
-        for end in (8..bytes.len()).step_by(97).chain([bytes.len() - 1, bytes.len() - 8]) {
-            match bag::read(&bytes[..end], &ReadOptions::default()) {
-                Ok(log) => {
-                    let scans = &log.recording.scans;
-                    seen = seen.max(scans.len());
-                    for (found, expected) in scans.iter().zip(&whole.recording.scans) {
-                        assert_eq!(
-                            (found.stamp, &found.ranges),
-                            (expected.stamp, &expected.ranges)
-                        );
-                    }
-                    let reason = log.report.truncated.expect(name);
-                    assert!(reason.contains(&format!("ends at byte {end}")), "{name}: {reason}");
-                }
-                Err(error) => assert_says(&error, &["LaserScan"]),
-            }
-        }
+        let ends = (8..bytes.len()).step_by(97).chain([bytes.len() - 1, bytes.len() - 8]);
+        let seen = most_scans_of_cuts(name, &bytes, ends);
         assert_eq!(seen, 60, "{name}: cut in the summary, nothing is lost");
     }
     // Also within a chunk, if it is not packed as a whole.

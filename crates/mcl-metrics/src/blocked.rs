@@ -126,7 +126,7 @@ impl Blocked {
     }
 
     /// Mean of all values, each with the same weight, so that a block counts as often as it has values.
-    /// This is what figures show.
+    /// Figures and tests have [`mean_of_blocks`](Self::mean_of_blocks).
     pub fn mean(&self) -> f64 {
         interval::mean(&self.items.iter().map(|item| item.value).collect::<Vec<f64>>())
     }

@@ -31,9 +31,6 @@ pub struct Effect {
     pub blocks: [usize; 2],
 }
 
-/// Name of [`Effect`] where single samples are tested instead of blocks.
-pub type TTest = Effect;
-
 impl Effect {
     /// Two one-sided tests of "the means of a and b differ by less than `margin`" (Schuirmann 1987):
     /// the larger p of "the difference is above −margin" and "below margin". Small when the means are
@@ -181,7 +178,7 @@ mod tests {
     }
 
     /// `expected`: t, df, two-sided p, p_less, p_greater, low, high; relative tolerance 10⁻¹⁰.
-    fn assert_close(test: &TTest, expected: [f64; 7]) {
+    fn assert_close(test: &Effect, expected: [f64; 7]) {
         let found = [
             test.t,
             test.degrees_of_freedom,
@@ -288,7 +285,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_tested_says_why() {
-        let message = |result: Result<TTest, MetricsError>| result.unwrap_err().to_string();
+        let message = |result: Result<Effect, MetricsError>| result.unwrap_err().to_string();
         assert_eq!(message(welch_t_test(&A, &[1.0])), "b: samples: found 1, expected at least 2");
         assert!(message(welch_t_test(&[1.0, f64::NAN], &A)).starts_with("a: sample 1 is NaN"));
         assert_eq!(

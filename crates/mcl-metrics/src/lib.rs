@@ -9,9 +9,8 @@
 //! are independent of other draws, the runs and scans of a block are not of each other.
 //! [`Blocked::mean_interval`] and [`Blocked::bootstrap_interval`] say how sure a mean is, [`paired`] and
 //! [`two_sample`] how large and how sure a difference ([`Effect`]), or that there are [`TooFew`] blocks;
-//! [`BlockedRate`] how sure a share of runs. [`holm`] adjusts the p values of a family of tests,
-//! [`spearman`] says whether one value falls as another rises, and [`nees`] compares an error with the
-//! covariance of the estimate.
+//! [`BlockedRate`] how sure a share of runs. [`holm`] adjusts the p values of a family of tests, and
+//! [`nees`] compares an error with the covariance of the estimate.
 //!
 //! Metres and radians throughout. Nothing here changes its inputs, and samples that are no finite
 //! numbers are errors that name the sample.
@@ -44,7 +43,6 @@ mod interval;
 mod odometry;
 mod outcome;
 mod pose_error;
-mod rank;
 mod rate;
 mod rpe;
 mod student_t;
@@ -58,12 +56,11 @@ pub use blocked_rate::{BlockedRate, IntervalBasis};
 pub use comparison::{holm, one_sample, paired, two_sample};
 pub use consistency::{inside_ellipsoid_95, nees};
 pub use error::{MetricsError, TooFew};
-pub use hypothesis::{Effect, TTest, paired_t_test, welch_equivalence_p, welch_t_test};
+pub use hypothesis::{Effect, paired_t_test, welch_equivalence_p, welch_t_test};
 pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use odometry::OdometryError;
 pub use outcome::{DivergenceSettings, LossSettings, LostEpisode, diverged, lost_episodes};
 pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
-pub use rank::{RankCorrelation, spearman};
 pub use rate::{Rate, fisher_exact_greater};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};
 pub use summary::Summary;

@@ -182,20 +182,14 @@ fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> 
 fn pending(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Task>> {
     let mut tasks = Vec::new();
     for trial in trials {
-        let identities = trial.identities(&study.measures)?;
-        let is_missing: Vec<bool> =
-            identities.iter().map(|identity| !parts.has(identity)).collect();
-        if !is_missing.contains(&true) {
-            continue;
+        let mut identities = trial.identities(&study.measures)?;
+        let runs = trial.runs.iter().zip(&identities);
+        let runs = runs.filter(|(_, identity)| !parts.has(identity));
+        let runs = runs.map(|(run, _)| run.clone()).collect();
+        identities.retain(|identity| !parts.has(identity));
+        if !identities.is_empty() {
+            tasks.push(Task { trial: Trial { map: trial.map.clone(), runs }, identities });
         }
-        let mut missing = is_missing.iter();
-        let runs =
-            trial.runs.iter().filter(|_| *missing.next().unwrap_or(&false)).cloned().collect();
-        let mut missing = is_missing.iter();
-        let identities =
-            identities.into_iter().filter(|_| *missing.next().unwrap_or(&false)).collect();
-        let trial = Trial { map: trial.map.clone(), runs };
-        tasks.push(Task { trial, identities });
     }
     Ok(tasks)
 }
@@ -248,7 +242,7 @@ where
 {
     let Work { tasks, shown } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
-    let run = |task: &Task| -> Result<Saved> {
+    let compute = |task: &Task| -> Result<Saved> {
         let mut watch = Stopwatch::start();
         let mut runs = task.identities.iter();
         let show_run = |_: &RunRecipe, tracked: &TrackedRun| match runs.next() {
@@ -262,9 +256,14 @@ where
             save_map(&Shown::of(folder, identity), &maps, &task.trial)?;
         }
         let rows = run_trial(&task.trial, &maps, data, &study.measures, &mut watch, show_run)?;
-        maps.release(&task.trial.map)?;
         let rows: Vec<(String, Cells)> = task.identities.iter().cloned().zip(rows).collect();
         Ok(Saved::new(task.trial.to_string(), rows, watch.into_laps()))
+    };
+    // A trial that fails needs its maps no longer, either.
+    let run = |task: &Task| {
+        let saved = compute(task);
+        maps.release(&task.trial.map)?;
+        saved
     };
     let total: f64 = tasks.iter().map(|task| costs.of(&task.trial)).sum();
     let (mut ended, mut cost) = (0, 0.0);

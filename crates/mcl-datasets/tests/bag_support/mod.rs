@@ -156,6 +156,29 @@ pub fn assert_says(error: &BagError, parts: &[&str]) {
     }
 }
 
+/// Cuts a bag off at each of these bytes: what is read has to be what the whole bag begins with, and the place
+/// reported. Returns the largest number of scans read.
+#[track_caller]
+pub fn most_scans_of_cuts(name: &str, bytes: &[u8], ends: impl Iterator<Item = usize>) -> usize {
+    let whole = read(bytes);
+    let mut seen = 0;
+    for end in ends {
+        match bag::read(&bytes[..end], &ReadOptions::default()) {
+            Ok(log) => {
+                let scans = &log.recording.scans;
+                seen = seen.max(scans.len());
+                for (found, expected) in scans.iter().zip(&whole.recording.scans) {
+                    assert_eq!((found.stamp, &found.ranges), (expected.stamp, &expected.ranges));
+                }
+                let reason = log.report.truncated.expect(name);
+                assert!(reason.contains(&format!("ends at byte {end}")), "{name}: {reason}");
+            }
+            Err(error) => assert_says(&error, &["LaserScan"]),
+        }
+    }
+    seen
+}
+
 #[track_caller]
 pub fn assert_doubts(log: &Log, parts: &[&str]) {
     let doubts = log.report.doubts.join("\n");

@@ -33,10 +33,7 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
             let Results { done, asked, .. } = results;
             tell!("warning: {folder}: {done} of {asked} trials have rows");
         }
-        let drawn = results
-            .write_trials()
-            .and_then(|()| figures::write_tables(results))
-            .and_then(|()| figures::draw(results));
+        let drawn = results.write_trials().and_then(|()| figures::write(results));
         match drawn {
             Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
             Ok(_) => {}

@@ -184,8 +184,7 @@ fn run_on(
     if done < asked {
         tell!("{dataset}: {done} of {asked} trials have rows; the same command runs the others");
     }
-    figures::write_tables(&ran.results)?;
-    figures::draw(&ran.results)?;
+    figures::write(&ran.results)?;
     Ok(ran)
 }
 

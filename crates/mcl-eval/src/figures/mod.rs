@@ -13,21 +13,7 @@ use anyhow::{Context, Result};
 use mcl_core::files::{create_folder, remove};
 use mcl_study::store::results::{FIGURES, Results, SUMMARY, TESTS, save_table};
 use mcl_study::view;
-
-/// Writes `summary.csv` and `tests.csv` of a study on a data set, and the points of its charts.
-///
-/// # Errors
-/// When a value cannot be computed with, or a file cannot be written.
-pub fn write_tables(results: &Results) -> Result<()> {
-    let folder = &results.folder;
-    save_table(&folder.join(SUMMARY), &view::summary::summary(results)?)?;
-    save_table(&folder.join(TESTS), &view::compare::tests(results)?)?;
-    let figures = make_folder(results)?;
-    for chart in view::charts::charts(results)? {
-        save_table(&figures.join(format!("{}.csv", chart.name)), &chart.to_table())?;
-    }
-    Ok(())
-}
+use mcl_study::view::chart::ChartData;
 
 /// Writes `ranking.csv` of a study into its folder, over its data sets; `None` where it ranks nothing.
 ///
@@ -40,15 +26,25 @@ pub fn write_ranking(folder: &Path, all: &[Results]) -> Result<Option<PathBuf>> 
     Ok((!table.is_empty()).then_some(path))
 }
 
-/// Draws the charts and pictures of a study on a data set. Figures that it does not show, or that cannot be drawn
+/// Writes the tables of a study on a data set (`summary.csv`, `tests.csv`, the points of its charts), draws its
+/// charts and pictures, and returns what was drawn. Figures that it does not show, or that cannot be drawn
 /// of these results, for their rows or maps are missing, are removed, so that none shows others.
 ///
 /// # Errors
 /// When a value cannot be computed with, a map or path cannot be read, or a file cannot be written.
-pub fn draw(results: &Results) -> Result<Vec<PathBuf>> {
-    let figures = make_folder(results)?;
-    let mut drawn = Vec::new();
+pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
+    let folder = &results.folder;
+    save_table(&folder.join(SUMMARY), &view::summary::summary(results)?)?;
+    save_table(&folder.join(TESTS), &view::compare::tests(results)?)?;
+    let figures = folder.join(FIGURES);
+    create_folder(&figures).with_context(|| format!("cannot make {}", figures.display()))?;
     let charts = view::charts::charts(results)?;
+    let table_of = |chart: &ChartData| figures.join(format!("{}.csv", chart.name));
+    // Tables before anything is drawn: a figure takes more memory.
+    for chart in &charts {
+        save_table(&table_of(chart), &chart.to_table())?;
+    }
+    let mut drawn = Vec::new();
     for chart in &charts {
         let path = figures.join(&chart.name);
         let files = charts::draw(&path, chart).with_context(|| format!("chart {}", chart.name))?;
@@ -61,7 +57,7 @@ pub fn draw(results: &Results) -> Result<Vec<PathBuf>> {
         let files = pictures::draw(results, &figures, picture, &maps, view.as_ref());
         drawn.extend(files.with_context(|| format!("picture {}", picture.name))?);
     }
-    let tables = charts.iter().map(|chart| figures.join(format!("{}.csv", chart.name)));
+    let tables = charts.iter().map(table_of);
     let shown: HashSet<PathBuf> = drawn.iter().cloned().chain(tables).collect();
     for path in files(&figures)? {
         let is_figure =
@@ -78,12 +74,6 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries =
         entries.with_context(|| format!("cannot look for figures in {}", folder.display()))?;
     Ok(entries.into_iter().map(|entry| entry.path()).collect())
-}
-
-fn make_folder(results: &Results) -> Result<PathBuf> {
-    let folder = results.folder.join(FIGURES);
-    create_folder(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    Ok(folder)
 }
 
 #[cfg(test)]
@@ -128,8 +118,7 @@ maps = [{ map = "all" }]
             std::fs::write(figures.join(stale), "of an earlier run").unwrap();
         }
         std::fs::write(figures.join("notes.txt"), "no figure").unwrap();
-        write_tables(&results).unwrap();
-        let drawn = draw(&results).unwrap();
+        let drawn = write(&results).unwrap();
         assert_eq!(drawn, ["error.svg", "error.png"].map(|name| figures.join(name)));
         let entries = std::fs::read_dir(&figures).unwrap();
         let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();

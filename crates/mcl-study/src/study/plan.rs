@@ -15,34 +15,34 @@ pub struct Plan {
     /// Place of a map's trial, by the map's identity, its name and draw.
     places: HashMap<(String, String, u32), usize>,
     /// Names of the entries of `[[trials]]` that ask for a row, by place of trial and run.
-    entries: HashMap<(usize, Option<String>), Vec<String>>,
+    entries: HashMap<(usize, Key), Vec<String>>,
     names: Vec<String>,
 }
 
 /// The column of the names of the entries that ask for a row.
 pub const ENTRIES: &str = "trials";
 
+/// What tells a run from the others on its map; `None` for the map's own row, where there is no run.
+type Key = Option<String>;
+
+/// The keys of a trial's rows.
+fn keys(trial: &Trial) -> Result<Vec<Key>> {
+    if trial.runs.is_empty() {
+        return Ok(vec![None]);
+    }
+    trial.runs.iter().map(|run| Ok(Some(run.to_json()?.to_string()))).collect()
+}
+
 impl Plan {
     /// Adds a trial of an entry; runs on a map that is there join those on it.
     pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
         let key = (trial.map.identity()?, trial.map.kind.name.clone(), trial.map.draw);
-        let runs: Vec<Option<String>> = match trial.runs.is_empty() {
-            true => vec![None],
-            false => trial
-                .runs
-                .iter()
-                .map(|run| Ok(Some(run.to_json()?.to_string())))
-                .collect::<Result<_>>()?,
-        };
+        let runs = keys(&trial)?;
         let place = match self.places.get(&key) {
             Some(&place) => {
-                let known: HashSet<String> = self.trials[place]
-                    .runs
-                    .iter()
-                    .map(|run| Ok(run.to_json()?.to_string()))
-                    .collect::<Result<_>>()?;
-                let new = trial.runs.into_iter().zip(&runs);
-                let new = new.filter(|(_, key)| key.as_ref().is_some_and(|k| !known.contains(k)));
+                let known: HashSet<Key> = keys(&self.trials[place])?.into_iter().collect();
+                let new =
+                    trial.runs.into_iter().zip(&runs).filter(|(_, key)| !known.contains(*key));
                 self.trials[place].runs.extend(new.map(|(run, _)| run));
                 place
             }
@@ -83,15 +83,7 @@ impl Plan {
     pub fn identities(&self, measures: &Measures) -> Result<Vec<(String, String)>> {
         let mut identities = Vec::with_capacity(self.rows());
         for (place, trial) in self.trials.iter().enumerate() {
-            let runs: Vec<Option<String>> = match trial.runs.is_empty() {
-                true => vec![None],
-                false => trial
-                    .runs
-                    .iter()
-                    .map(|run| Ok(Some(run.to_json()?.to_string())))
-                    .collect::<Result<_>>()?,
-            };
-            for (identity, run) in trial.identities(measures)?.into_iter().zip(runs) {
+            for (identity, run) in trial.identities(measures)?.into_iter().zip(keys(trial)?) {
                 let entries = self.entries.get(&(place, run)).map(|names| names.join(" "));
                 identities.push((identity, entries.unwrap_or_default()));
             }
