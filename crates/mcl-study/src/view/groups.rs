@@ -10,8 +10,8 @@ use mcl_metrics::{Blocked, BlockedRate};
 use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
-use crate::study::settings::{SIZE, Setting, settings, text_of};
-use crate::table::{Row, Table, Value};
+use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
+use crate::table::{Row, Value};
 
 /// The groups of a study's rows on a data set.
 pub struct Groups<'r> {
@@ -57,22 +57,15 @@ impl<'r> Groups<'r> {
     pub fn of(results: &'r Results) -> Result<Self> {
         let table = &results.table;
         let settings = settings(table.columns(), &results.study.measures.columns(), &[ENTRIES]);
-        let values_of = |row: &Row<'_>| settings.iter().map(|s| s.values(row)).collect();
-        let mut members: Vec<Member<'r>> = table
-            .rows()
-            .map(|row| Member {
-                values: values_of(&row),
-                row: Some(row),
-                entries: row.text(ENTRIES).to_owned(),
-            })
-            .collect();
+        let member = |row: &Row<'_>, found: Option<Row<'r>>| Member {
+            values: settings.iter().map(|setting| setting.values(row)).collect(),
+            row: found,
+            entries: row.text(ENTRIES).to_owned(),
+        };
+        let mut members: Vec<_> = table.rows().map(|row| member(&row, Some(row))).collect();
         if !results.is_complete() {
-            let asked = asked(results)?;
-            members.extend(asked.rows().map(|row| Member {
-                values: values_of(&row),
-                row: None,
-                entries: row.text(ENTRIES).to_owned(),
-            }));
+            let asked = results.study.plan(&results.facts.name)?.recipes()?;
+            members.extend(asked.rows().map(|row| member(&row, None)));
         }
         let names = results.study.names_of_factors();
         // Stable, so that rows keep their order.
@@ -103,17 +96,34 @@ impl<'r> Groups<'r> {
         self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
     }
 
-    /// Places of the settings in which some of these groups differ, among those for which they matter.
+    /// Places of the settings in which some of these groups differ, among those for which they matter and
+    /// which no preset decides.
     pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
+        let decided = self.decided_by_preset(groups);
         let varies = |place: &usize| {
-            let mut values = groups.iter().filter(|group| self.matters(group, *place));
-            let first = values.next();
-            let differs = |group: &&Group<'_>| {
-                first.is_some_and(|f| !same_values(f.values(*place), group.values(*place)))
-            };
-            values.any(differs)
+            let mut has_it = groups.iter().filter(|group| self.matters(group, *place));
+            let first = has_it.next();
+            let is_other =
+                |group: &&Group<'_>| first.is_some_and(|f| self.differ(f, group, *place));
+            !decided.contains(place) && has_it.any(is_other)
         };
         (0..self.settings.len()).filter(varies).collect()
+    }
+
+    /// Places of the settings of the filter that have one value under each preset among these groups: to
+    /// name the preset is to name them.
+    pub fn decided_by_preset(&self, groups: &[&Group<'_>]) -> Vec<usize> {
+        let Some(preset) = self.place(PRESET) else { return Vec::new() };
+        let mut firsts: Vec<&Group<'_>> = Vec::new();
+        let mut decided: Vec<usize> =
+            (0..self.settings.len()).filter(|&place| self.settings[place].is_of_filter()).collect();
+        for &group in groups.iter().filter(|group| self.matters(group, preset)) {
+            match firsts.iter().find(|first| !self.differ(first, group, preset)) {
+                Some(first) => decided.retain(|&place| !self.differ(first, group, place)),
+                None => firsts.push(group),
+            }
+        }
+        decided
     }
 
     /// Whether two groups differ in nothing else than some settings, so that they can be compared. What
@@ -300,23 +310,4 @@ fn order_by(names: &[&str], a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
         _ => a.order(b),
     });
     orders.fold(Ordering::Equal, Ordering::then)
-}
-
-/// The recipes of every row that the study asks for.
-fn asked(results: &Results) -> Result<Table> {
-    let plan = results.study.plan(&results.facts.name)?;
-    let mut entries = plan.identities(&results.study.measures)?.into_iter().map(|found| found.1);
-    let mut rows = Vec::with_capacity(plan.rows());
-    for trial in &plan.trials {
-        let of_map = trial.map.cells();
-        let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
-        let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
-        for run in runs {
-            let mut cells = of_map.clone();
-            cells.extend(run);
-            cells.push((ENTRIES.to_owned(), entries.next().unwrap_or_default().into()));
-            rows.push(cells);
-        }
-    }
-    Ok(Table::of_cells(rows))
 }
