@@ -21,10 +21,10 @@ pub struct StepReport {
     /// ln Σ w·p(scan | particle), w the weights before this scan: how well the particles explain the
     /// scan, the likelihood tempered as the settings say. 0 without used beams.
     pub log_evidence: f64,
-    /// Whether the particles were drawn anew after the estimate.
+    /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
-    /// Number of beams that were used: chosen by the settings and with a usable reading. With none,
-    /// the weights are those of the step before.
+    /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
+    /// improbable. With none, the weights are those of the step before.
     pub used_beams: usize,
 }
 
@@ -76,6 +76,9 @@ pub struct ParticleFilter<'a> {
     particles: Particles,
     /// The last motion, until a scan comes in.
     moved: Option<NoisyMotion>,
+    /// Path (m) and turns (rad) by the odometry since particles were last resampled.
+    travelled: f64,
+    turned: f64,
     predictions: u64,
     updates: u64,
     buffers: Buffers,
@@ -153,6 +156,8 @@ impl<'a> ParticleFilter<'a> {
             seed,
             particles,
             moved: None,
+            travelled: 0.0,
+            turned: 0.0,
             predictions: 0,
             updates: 0,
             buffers: Buffers::for_particles(values)?,
@@ -187,6 +192,8 @@ impl<'a> ParticleFilter<'a> {
         }
         let mut rng = self.seed.derive("motion").derive_index(self.predictions).rng();
         self.predictions += 1;
+        self.travelled += increment.x.hypot(increment.y);
+        self.turned += increment.theta.abs();
         let motion = self.motion.motion(increment);
         match self.settings.values().proposal {
             Proposal::Motion => {
@@ -219,15 +226,15 @@ impl<'a> ParticleFilter<'a> {
         self.moved = Some(motion);
     }
 
-    /// Weighs every particle by a scan, estimates the pose, and draws the particles anew when their
-    /// effective sample size has become too small.
+    /// Weighs every particle by a scan, estimates the pose, and resamples the particles when the settings
+    /// say so.
     ///
     /// # Errors
     /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
     /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
         let values = self.settings.values();
-        let (beams, max_range) = (values.beams, values.max_range);
+        let FilterSettings { beams, max_range, outlier_fraction, .. } = *values;
         self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
         let number = self.particles.len();
         let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
@@ -236,13 +243,14 @@ impl<'a> ParticleFilter<'a> {
             buffer.resize(number, 0.0);
         }
         match self.moved.take().filter(|_| !self.buffers.endpoints.is_empty()) {
-            None => self.weigh(0..number),
+            None => self.weigh(0..number, outlier_fraction),
             Some(motion) => {
                 let pilots = number / 2;
-                self.weigh(0..pilots);
+                self.weigh(0..pilots, outlier_fraction);
                 let proposal = self.redraw(&motion, pilots);
                 self.particles.check_places()?;
-                self.weigh(pilots..number);
+                // By the beams that the pilots left.
+                self.weigh(pilots..number, 1.0);
                 if let Some(proposal) = proposal {
                     self.correct(&proposal, pilots);
                 }
@@ -260,8 +268,11 @@ impl<'a> ParticleFilter<'a> {
         let estimate =
             Estimate::of((&particles.x, &particles.y), &particles.theta, (sin, cos), weights);
         let ess = effective_sample_size(weights);
-        let resampled = ess < settings.ess_fraction * particles.len() as f64;
+        let is_due =
+            self.travelled >= settings.resample_distance || self.turned >= settings.resample_angle;
+        let resampled = is_due && ess < settings.ess_fraction * particles.len() as f64;
         if resampled {
+            (self.travelled, self.turned) = (0.0, 0.0);
             let mut rng = self.seed.derive("resampling").derive_index(self.updates).rng();
             settings.resampling.draw(weights, &mut rng, scratch, chosen);
             particles.choose(chosen, scratch);
@@ -276,20 +287,24 @@ impl<'a> ParticleFilter<'a> {
         })
     }
 
-    /// Log-likelihoods of the scan, sines and cosines for a range of the particles.
-    fn weigh(&mut self, range: Range<usize>) {
+    /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
+    /// are improbable for more than a share of them.
+    fn weigh(&mut self, range: Range<usize>, outlier_fraction: f64) {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
         for i in range.clone() {
             (sin[i], cos[i]) = theta[i].sin_cos();
         }
+        let poses = Poses {
+            x: &x[range.clone()],
+            y: &y[range.clone()],
+            sin: &sin[range.clone()],
+            cos: &cos[range.clone()],
+        };
+        if outlier_fraction < 1.0 {
+            self.field.leave_out_improbable(endpoints, poses, outlier_fraction, likelihoods);
+        }
         if !endpoints.is_empty() {
-            let poses = Poses {
-                x: &x[range.clone()],
-                y: &y[range.clone()],
-                sin: &sin[range.clone()],
-                cos: &cos[range.clone()],
-            };
             let log_likelihoods = &mut log_likelihoods[range];
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);
         }

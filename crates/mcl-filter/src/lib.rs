@@ -28,4 +28,6 @@ pub use localize::{Replay, Run, Step, localize, localize_with};
 pub use motion::{OdometryNoise, noisy_increments};
 pub use particles::{Particles, effective_sample_size};
 pub use sensor::MapDistances;
-pub use settings::{Beams, CheckedSettings, FilterSettings, InitialPose, Proposal, Resampling};
+pub use settings::{
+    Beams, CheckedSettings, FilterSettings, InitialPose, Preset, Proposal, Resampling,
+};

@@ -34,7 +34,7 @@ pub struct Step<'a> {
     pub scan: usize,
     /// What the filter reported, about the robot.
     pub report: &'a StepReport,
-    /// The particles after the scan; where [`StepReport::resampled`] says so, drawn anew.
+    /// The particles after the scan; where [`StepReport::resampled`] says so, resampled.
     pub particles: &'a Particles,
 }
 

@@ -31,6 +31,13 @@ pub struct FilterSettings {
     pub sigma_hit: f64,
     /// z_rand: probability of a random measurement; z_hit is 1 − z_rand.
     pub z_rand: f64,
+    /// Least likelihood of a beam, as a fraction of the largest: what is below is raised to it. 0 leaves the
+    /// mixture of table 6.3 as it is, whose own floor is z_rand/z_max; see
+    /// [`relative_floor`](Self::relative_floor).
+    pub beam_floor: f64,
+    /// A beam at the floor for more than this share of the particles is left out of the scan; 1 leaves out
+    /// none.
+    pub outlier_fraction: f64,
     /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
     pub max_distance: f64,
     /// z_max: longest reading that is used (m), inclusive; also the range over which random
@@ -44,11 +51,16 @@ pub struct FilterSettings {
     pub likelihood_exponent: f64,
     /// Where the noise of a motion is drawn from.
     pub proposal: Proposal,
-    /// How particles are drawn anew.
+    /// How particles are resampled.
     pub resampling: Resampling,
-    /// Particles are drawn anew when the effective sample size is below this fraction of their
+    /// Particles are resampled when the effective sample size is below this fraction of their
     /// number: 0 never, 1 whenever the weights differ.
     pub ess_fraction: f64,
+    /// Particles are resampled no sooner than after this path of the robot by its odometry (m) …
+    pub resample_distance: f64,
+    /// … or after turns that add up to this (rad), whichever comes first; until then the likelihoods of
+    /// scans multiply. 0: at every scan.
+    pub resample_angle: f64,
 }
 
 /// The one place of the defaults. σ_hit, z_rand, α and the proposal are what tracked best on the ACES log,
@@ -61,6 +73,8 @@ impl Default for FilterSettings {
             alpha: [0.05; 4],
             sigma_hit: 0.3,
             z_rand: 0.5,
+            beam_floor: 0.0,
+            outlier_fraction: 1.0,
             max_distance: 2.0,
             max_range: 10.0,
             beams: Beams::All,
@@ -68,7 +82,84 @@ impl Default for FilterSettings {
             proposal: Proposal::Adaptive,
             resampling: Resampling::Systematic,
             ess_fraction: 0.5,
+            resample_distance: 0.0,
+            resample_angle: 0.0,
         }
+    }
+}
+
+/// A whole set of settings with a source.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// [`FilterSettings::default`]: this program's own filter.
+    #[default]
+    Default,
+    /// *Probabilistic Robotics*: table 8.2 with the motion model as the proposal, and the product over
+    /// all beams of table 6.3. σ_hit, z_rand and α are those of the defaults, since the book gives none.
+    Book,
+    /// CARMEN's `localize`, the program of the paper's group: a beam counts a Gaussian of σ = 0.3 m
+    /// (`lmap_std`), at least 0.45 of its peak (`tracking_beam_minlikelihood`); a beam per 3°
+    /// (`integrate_angle`), without those that more than 0.9 of the particles find improbable
+    /// (`outlier_fraction`); likelihoods multiply until the robot has moved 0.2 m (`update_distance`) or
+    /// turned 0.2 rad (descendants of the program add the angle), then particles are resampled. CARMEN
+    /// learns a motion model of its own; here it is table 5.6 with the α of the defaults.
+    Carmen,
+}
+
+impl Preset {
+    /// All sets.
+    pub const ALL: [Preset; 3] = [Preset::Default, Preset::Book, Preset::Carmen];
+
+    /// The set's name, as in a study.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Preset::Default => "default",
+            Preset::Book => "book",
+            Preset::Carmen => "carmen",
+        }
+    }
+
+    /// The settings.
+    pub fn settings(self) -> FilterSettings {
+        let default = FilterSettings::default();
+        match self {
+            Preset::Default => default,
+            Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
+            Preset::Carmen => FilterSettings {
+                sigma_hit: 0.3,
+                z_rand: 0.0,
+                beam_floor: 0.45,
+                outlier_fraction: 0.9,
+                beams: Beams::Degrees(3.0),
+                proposal: Proposal::Motion,
+                resampling: Resampling::Systematic,
+                ess_fraction: 1.0,
+                resample_distance: 0.2,
+                resample_angle: 0.2,
+                ..default
+            },
+        }
+    }
+}
+
+impl FromStr for Preset {
+    type Err = FilterError;
+
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        Preset::ALL.into_iter().find(|preset| preset.name() == text).ok_or_else(|| {
+            FilterError::Parse {
+                field: "preset",
+                found: text.into(),
+                expected: "default, book or carmen",
+            }
+        })
+    }
+}
+
+impl Display for Preset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -91,13 +182,16 @@ pub enum InitialPose {
 }
 
 /// Which beams of a scan are used, before those without a usable reading are dropped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "BeamsText", into = "BeamsText")]
 pub enum Beams {
     /// Every beam (`"all"`).
     All,
     /// This many beams, evenly spread over the scan (a number); all if the scan has no more.
     Spread(usize),
+    /// As many beams as the scan's field of view has steps of this many degrees (`"3deg"`), evenly
+    /// spread; all if the scan has no more.
+    Degrees(f64),
 }
 
 /// How [`Beams`] is written.
@@ -122,8 +216,21 @@ impl TryFrom<BeamsText> for Beams {
 impl From<Beams> for BeamsText {
     fn from(beams: Beams) -> Self {
         match beams {
-            Beams::All => BeamsText::Word("all".into()),
             Beams::Spread(number) => BeamsText::Number(number),
+            word => BeamsText::Word(word.to_string()),
+        }
+    }
+}
+
+impl Beams {
+    const EXPECTED: &str =
+        "\"all\", a number of beams, at least 1, or degrees from one to the next, as 3deg";
+
+    fn is_some(&self) -> bool {
+        match *self {
+            Beams::All => true,
+            Beams::Spread(number) => number > 0,
+            Beams::Degrees(degrees) => degrees > 0.0 && degrees.is_finite(),
         }
     }
 }
@@ -131,19 +238,16 @@ impl From<Beams> for BeamsText {
 impl FromStr for Beams {
     type Err = FilterError;
 
-    /// `all` or a number of beams.
+    /// `all`, a number of beams, or degrees from one to the next: `3deg`.
     fn from_str(text: &str) -> Result<Self, FilterError> {
-        if text == "all" {
-            return Ok(Beams::All);
-        }
-        match text.parse() {
-            Ok(number) if number > 0 => Ok(Beams::Spread(number)),
-            _ => Err(FilterError::Parse {
-                field: "beams",
-                found: text.into(),
-                expected: "\"all\" or a number of beams, at least 1",
-            }),
-        }
+        let error =
+            || FilterError::Parse { field: "beams", found: text.into(), expected: Beams::EXPECTED };
+        let beams = match text.strip_suffix("deg") {
+            _ if text == "all" => Beams::All,
+            Some(degrees) => Beams::Degrees(degrees.parse().map_err(|_| error())?),
+            None => Beams::Spread(text.parse().map_err(|_| error())?),
+        };
+        if beams.is_some() { Ok(beams) } else { Err(error()) }
     }
 }
 
@@ -152,6 +256,7 @@ impl Display for Beams {
         match self {
             Beams::All => f.write_str("all"),
             Beams::Spread(number) => write!(f, "{number}"),
+            Beams::Degrees(degrees) => write!(f, "{degrees}deg"),
         }
     }
 }
@@ -202,7 +307,7 @@ impl Display for Proposal {
     }
 }
 
-/// How particles are drawn anew; all four are unbiased and differ in their variance (Douc, Cappé and
+/// How particles are resampled; all four are unbiased and differ in their variance (Douc, Cappé and
 /// Moulines, *Comparison of resampling schemes for particle filtering*, 2005).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -296,18 +401,47 @@ impl FilterSettings {
         }
         check_length("sigma_hit", self.sigma_hit)?;
         check("z_rand", self.z_rand, "a probability from 0 to 1", |z| (0.0..=1.0).contains(z))?;
+        check("beam_floor", self.beam_floor, "a fraction of the largest, from 0 to 1", |f| {
+            (0.0..=1.0).contains(f)
+        })?;
+        check(
+            "outlier_fraction",
+            self.outlier_fraction,
+            "a share of the particles from 0 to 1",
+            |f| (0.0..=1.0).contains(f),
+        )?;
+        if self.outlier_fraction < 1.0 {
+            check(
+                "beam_floor",
+                self.beam_floor,
+                "above 0 where improbable beams are left out",
+                |f| *f > 0.0,
+            )?;
+        }
         check_length("max_distance", self.max_distance)?;
         check_length("max_range", self.max_range)?;
-        if let Beams::Spread(number) = self.beams {
-            check("beams", number, "\"all\" or a number of beams, at least 1", |&n| n > 0)?;
-        }
+        check("beams", self.beams, Beams::EXPECTED, Beams::is_some)?;
         check("likelihood_exponent", self.likelihood_exponent, "a finite number above 0", |e| {
             e.is_finite() && *e > 0.0
         })?;
         check("ess_fraction", self.ess_fraction, "a fraction from 0 to 1", |f| {
             (0.0..=1.0).contains(f)
         })?;
+        for (field, limit) in
+            [("resample_distance", self.resample_distance), ("resample_angle", self.resample_angle)]
+        {
+            check(field, limit, "a finite number, at least 0", |l| l.is_finite() && *l >= 0.0)?;
+        }
         Ok(CheckedSettings(self))
+    }
+
+    /// Least likelihood of a beam as a fraction of the largest, whichever setting it comes from: CARMEN's
+    /// way to say how much a beam can count. Of the mixture of table 6.3 it is
+    /// (z_rand/z_max) / (z_hit/(σ_hit·√2π) + z_rand/z_max).
+    pub fn relative_floor(&self) -> f64 {
+        let hit = (1.0 - self.z_rand) / (self.sigma_hit * std::f64::consts::TAU.sqrt());
+        let random = self.z_rand / self.max_range;
+        self.beam_floor.max(random / (hit + random))
     }
 }
 
@@ -343,7 +477,7 @@ mod tests {
 
     #[test]
     fn every_bad_value_is_refused_by_its_name() {
-        let cases: [(&str, Change); 16] = [
+        let cases: [(&str, Change); 23] = [
             ("particles", |s| s.particles = 0),
             ("particles", |s| s.particles = usize::MAX),
             ("initial_pose.std_y", |s| {
@@ -358,6 +492,13 @@ mod tests {
             ("max_distance", |s| s.max_distance = f64::INFINITY),
             ("max_range", |s| s.max_range = -10.0),
             ("beams", |s| s.beams = Beams::Spread(0)),
+            ("beams", |s| s.beams = Beams::Degrees(0.0)),
+            ("beams", |s| s.beams = Beams::Degrees(f64::INFINITY)),
+            ("beam_floor", |s| s.beam_floor = 1.5),
+            ("beam_floor", |s| s.outlier_fraction = 0.9),
+            ("outlier_fraction", |s| s.outlier_fraction = f64::NAN),
+            ("resample_distance", |s| s.resample_distance = -0.1),
+            ("resample_angle", |s| s.resample_angle = f64::INFINITY),
             ("likelihood_exponent", |s| s.likelihood_exponent = 0.0),
             ("likelihood_exponent", |s| s.likelihood_exponent = f64::INFINITY),
             ("ess_fraction", |s| s.ess_fraction = -0.5),
@@ -382,7 +523,9 @@ mod tests {
             initial_pose: InitialPose::Uniform {},
             ..FilterSettings::default()
         };
-        for settings in [settings, FilterSettings::default()] {
+        let presets = Preset::ALL.map(Preset::settings);
+        for settings in presets.into_iter().chain([settings]) {
+            assert!(settings.clone().check().is_ok(), "{settings:?}");
             let text = toml::to_string(&settings).unwrap();
             assert_eq!(toml::from_str::<FilterSettings>(&text).unwrap(), settings, "{text}");
         }
@@ -412,9 +555,25 @@ mod tests {
         for kind in Proposal::ALL {
             assert_eq!(kind.to_string().parse(), Ok(kind));
         }
-        for beams in [Beams::All, Beams::Spread(7)] {
+        for preset in Preset::ALL {
+            assert_eq!(preset.to_string().parse(), Ok(preset));
+        }
+        for beams in [Beams::All, Beams::Spread(7), Beams::Degrees(0.5)] {
             assert_eq!(beams.to_string().parse(), Ok(beams));
         }
         assert!("0".parse::<Beams>().is_err() && "wheel".parse::<Resampling>().is_err());
+        assert!("-3deg".parse::<Beams>().is_err() && "deg".parse::<Beams>().is_err());
+    }
+
+    /// Both ways to say how little a beam can count: CARMEN's 0.45 of the peak is close to z_rand = 0.9.
+    #[test]
+    fn the_floor_of_a_beam_by_hand() {
+        let carmen = Preset::Carmen.settings();
+        assert_eq!(carmen.relative_floor(), 0.45);
+        let mixture = FilterSettings { z_rand: 0.9, sigma_hit: 0.3, ..FilterSettings::default() };
+        // 0.9/10 over 0.1/(0.3·2.506628) + 0.9/10.
+        assert!((mixture.relative_floor() - 0.09 / (0.132_980_8 + 0.09)).abs() < 1e-6);
+        let bare = FilterSettings { z_rand: 0.0, ..FilterSettings::default() };
+        assert_eq!(bare.relative_floor(), 0.0);
     }
 }

@@ -54,6 +54,8 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
         prop::sample::select(Proposal::ALL.to_vec()),
         prop::sample::select(Resampling::ALL.to_vec()),
         prop::sample::select(vec![1.0, 1e-9, 0.1]),
+        prop::sample::select(vec![(0.0, 1.0), (0.45, 0.9), (1.0, 0.0), (1e-300, 0.5), (0.0, 0.5)]),
+        prop::sample::select(vec![0.0, 0.2, 1e300]),
     )
         .prop_map(
             |(
@@ -67,6 +69,8 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
                 proposal,
                 resampling,
                 likelihood_exponent,
+                (beam_floor, outlier_fraction),
+                resample_distance,
             )| {
                 FilterSettings {
                     particles,
@@ -79,6 +83,10 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
                     proposal,
                     resampling,
                     likelihood_exponent,
+                    beam_floor,
+                    outlier_fraction,
+                    resample_distance,
+                    resample_angle: resample_distance,
                     ..FilterSettings::default()
                 }
             },

@@ -233,3 +233,45 @@ fn the_filter_weighs_by_the_product_of_likelihoods() {
     assert!((report.effective_sample_size - 1.0 / squares).abs() < 1e-9);
     assert!(!report.resampled && report.used_beams == 4);
 }
+
+/// A floor of half the largest likelihood, 0.339154, raises the last two poses to
+/// 4·ln 0.339154 = −1.552617 + 4·ln 0.5 = −4.325206.
+#[test]
+fn a_floor_bounds_what_a_beam_can_cost() {
+    for distances in &distances() {
+        for ((pose, bare), expected) in
+            POSES.iter().zip([POSES[0].1, POSES[1].1, -4.325_206, -4.325_206])
+        {
+            let floored = FilterSettings { beam_floor: 0.5, ..settings() };
+            let found = log_likelihood(distances, floored, [2.0; 4], *pose);
+            assert!(
+                (found - expected).abs() < 1e-5,
+                "{pose:?}: {found} for {expected}, {bare} without"
+            );
+        }
+    }
+}
+
+/// Likelihoods multiply until the robot has moved or turned far enough; then the weights start anew.
+#[test]
+fn particles_are_resampled_after_a_distance_or_an_angle() {
+    let [grid, _] = &distances();
+    let settings = FilterSettings {
+        ess_fraction: 1.0,
+        resample_distance: 0.5,
+        resample_angle: 1.0,
+        ..settings()
+    };
+    let settings = settings.check().unwrap();
+    let resampled = |increment: Pose2| -> Vec<bool> {
+        let start = Some(POSES[0].0);
+        let mut filter =
+            ParticleFilter::new(&settings, grid, Pose2::IDENTITY, start, Seed::new(1)).unwrap();
+        (0..6).map(|_| filter.step(&increment, &scan([2.0; 4])).unwrap().resampled).collect()
+    };
+    let every = |n: usize| (1..=6).map(|step| step % n == 0).collect::<Vec<bool>>();
+    assert_eq!(resampled(Pose2::new(0.3, 0.0, 0.0)), every(2));
+    assert_eq!(resampled(Pose2::new(0.0, 0.2, 0.0)), every(3));
+    assert_eq!(resampled(Pose2::new(0.0, 0.0, -0.4)), every(3));
+    assert_eq!(resampled(Pose2::new(0.01, 0.0, 0.0)), [false; 6]);
+}

@@ -85,6 +85,24 @@ impl MapDistances {
             MapDistances::Segments(segments) => segments.bounds(),
         }
     }
+
+    /// Replaces `squared` by the squared distance of each point from the map, cut (m²).
+    pub(super) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
+        squared.clear();
+        let points = points.iter().copied();
+        // The kind is chosen once, not per point.
+        match self {
+            MapDistances::Grid(field) => squared.extend(points.map(|p| field.distance_squared(p))),
+            MapDistances::Reference(exact) => {
+                squared.extend(points.map(|p| exact.distance_squared(p)));
+            }
+            MapDistances::Cells(cells) => squared.extend(points.map(|p| cells.distance_squared(p))),
+            MapDistances::Ndt(ndt) => squared.extend(points.map(|p| ndt.distance_squared(p))),
+            MapDistances::Segments(segments) => {
+                squared.extend(points.map(|p| segments.distance_squared(p)));
+            }
+        }
+    }
 }
 
 /// Exact distances from a nearest-neighbour tree.

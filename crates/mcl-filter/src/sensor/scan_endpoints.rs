@@ -1,4 +1,4 @@
-use mcl_core::{LaserScan, Pose2, is_usable_range};
+use mcl_core::{LaserScan, Point, Pose2, is_usable_range};
 
 use crate::{Beams, FilterError};
 
@@ -34,15 +34,27 @@ impl ScanEndpoints {
         self.x.clear();
         self.y.clear();
         let all = scan.ranges.len();
-        match beams {
-            Beams::Spread(n) if n < all => {
-                for i in 0..n {
-                    self.push(scan, (2 * i + 1) * all / (2 * n), robot_from_laser, max_range);
-                }
+        let n = match beams {
+            Beams::All => all,
+            Beams::Spread(n) => n.min(all),
+            Beams::Degrees(step) => {
+                let view = all as f64 * angle_step.abs().to_degrees();
+                ((view / step).round() as usize).clamp(1.min(all), all)
             }
-            _ => (0..all).for_each(|i| self.push(scan, i, robot_from_laser, max_range)),
-        }
+        };
+        // Every beam is that in the middle of its own part.
+        (0..n).for_each(|i| {
+            self.push(scan, (2 * i + 1) * all / (2 * n), robot_from_laser, max_range);
+        });
         Ok(())
+    }
+
+    /// Leaves out the beams of which `keep` says no, by their place.
+    pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        for coordinates in [&mut self.x, &mut self.y] {
+            let mut place = 0..;
+            coordinates.retain(|_| place.next().is_some_and(&keep));
+        }
     }
 
     fn push(&mut self, scan: &LaserScan, beam: usize, robot_from_laser: &Pose2, max_range: f64) {
@@ -52,6 +64,11 @@ impl ScanEndpoints {
             self.x.push(robot_from_laser.x + range * cos);
             self.y.push(robot_from_laser.y + range * sin);
         }
+    }
+
+    /// The endpoints in the robot's frame (m).
+    pub(crate) fn iter(&self) -> impl Iterator<Item = Point<2>> + '_ {
+        self.x.iter().zip(&self.y).map(|(&x, &y)| [x, y])
     }
 
     /// x coordinates in the robot's frame (m).
@@ -115,6 +132,11 @@ mod tests {
         assert_eq!(used(5, Beams::Spread(usize::MAX)), [0, 1, 2, 3, 4]);
         assert_eq!(used(5, Beams::All), [0, 1, 2, 3, 4]);
         assert!(used(0, Beams::Spread(3)).is_empty());
+        // 0.01 rad are 0.573°: a beam per 5.73° of 100 beams are ten, and never none.
+        assert_eq!(used(100, Beams::Degrees(5.73)), used(100, Beams::Spread(10)));
+        assert_eq!(used(5, Beams::Degrees(0.001)), [0, 1, 2, 3, 4]);
+        assert_eq!(used(5, Beams::Degrees(360.0)), [2]);
+        assert!(used(0, Beams::Degrees(3.0)).is_empty());
         let many = used(180, Beams::Spread(171));
         assert!(many.len() == 171 && many.windows(2).all(|pair| pair[0] < pair[1]));
     }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use anyhow::{Context, Result};
-use mcl_filter::{FilterSettings, OdometryNoise};
+use mcl_filter::{FilterSettings, OdometryNoise, Preset};
 use serde_json::Value as Json;
 
 use crate::table::{Cells, Value};
@@ -12,6 +12,8 @@ use crate::table::{Cells, Value};
 /// filter, so that everything is compared in pairs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecipe {
+    /// The set of settings that the study started from.
+    pub preset: Preset,
     /// The particle filter. Its `max_range` is the data set's.
     pub filter: FilterSettings,
     /// Gaussian noise added to the odometry.
@@ -34,20 +36,22 @@ impl RunRecipe {
             settings.remove(OF_DATASET);
         }
         Ok(serde_json::json!({
+            "preset": self.preset,
             "filter": filter,
             "odometry_noise": self.odometry_noise,
             "run": self.run,
         }))
     }
 
-    /// The columns of a row that say how the robot was localized: every setting of the filter, those of
-    /// several parts flat (`alpha1`, `initial_pose_std_x`).
+    /// The columns of a row that say how the robot was localized: the preset, and every setting of the
+    /// filter, those of several parts flat (`alpha1`, `initial_pose_std_x`).
     ///
     /// # Errors
     /// When a setting cannot be written as JSON.
     pub fn cells(&self) -> Result<Cells> {
         let mut cells = Vec::new();
         let json = self.to_json()?;
+        flatten("preset", &json["preset"], &mut cells);
         flatten("", &json["filter"], &mut cells);
         flatten("noise", &json["odometry_noise"], &mut cells);
         cells.push(("run".to_owned(), self.run.into()));
@@ -117,14 +121,17 @@ mod tests {
     #[test]
     fn every_setting_is_a_column_and_can_be_set() {
         let noise = OdometryNoise { xy: 0.01, theta: 0.02 };
+        let preset = Preset::Carmen;
         let mut run =
-            RunRecipe { filter: FilterSettings::default(), odometry_noise: noise, run: 3 };
+            RunRecipe { preset, filter: preset.settings(), odometry_noise: noise, run: 3 };
         run.set("sigma_hit", &0.7.into()).unwrap();
         run.set("alpha", &serde_json::json!([0.1, 0.2, 0.3, 0.4])).unwrap();
         run.set("beams", &60.into()).unwrap();
         let cells = run.cells().unwrap();
         let cell =
             |name: &str| cells.iter().find(|(column, _)| column == name).map(|c| c.1.clone());
+        assert_eq!(cell("preset"), Some("carmen".into()));
+        assert_eq!(cell("beam_floor"), Some(0.45.into()));
         assert_eq!(cell("sigma_hit"), Some(0.7.into()));
         assert_eq!(cell("alpha4"), Some(0.4.into()));
         assert_eq!(cell("beams"), Some(60u32.into()));

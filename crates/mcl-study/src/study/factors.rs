@@ -3,8 +3,7 @@
 //! A factor is a key of `[base]`, `[[trials]]` or a map of a picture: those of [`KEYS`], and every
 //! setting of the filter by its name.
 
-use mcl_filter::FilterSettings;
-use mcl_filter::OdometryNoise;
+use mcl_filter::{FilterSettings, OdometryNoise, Preset};
 use mcl_maps::Refinement;
 use serde_json::Value as Json;
 
@@ -14,7 +13,7 @@ use crate::recipe::map::{MapRecipe, Offset, Sigma, Size};
 use crate::recipe::run::RunRecipe;
 
 /// The factors that are no settings of the filter.
-pub const KEYS: [&str; 10] = [
+pub const KEYS: [&str; 11] = [
     "split",
     "map",
     "size",
@@ -25,6 +24,7 @@ pub const KEYS: [&str; 10] = [
     "tolerance",
     "max_iterations",
     "odometry_noise",
+    "preset",
 ];
 
 /// A recipe while its factors are set, one by one.
@@ -35,10 +35,12 @@ pub struct Draft {
     percent: Option<Size>,
     points: Option<Size>,
     resolution: Option<Size>,
+    /// What changes settings of the preset, in order.
+    settings: Vec<(String, Json)>,
 }
 
 impl Draft {
-    /// A recipe of a data set before any factor is set: all points, σ = 0.05 m, the filter's defaults,
+    /// A recipe of a data set before any factor is set: all points, σ = 0.05 m, the default preset,
     /// odometry as it is.
     pub fn new(dataset: &str, seed: u64) -> Result<Self, String> {
         Ok(Draft {
@@ -55,6 +57,7 @@ impl Draft {
                 seed,
             },
             run: RunRecipe {
+                preset: Preset::Default,
                 filter: FilterSettings::default(),
                 odometry_noise: OdometryNoise::default(),
                 run: 0,
@@ -62,6 +65,7 @@ impl Draft {
             percent: None,
             points: None,
             resolution: None,
+            settings: Vec::new(),
         })
     }
 
@@ -122,6 +126,9 @@ impl Draft {
             "odometry_noise" => {
                 self.run.odometry_noise = parsed(value, "{ xy = metres, theta = radians }")?;
             }
+            "preset" => {
+                self.run.preset = text(value)?.parse().map_err(|error| format!("{error}"))?;
+            }
             setting => {
                 if !is_setting(setting) {
                     return Err(format!(
@@ -131,7 +138,9 @@ impl Draft {
                         RunRecipe::setting_names().unwrap_or_default().join(", ")
                     ));
                 }
+                // What is none for the setting is told here, where its line is known.
                 self.run.set(setting, value).map_err(|error| error.to_string())?;
+                self.settings.push((setting.to_owned(), value.clone()));
             }
         }
         Ok(())
@@ -164,6 +173,10 @@ impl Draft {
         }
         if let (Some(Size::Chosen(_)), Sigma::Chosen(_)) = (self.map.size, self.map.sigma) {
             return Err("the data chooses size or σ, not both at once".to_owned());
+        }
+        self.run.filter = self.run.preset.settings();
+        for (setting, value) in &self.settings {
+            self.run.set(setting, value).map_err(|error| error.to_string())?;
         }
         self.run.filter.clone().check().map_err(|error| error.to_string())?;
         let OdometryNoise { xy, theta } = self.run.odometry_noise;

@@ -2,13 +2,44 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, ValueEnum};
-use mcl_filter::{Beams, FilterSettings, Proposal, Resampling};
+use mcl_filter::{Beams, FilterSettings, Preset, Proposal, Resampling};
 
 use super::{LogArgs, deviations, numbers};
 
-/// The filter's defaults, from the one place where they stand.
-static FILTER: LazyLock<FilterSettings> = LazyLock::new(FilterSettings::default);
-static ALPHA: LazyLock<String> = LazyLock::new(|| FILTER.alpha.map(|a| a.to_string()).join(","));
+/// What stands below the options: the presets, from the one place where their values are.
+static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
+    let of = Preset::ALL.map(Preset::settings);
+    let row = |name: &str, value: fn(&FilterSettings) -> String| {
+        let [a, b, c] = of.each_ref().map(value);
+        format!("  {name:<27} {a:<20} {b:<20} {c}\n")
+    };
+    let [a, b, c] = Preset::ALL.map(Preset::name);
+    let rows = [
+        format!("  {:<27} {a:<20} {b:<20} {c}\n", "Presets:"),
+        row("--particles", |s| s.particles.to_string()),
+        row("--beams", |s| s.beams.to_string()),
+        row("--sigma-hit", |s| s.sigma_hit.to_string()),
+        row("--z-rand", |s| s.z_rand.to_string()),
+        row("--beam-floor", |s| s.beam_floor.to_string()),
+        row("  least/largest of a beam", |s| format!("{:.2}", s.relative_floor())),
+        row("--outlier-fraction", |s| s.outlier_fraction.to_string()),
+        row("--max-distance", |s| s.max_distance.to_string()),
+        row("--alpha", |s| s.alpha.map(|a| a.to_string()).join(",")),
+        row("--proposal", |s| s.proposal.to_string()),
+        row("--resampling", |s| s.resampling.to_string()),
+        row("--ess-fraction", |s| s.ess_fraction.to_string()),
+        row("--resample-after", |s| format!("{},{}", s.resample_distance, s.resample_angle)),
+        row("--likelihood-exponent", |s| s.likelihood_exponent.to_string()),
+    ];
+    let sources = "  default: this program's own filter. book: Probabilistic Robotics, tables 8.2, 5.6 and \
+        6.3. carmen: CARMEN's localize, with table 5.6 in place of its own motion model.\n\n";
+    let files = "Errors are taken at every scan against the log's reference poses; without them (a raw \
+        log) the start must be given, and errors are null. With -o, DIR holds run-NNN.tum and \
+        run-NNN.csv (estimated laser poses and error rows of run NNN, in scan order, also where stamps \
+        step back in time), reference.tum and summary.json; an earlier call's are replaced. Scans \
+        without a usable stamp are missing in the TUM files (told, exit code 3).";
+    rows.concat() + sources + files
+});
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Initial {
@@ -19,22 +50,19 @@ pub enum Initial {
 }
 
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Errors are taken at every scan against the log's reference poses; without \
-    them (a raw log) the start must be given, and errors are null. With -o, DIR holds run-NNN.tum \
-    and run-NNN.csv (estimated laser poses and error rows of run NNN, in scan order, also where \
-    stamps step back in time), reference.tum and summary.json; an earlier call's are replaced. \
-    Scans without a usable stamp are missing in the TUM files (told, exit code 3)."
-)]
+#[command(after_help = AFTER_HELP.as_str())]
 pub struct LocalizeArgs {
     #[command(flatten)]
     pub log: LogArgs,
     /// The map: .csv, .ply, .pcd or .yaml (map_server).
     #[arg(long, value_name = "MAP")]
     pub map: PathBuf,
+    /// The set of settings that the options below change (its values stand at the end).
+    #[arg(long, default_value_t = Preset::Default, value_name = "default|book|carmen")]
+    pub preset: Preset,
     /// Number of particles.
-    #[arg(long, default_value_t = FILTER.particles, value_name = "N")]
-    pub particles: usize,
+    #[arg(long, value_name = "N")]
+    pub particles: Option<usize>,
     /// Independent runs.
     #[arg(long, default_value_t = 1, value_name = "R",
           value_parser = clap::value_parser!(u32).range(1..))]
@@ -42,39 +70,48 @@ pub struct LocalizeArgs {
     /// Seed of all runs; with the log's name and the run's number it decides every draw.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
-    /// Beams used of a scan, evenly spread.
-    #[arg(long, default_value_t = FILTER.beams, value_name = "N|all")]
-    pub beams: Beams,
+    /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, as 3deg.
+    #[arg(long, value_name = "N|Ddeg|all")]
+    pub beams: Option<Beams>,
     /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres.
-    #[arg(long, default_value_t = FILTER.sigma_hit, value_name = "M")]
-    pub sigma_hit: f64,
-    /// Probability of a random measurement.
-    #[arg(long, default_value_t = FILTER.z_rand, value_name = "P")]
-    pub z_rand: f64,
+    #[arg(long, value_name = "M")]
+    pub sigma_hit: Option<f64>,
+    /// Probability of a random measurement (table 6.3).
+    #[arg(long, value_name = "P")]
+    pub z_rand: Option<f64>,
+    /// Least likelihood of a beam as a fraction of the largest (CARMEN).
+    #[arg(long, value_name = "F")]
+    pub beam_floor: Option<f64>,
+    /// Leave out beams that are at the floor for more than this share of the particles (CARMEN).
+    #[arg(long, value_name = "F")]
+    pub outlier_fraction: Option<f64>,
     /// Distances to the map are cut at this many metres.
-    #[arg(long, default_value_t = FILTER.max_distance, value_name = "M")]
-    pub max_distance: f64,
+    #[arg(long, value_name = "M")]
+    pub max_distance: Option<f64>,
     /// α₁…α₄ of the odometry motion model; α·δ² are variances.
-    #[arg(long, default_value = ALPHA.as_str(), value_name = "A1,A2,A3,A4", value_parser = numbers::<4>,
-          allow_hyphen_values = true)]
-    pub alpha: [f64; 4],
+    #[arg(long, value_name = "A1,A2,A3,A4", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    pub alpha: Option<[f64; 4]>,
     /// Noise added to the odometry: standard deviations in metres and radians per increment
     /// [default: none].
     #[arg(long, value_name = "XY,THETA", value_parser = deviations)]
     pub odometry_noise: Option<[f64; 2]>,
     /// Where the noise of a motion is drawn from: motion (the motion model, as in the book) or
     /// adaptive (half of it from where the other half finds the scan likely; the same posterior).
-    #[arg(long, default_value_t = FILTER.proposal, value_name = "KIND")]
-    pub proposal: Proposal,
-    /// How particles are drawn anew: systematic, stratified, residual or multinomial.
-    #[arg(long, default_value_t = FILTER.resampling, value_name = "KIND")]
-    pub resampling: Resampling,
-    /// Draw anew when the effective sample size is below this fraction of the particles.
-    #[arg(long, default_value_t = FILTER.ess_fraction, value_name = "F")]
-    pub ess_fraction: f64,
+    #[arg(long, value_name = "KIND")]
+    pub proposal: Option<Proposal>,
+    /// How particles are resampled: systematic, stratified, residual or multinomial.
+    #[arg(long, value_name = "KIND")]
+    pub resampling: Option<Resampling>,
+    /// Resample when the effective sample size is below this fraction of the particles.
+    #[arg(long, value_name = "F")]
+    pub ess_fraction: Option<f64>,
+    /// Resample no sooner than after a path of this many metres or turns of this many radians; until then
+    /// likelihoods multiply.
+    #[arg(long, value_name = "M,RAD", value_parser = deviations)]
+    pub resample_after: Option<[f64; 2]>,
     /// Exponent on the likelihood of a scan; below 1 beams count less.
-    #[arg(long, default_value_t = FILTER.likelihood_exponent, value_name = "E")]
-    pub likelihood_exponent: f64,
+    #[arg(long, value_name = "E")]
+    pub likelihood_exponent: Option<f64>,
     /// Where the particles start.
     #[arg(long, default_value = "known")]
     pub initial: Initial,

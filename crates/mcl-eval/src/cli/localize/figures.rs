@@ -1,5 +1,6 @@
 use anyhow::Result;
 use mcl_core::Seed;
+use mcl_filter::FilterSettings;
 use mcl_metrics::{
     DivergenceSettings, Interval, LossSettings, LostEpisode, bootstrap_mean, diverged,
     lost_episodes,
@@ -109,16 +110,25 @@ impl Localization {
     }
 
     /// What a user wants to read of it.
-    pub fn text(&self, args: &LocalizeArgs, source: &LogSource, map_points: usize) -> String {
+    pub fn text(
+        &self,
+        args: &LocalizeArgs,
+        filter: &FilterSettings,
+        source: &LogSource,
+        map_points: usize,
+    ) -> String {
         let mut text = format!(
-            "{} on {} ({} points)\n{} of {} scans, {} particles, {:.1} beams used per scan\n",
+            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, {:.1} beams used per scan, \
+             each at least {:.2} of the largest likelihood\n",
             source.title,
             args.map.display(),
             thousands(map_points),
             counted(self.runs, "run"),
             thousands(source.recording.scans.len()),
-            thousands(args.particles),
-            self.used_beams_per_scan
+            args.preset,
+            thousands(filter.particles),
+            self.used_beams_per_scan,
+            filter.relative_floor()
         );
         match (self.weighted, self.translation, self.heading) {
             (Some(weighted), Some(translation), Some(heading)) => {

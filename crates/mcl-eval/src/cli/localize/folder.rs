@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Recording, Trajectory, files};
-use mcl_filter::{FilterSettings, Run};
+use mcl_filter::{FilterSettings, Preset, Run};
 use mcl_metrics::{DEFAULT_XI, DivergenceSettings, LossSettings, PoseError, tum};
 use serde::Serialize;
 
@@ -51,7 +51,11 @@ pub struct Setup<'a> {
     map: &'a Path,
     map_points: usize,
     seed: u64,
+    /// The set of settings that options changed to `filter`.
+    preset: Preset,
     filter: &'a FilterSettings,
+    /// Least likelihood of a beam as a fraction of the largest.
+    relative_floor: f64,
     /// Standard deviations in metres and radians.
     odometry_noise: [f64; 2],
     /// The laser's pose at the first scan; null for global localization.
@@ -84,7 +88,9 @@ impl<'a> Setup<'a> {
             map: &args.map,
             map_points,
             seed: args.seed,
+            preset: args.preset,
             filter,
+            relative_floor: filter.relative_floor(),
             odometry_noise: args.odometry_noise.unwrap_or_default(),
             first_pose,
             xi: DEFAULT_XI,

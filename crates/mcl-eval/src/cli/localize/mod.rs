@@ -99,12 +99,13 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let runs = runs?;
 
     let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
-    let found = Localization::of(&runs, args.particles, source.recording.scans.len(), seed)?;
+    let found =
+        Localization::of(&runs, settings.values().particles, source.recording.scans.len(), seed)?;
     let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
-    print(args.json, &found, |found| found.text(args, &source, map.len()))?;
+    print(args.json, &found, |found| found.text(args, settings.values(), &source, map.len()))?;
     Ok(Outcome::of(complete))
 }
 
@@ -135,26 +136,33 @@ fn check_replay_name(args: &LocalizeArgs) {
 }
 
 fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
+    let preset = args.preset.settings();
     let initial_pose = match args.initial {
-        Initial::Known => FilterSettings::default().initial_pose,
+        Initial::Known => preset.initial_pose,
         Initial::Uniform if args.initial_pose.is_some() => refuse(
             "--initial-pose says where the robot starts, --initial uniform that nobody knows",
         ),
         Initial::Uniform => InitialPose::Uniform {},
     };
+    let [resample_distance, resample_angle] =
+        args.resample_after.unwrap_or([preset.resample_distance, preset.resample_angle]);
     FilterSettings {
-        particles: args.particles,
+        particles: args.particles.unwrap_or(preset.particles),
         initial_pose,
-        alpha: args.alpha,
-        sigma_hit: args.sigma_hit,
-        z_rand: args.z_rand,
-        max_distance: args.max_distance,
+        alpha: args.alpha.unwrap_or(preset.alpha),
+        sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
+        z_rand: args.z_rand.unwrap_or(preset.z_rand),
+        beam_floor: args.beam_floor.unwrap_or(preset.beam_floor),
+        outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
+        max_distance: args.max_distance.unwrap_or(preset.max_distance),
         max_range,
-        beams: args.beams,
-        likelihood_exponent: args.likelihood_exponent,
-        proposal: args.proposal,
-        resampling: args.resampling,
-        ess_fraction: args.ess_fraction,
+        beams: args.beams.unwrap_or(preset.beams),
+        likelihood_exponent: args.likelihood_exponent.unwrap_or(preset.likelihood_exponent),
+        proposal: args.proposal.unwrap_or(preset.proposal),
+        resampling: args.resampling.unwrap_or(preset.resampling),
+        ess_fraction: args.ess_fraction.unwrap_or(preset.ess_fraction),
+        resample_distance,
+        resample_angle,
     }
 }
 
