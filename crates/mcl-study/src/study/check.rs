@@ -373,6 +373,7 @@ pub fn line_of(text: &str, path: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::definition::Study;
 
     #[test]
     fn lines_of_keys() {
@@ -395,5 +396,53 @@ mod tests {
     fn columns_in_braces() {
         assert_eq!(placeholders("a-{split}-{map}.x"), (vec!["split", "map"], "a-x-x.x".to_owned()));
         assert_eq!(placeholders("a{b"), (vec![], "a{b".to_owned()));
+    }
+
+    /// A mistake would be seen after the last trial only, days later.
+    #[test]
+    fn regions_are_of_trials_that_decide_statements() {
+        let right = r#"seed = 1
+[base]
+preset = "carmen"
+[[trials]]
+name = "region"
+map = ["all", "gbs", "gbs+f-km", "rnd", "rnd+f-km"]
+size = [0.25, 1]
+beam_floor = [0.1, 0.4]
+sigma_hit = [0.2, 0.3]
+draws = 2
+runs = 1
+[[views.regions]]
+name = "floor"
+of = "region"
+x = "beam_floor"
+y = "sigma_hit"
+"#;
+        let by_preset = right
+            .replace("sigma_hit = [0.2, 0.3]", "preset = [\"book\", \"carmen\"]")
+            .replace("\"sigma_hit\"", "\"preset\"");
+        let named = |text: &str| Study::parse(text).err().map(|error| format!("{error:#}"));
+        assert_eq!([named(right), named(&by_preset)], [None, None]);
+        for (old, new, line, message) in [
+            ("\"region\"\nx", "\"regoin\"\nx", 14, "no entry of [[trials]]"),
+            ("\"beam_floor\"", "\"beam_flor\"", 15, "no setting \"beam_flor\""),
+            ("\"beam_floor\"", "\"map\"", 15, "a setting that maps of all kinds have"),
+            ("\"beam_floor\"", "\"sigma_hit\"", 16, "another setting than x"),
+            ("\"floor\"", "\"a/b\"", 13, "no name of a file"),
+            ("draws", "z_rand = [0.1, 0.5]\ndraws", 15, "vary z_rand, too (0.1 and 0.5)"),
+            ("draws", "split = [\"same\", \"alternate\"]\ndraws", 15, "vary split, too"),
+            (", \"rnd\"", "", 14, "no runs on maps rnd of sizes in percent"),
+            ("runs = 1", "runs = 0", 15, "setting \"beam_floor\""),
+        ] {
+            let text = right.replacen(old, new, 1);
+            assert_ne!(text, right, "{new}");
+            let found = named(&text).unwrap_or_else(|| panic!("accepted: {new}"));
+            let is_named = found.starts_with(&format!("line {line}: views.regions.0."));
+            assert!(is_named && found.contains(message), "{new}: {found}");
+        }
+        // A preset decides σ_hit, but not the noise that comes with it.
+        let noisy = "odometry_noise = [{ xy = 0, theta = 0 }, { xy = 0.1, theta = 0.1 }]\ndraws";
+        let found = named(&by_preset.replacen("draws", noisy, 1));
+        assert!(found.is_some_and(|found| found.contains("vary noise, too")));
     }
 }

@@ -311,3 +311,104 @@ fn order_by(names: &[&str], a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
     });
     orders.fold(Ordering::Equal, Ordering::then)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::charts::charts;
+    use crate::view::compare::tests;
+    use crate::view::planted::planted;
+    use crate::view::ranking::ranking;
+    use crate::view::summary::summary;
+
+    const STUDY: &str = r#"
+seed = 1
+[[trials]]
+map = ["gbs", "all"]
+size = [1, 5]
+preset = ["carmen", "book"]
+draws = 3
+runs = 1
+[[views.tests]]
+y = "weighted"
+column = "preset"
+[[views.charts]]
+name = "preset"
+x = { column = "size_percent" }
+y = { column = "weighted" }
+curves = ["map", "preset"]
+[[views.charts]]
+name = "of-{preset}"
+y = { column = "weighted" }
+[views.ranking]
+y = "weighted"
+"#;
+
+    /// A filter's tenth as large error on the maps of odd draws.
+    fn results(text: &str) -> Results {
+        planted(text, "office", |row| {
+            let of_preset = if row.text("preset") == "carmen" { 1.0 } else { 2.0 };
+            let of_draw = 1.0 + 0.1 * row.number("draw").unwrap();
+            vec![("weighted", (of_preset * of_draw).into()), ("diverged", false.into())]
+        })
+    }
+
+    /// Presets differ in a dozen settings at once, which would be as many columns and panels.
+    #[test]
+    fn a_preset_stands_for_what_it_decides() {
+        let results = results(STUDY);
+        let table = summary(&results).unwrap();
+        let columns = ["dataset", "split", "map", "size_percent", "preset", "blocks"];
+        assert_eq!(table.columns()[..6], columns);
+        let tested = tests(&results).unwrap();
+        assert_eq!(tested.len(), 3, "two sizes and all points");
+        for row in tested.rows() {
+            let sides = [row.text("a"), row.text("b"), row.text("preset")];
+            assert_eq!((sides, row.get("blocks")), (["carmen", "book", ""], &Value::Count(3)));
+            assert!((row.number("effect").unwrap() + 1.1).abs() < 1e-12);
+        }
+        let columns = ["rank", "score", "preset", "dataset"];
+        assert_eq!(ranking(std::slice::from_ref(&results)).unwrap().columns()[..4], columns);
+        let charts = charts(&results).unwrap();
+        let names: Vec<&str> = charts.iter().map(|chart| chart.name.as_str()).collect();
+        assert_eq!(names, ["preset", "of-carmen", "of-book"]);
+        let [panel] = &charts[0].panels[..] else { panic!("{:?}", charts[0]) };
+        assert_eq!(panel.labels, ["gbs, carmen", "gbs, book"]);
+        let captions = charts.iter().map(|chart| chart.caption.concat());
+        let told = ["500 particles", "Preset carmen, 500", "Preset book, 500"];
+        assert!(captions.zip(told).all(|(caption, told)| caption.contains(told)), "{charts:?}");
+        assert!(!charts[0].caption.concat().contains("beams"), "{charts:?}");
+    }
+
+    #[test]
+    fn what_varies_under_a_preset_is_a_setting_of_its_own() {
+        let varied = STUDY.replace("draws", "sigma_hit = [0.2, 0.3]\ndraws");
+        let more = "[[trials]]\nmap = \"gbs\"\nsize = 1\npreset = \"book\"\nz_rand = 0.2\n\
+                    odometry_noise = { xy = 0.1, theta = 0.1 }\ndraws = 3\nruns = 1\n";
+        for (text, settings) in [
+            (varied, &["map", "size_percent", "preset", "sigma_hit"][..]),
+            (format!("{STUDY}{more}"), &["map", "size_percent", "preset", "z_rand", "noise"]),
+            (STUDY.replace(", \"book\"", ""), &["map", "size_percent"]),
+        ] {
+            let results = results(&text);
+            let groups = Groups::of(&results).unwrap();
+            let all: Vec<&Group<'_>> = groups.all.iter().collect();
+            let varying = groups.varying(&all);
+            let names = varying.iter().map(|&place| groups.settings[place].name.as_str());
+            assert_eq!(names.collect::<Vec<_>>(), settings);
+        }
+        // Noise that comes with a preset is none of its settings.
+        let at = STUDY.find("draws").unwrap();
+        let [before, after] = [&STUDY[..at], &STUDY[at..]];
+        let of_carmen =
+            before.replace(", \"book\"", "") + "odometry_noise = { xy = 0.1, theta = 0.1 }\n";
+        let text = of_carmen
+            + after
+            + &before[before.find("[[trials]]").unwrap()..].replace("\"carmen\", ", "")
+            + "draws = 3\nruns = 1\n";
+        let results = results(&text);
+        let groups = Groups::of(&results).unwrap();
+        let noise = groups.place("noise").unwrap();
+        assert!(groups.varying(&groups.all.iter().collect::<Vec<_>>()).contains(&noise));
+    }
+}
