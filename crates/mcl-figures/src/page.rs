@@ -127,7 +127,7 @@ impl Page {
         &mut self,
         entries: impl Iterator<Item = (Option<RGBColor>, &'a str)>,
     ) -> Result<(), DrawError> {
-        let row = self.take(4.0 + COLOR_SCALE[1] + 8.0).margin(units(4.0), 0, 0, 0);
+        let row = self.take(4.0 + COLOR_SCALE[1] + 14.0).margin(units(4.0), 0, 0, 0);
         let mut left = 0.0;
         for (color, name) in entries {
             left += draw_sample(&row, left, color, name)? + 22.0;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm, paired, two_sample};
 
 use crate::store::results::Results;
-use crate::study::settings::{PRESET, Setting};
+use crate::study::settings::PRESET;
 use crate::study::views::{TestKind, TestView};
 use crate::table::{Table, Value};
 use crate::view::groups::{Group, Groups, same_values};
@@ -94,9 +94,8 @@ pub fn tests(results: &Results) -> Result<Table> {
     let mut table = Table::new(names.chain(TESTED));
     for view in views {
         let Some(place) = groups.place(&view.column) else { continue };
-        let compared = &groups.settings[place];
         let mut free = vec![place];
-        if compared.name == PRESET {
+        if view.column == PRESET {
             let of_view: Vec<&Group<'_>> = groups.of_entries(&view.of).collect();
             free.extend(groups.decided_by_preset(&of_view));
         }
@@ -107,7 +106,7 @@ pub fn tests(results: &Results) -> Result<Table> {
                     group.text(place) == b && groups.differ_only_in(group_a, group, &free)
                 };
                 for group_b in groups.of_entries(&view.of).filter(is_match) {
-                    let mut cells = shared(&groups, &columns, compared, [group_a, group_b]);
+                    let mut cells = shared(&groups, &columns, &free, [group_a, group_b]);
                     let test = if view.test == TestKind::Paired { "paired" } else { "welch" };
                     let kind = if view.ratio { "ratio" } else { "difference" };
                     let texts = [&view.y, &view.column, &a, &b].map(|text| Value::from(&**text));
@@ -147,15 +146,15 @@ fn pairs(groups: &Groups<'_>, view: &TestView, place: usize) -> Vec<[String; 2]>
     pairs.map(|(a, b)| [values[a].clone(), b.clone()]).collect()
 }
 
-/// What two groups have in common.
+/// What two groups have in common, with nothing in the columns of the settings in which they may differ.
 fn shared(
     groups: &Groups<'_>,
     columns: &[((usize, usize), String)],
-    compared: &Setting,
+    free: &[usize],
     [a, b]: [&Group<'_>; 2],
 ) -> Vec<Value> {
-    let value = |&((place, part), ref column): &((usize, usize), String)| {
-        if compared.columns.contains(column) {
+    let value = |&((place, part), _): &((usize, usize), String)| {
+        if free.contains(&place) {
             return Value::Empty;
         }
         let of = if groups.matters(a, place) { a } else { b };
