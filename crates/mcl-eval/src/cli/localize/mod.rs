@@ -152,7 +152,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         alpha: args.alpha.unwrap_or(preset.alpha),
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
         z_rand: args.z_rand.unwrap_or(preset.z_rand),
-        beam_floor: args.beam_floor.unwrap_or(preset.beam_floor),
+        // Whichever of the two ways is asked for.
+        beam_floor: args.beam_floor.or(preset.beam_floor.filter(|_| args.z_rand.is_none())),
         outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
         max_distance: args.max_distance.unwrap_or(preset.max_distance),
         max_range,
