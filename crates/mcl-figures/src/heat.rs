@@ -38,6 +38,9 @@ pub struct HeatFigure {
     pub log: bool,
     /// What the colours show, with its unit.
     pub label: String,
+    /// Where values are classes: what each of them, and a hatched cell (`None`), stands for, as a key in
+    /// place of a scale. Empty: a scale.
+    pub key: Vec<(Option<f64>, String)>,
     /// Paragraphs beneath: the data set, the settings.
     pub caption: Vec<String>,
 }
@@ -95,8 +98,11 @@ pub fn draw_heat(stem: &Path, figure: &HeatFigure) -> Result<[PathBuf; 2], Figur
     }
     let scale = if figure.log { Scale::Log } else { Scale::Linear };
     let cells = || figure.panels.iter().flat_map(|panel| &panel.cells);
-    let values = || cells().flatten().map(|cell| cell.value).filter(|&value| scale.holds(value));
-    let (Some(low), Some(high)) = (values().reduce(f64::min), values().reduce(f64::max)) else {
+    let of_key = || figure.key.iter().filter_map(|(value, _)| *value);
+    let values = || cells().flatten().map(|cell| cell.value).chain(of_key());
+    let values = || values().filter(|&value| scale.holds(value));
+    let ends = values().reduce(f64::min).zip(values().reduce(f64::max));
+    let Some((low, high)) = ends.filter(|_| cells().next().is_some()) else {
         let (stem, found) = (stem.into(), counted(cells().count(), "cell"));
         let expected = if figure.log { "positive value" } else { "value" };
         return Err(FigureError::NothingToDraw { stem, found, expected });
@@ -110,7 +116,12 @@ fn draw_page(figure: &HeatFigure, colors: &Axis) -> Result<Page, DrawError> {
     let mut page = Page::new();
     let cells = || figure.panels.iter().flat_map(|panel| &panel.cells);
     let hatched = |cell: &Option<HeatCell>| cell.as_ref().is_none_or(|c| c.color(colors).is_none());
-    page.color_scale(&figure.label, colors, cells().any(hatched))?;
+    match figure.key.is_empty() {
+        true => page.color_scale(&figure.label, colors, cells().any(hatched))?,
+        false => page.key(figure.key.iter().map(|(value, name)| {
+            (value.map(|value| shade_color(colors.fraction(value))), name.as_str())
+        }))?,
+    }
     let layout = Layout::of(&figure.panels);
     let slot = layout.left + layout.width + GAP;
     let columns = (((INNER + GAP) / slot) as usize).clamp(1, figure.panels.len());

@@ -122,6 +122,19 @@ impl Page {
         Ok(())
     }
 
+    /// Draws colours, or hatching, with their names.
+    pub(crate) fn key<'a>(
+        &mut self,
+        entries: impl Iterator<Item = (Option<RGBColor>, &'a str)>,
+    ) -> Result<(), DrawError> {
+        let row = self.take(4.0 + COLOR_SCALE[1] + 8.0).margin(units(4.0), 0, 0, 0);
+        let mut left = 0.0;
+        for (color, name) in entries {
+            left += draw_sample(&row, left, color, name)? + 22.0;
+        }
+        Ok(())
+    }
+
     /// Draws the scale of colours and, if wanted, what hatched cells mean.
     pub(crate) fn color_scale(
         &mut self,
@@ -129,7 +142,6 @@ impl Page {
         colors: &Axis,
         with_hatching: bool,
     ) -> Result<(), DrawError> {
-        const GAP: f64 = 24.0;
         let [width, height] = COLOR_SCALE;
         let row = self.take(4.0 + height + bottom_room(label)).margin(units(4.0), 0, 0, 0);
         self.take(8.0);
@@ -147,10 +159,7 @@ impl Page {
         area.draw(&picture.ok_or(DrawError::LayoutError)?)?;
         draw_frame(&chart)?;
         if with_hatching {
-            let left = indent + width + GAP;
-            fill(&row, [left, 0.0, left + GAP, height], None)?;
-            let style = text::plain().pos(Pos::new(HPos::Left, VPos::Center));
-            row.draw_text("no value", &style, (units(left + GAP + 6.0), units(0.5 * height)))?;
+            draw_sample(&row, indent + width + 24.0, None, "no value")?;
         }
         Ok(())
     }
@@ -210,6 +219,22 @@ pub(crate) fn fill(
         }
     }
     Ok(())
+}
+
+/// Draws a colour, or hatching, with its name, and returns their width (SVG units).
+fn draw_sample(
+    row: &Area,
+    left: f64,
+    color: Option<RGBColor>,
+    name: &str,
+) -> Result<f64, DrawError> {
+    const LABEL: f64 = 30.0;
+    let height = COLOR_SCALE[1];
+    fill(row, [left, 0.0, left + 24.0, height], color)?;
+    let style = text::plain().pos(Pos::new(HPos::Left, VPos::Center));
+    let name = fitted(name, &style, (INNER - left - LABEL).max(0.0));
+    row.draw_text(&name, &style, (units(left + LABEL), units(0.5 * height)))?;
+    Ok(LABEL + text_size(&name, &style)[0])
 }
 
 /// Room left of a chart for the tick labels and the label of the y axis.

@@ -119,7 +119,7 @@ fn heat_figure(columns: usize, cells: &[Option<(f64, &str)>]) -> HeatFigure {
         cells: cells.iter().map(|content| content.as_ref().map(cell)).collect(),
     };
     let caption = vec!["Simulated office, 20 runs.".into()];
-    HeatFigure { panels: vec![panel], log: false, label: "error [m]".into(), caption }
+    HeatFigure { panels: vec![panel], log: false, label: "error [m]".into(), key: vec![], caption }
 }
 
 fn point(x: f64, mean: f64) -> CurvePoint {
@@ -359,6 +359,27 @@ fn heat_follows_the_logarithm_if_asked() {
     let linear = middle(&figure);
     figure.log = true;
     assert!(middle(&figure) > linear + 5000, "10 is the middle between 1 and 100");
+}
+
+/// Verdicts are no values: a scale from 0 to 1 would say nothing of them.
+#[test]
+fn heat_of_classes_has_a_key() {
+    let mut figure = heat_figure(3, &[Some((1.0, "yes")), Some((1.0, "yes")), None]);
+    let names = ["holds", "does not hold", "not testable"];
+    let values = [Some(1.0), Some(0.0), None];
+    figure.key = values.into_iter().zip(names.map(str::to_owned)).collect();
+    let drawn = heat(&figure).unwrap();
+    let texts = drawn.texts();
+    assert!(names.iter().all(|name| texts.iter().any(|text| text == name)), "{texts:?}");
+    assert!(!texts.iter().any(|text| text == "no value" || text == "error [m]"), "{texts:?}");
+    // Colours are those of the key, also where all cells are alike.
+    let [yes, no] = [[223, 200, 30], [68, 1, 84]].map(|color| drawn.count(color));
+    assert!(yes > 5000 && no > 300 && no < yes, "{yes} {no}");
+    for cells in [vec![None], vec![]] {
+        let columns = cells.len();
+        let figure = HeatFigure { key: figure.key.clone(), ..heat_figure(columns, &cells) };
+        assert_eq!(heat(&figure).is_ok(), columns == 1);
+    }
 }
 
 #[test]

@@ -5,21 +5,18 @@
 //! are subtracted: a ratio of errors, on which a lost run does not drown all others as it does in a
 //! difference.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Result, bail};
 use mcl_core::text::list;
 use mcl_metrics::{Blocked, Effect};
 use mcl_study::recipe::split::Split;
 use mcl_study::store::results::Results;
-use mcl_study::study::views::TestKind;
+use mcl_study::study::settings::PRESET;
+use mcl_study::study::views::{INITIALIZATIONS, TestKind};
+use mcl_study::table::Value;
 use mcl_study::view::compare::{self, Comparison};
-use mcl_study::view::groups::{Group, Groups};
+use mcl_study::view::groups::{Group, Groups, order};
 
 use crate::claims::claim::{Claim, Outcome, Place, Test, Untestable};
-
-/// The paper's kinds of map by initialization: the initial map, and what fuzzy k-means makes of it.
-pub(super) const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd", "rnd+f-km"]];
 
 /// The paper's four kinds of map.
 pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
@@ -93,7 +90,7 @@ impl Sizes {
     pub const LARGE: Sizes = Sizes { name: "above 10 %", among: |percent| percent > 10.0 };
 }
 
-/// What a study measured on the paper's four kinds of map, one split.
+/// What a study measured on the paper's four kinds of map under the same settings.
 pub(super) struct Sampled<'a> {
     pub place: Place,
     pub results: &'a Results,
@@ -102,41 +99,68 @@ pub(super) struct Sampled<'a> {
 }
 
 impl<'a> Sampled<'a> {
-    /// The splits of a study that has a column and all four kinds of map in percent of the points; none
-    /// of another study. `with_runs`: only maps on which robots are localized.
+    /// The splits of a study that has a column and all four kinds of map in percent of the points, each
+    /// under every preset; none of another study. `with_runs`: only maps on which robots are
+    /// localized; without, presets make no difference.
     ///
     /// # Errors
     /// When the study varies something else too, about which the paper says nothing.
     pub fn of(results: &'a Results, column: &str, with_runs: bool) -> Result<Vec<Self>> {
-        let groups = Groups::of(results)?;
-        let places = ["map", "size_percent", "split"].map(|setting| groups.place(setting));
-        let (Some(_), [Some(map), Some(size), Some(split)]) =
-            (results.table.column(column), places)
-        else {
+        if results.table.column(column).is_none() {
             return Ok(Vec::new());
-        };
-        let mut splits: BTreeMap<Option<Split>, (Vec<&Group>, Vec<Cell<'a>>)> = BTreeMap::new();
+        }
+        let groups = Groups::of(results)?;
+        let parts = Self::parts(&groups, None, &["split", PRESET], with_runs)?;
+        let mut found: Vec<Self> = parts.into_iter().map(|(_, data)| data).collect();
+        if !with_runs {
+            found.iter_mut().for_each(|data| data.place.preset = None);
+            found.dedup_by(|a, b| a.place == b.place);
+        }
+        Ok(found)
+    }
+
+    /// What an entry of a study, or all of it, measured on the four kinds of map in percent of the points,
+    /// parted by the values of some settings; parts that lack a kind are left out.
+    ///
+    /// # Errors
+    /// When something else varies within a part.
+    pub fn parts(
+        groups: &Groups<'a>,
+        entry: Option<&str>,
+        by: &[&str],
+        with_runs: bool,
+    ) -> Result<Vec<(Vec<Vec<Value>>, Self)>> {
+        let places = ["map", "size_percent"].map(|setting| groups.place(setting));
+        let [Some(map), Some(size)] = places else { return Ok(Vec::new()) };
+        let by: Vec<usize> = by.iter().filter_map(|setting| groups.place(setting)).collect();
+        let mut parts: Vec<(Vec<Vec<Value>>, Vec<&Group<'a>>, Vec<Cell<'a>>)> = Vec::new();
         for group in &groups.all {
             let kind = kinds().find(|kind| *kind == group.text(map));
+            let is_asked = entry.is_none_or(|entry| group.entries.contains(entry));
             let is_localized = group.rows.iter().all(|row| row.number("run").is_some());
             let (Some(kind), Some(percent)) = (kind, group.number(size)) else { continue };
-            if !with_runs || is_localized {
-                let name = group.text(split);
-                let split = Split::ALL.into_iter().find(|split| split.name() == name);
-                let (groups, cells) = splits.entry(split).or_default();
-                groups.push(group);
-                cells.push(Cell { kind, percent, group: group.clone() });
+            if !is_asked || (with_runs && !is_localized) {
+                continue;
+            }
+            let cell = Cell { kind, percent, group: group.clone() };
+            let values: Vec<_> = by.iter().map(|&place| group.values(place).to_vec()).collect();
+            match parts.iter_mut().find(|(known, ..)| order(known, &values).is_eq()) {
+                Some((_, groups, cells)) => {
+                    groups.push(group);
+                    cells.push(cell);
+                }
+                None => parts.push((values, vec![group], vec![cell])),
             }
         }
-        splits.retain(|_, (_, cells)| kinds().all(|kind| cells.iter().any(|c| c.kind == kind)));
+        parts.retain(|(.., cells)| kinds().all(|kind| cells.iter().any(|c| c.kind == kind)));
         let mut found = Vec::new();
-        for (split, (of_split, mut cells)) in splits {
+        for (values, of_part, mut cells) in parts {
             cells.sort_by(|a, b| a.kind.cmp(b.kind).then(a.percent.total_cmp(&b.percent)));
             // Only grids have an offset.
             let is_grid = |group: &&&Group| group.text(map).starts_with("gbs");
-            let grids: Vec<&Group> = of_split.iter().filter(is_grid).copied().collect();
+            let grids: Vec<&Group> = of_part.iter().filter(is_grid).copied().collect();
             let of_grids = groups.varying(&grids);
-            let mut varied = groups.varying(&of_split);
+            let mut varied = groups.varying(&of_part);
             varied.retain(|place| match groups.settings[*place].name.as_str() {
                 "map" | "size_percent" => false,
                 "offset" => of_grids.contains(place),
@@ -146,8 +170,16 @@ impl<'a> Sampled<'a> {
                 let names = varied.iter().map(|place| groups.settings[*place].name.as_str());
                 bail!("it varies {}", list(&names.collect::<Vec<_>>()));
             }
-            let (dataset, experiment) = (results.facts.name.clone(), Some(results.name.clone()));
-            found.push(Sampled { place: Place { dataset, experiment, split }, results, cells });
+            let results = groups.results;
+            let text = |setting: &str| groups.place(setting).map(|at| of_part[0].text(at));
+            let split = text("split").unwrap_or_default();
+            let place = Place {
+                dataset: results.facts.name.clone(),
+                experiment: Some(results.name.clone()),
+                split: Split::ALL.into_iter().find(|known| known.name() == split),
+                preset: text(PRESET).filter(|name| !name.is_empty()),
+            };
+            found.push((values, Sampled { place, results, cells }));
         }
         Ok(found)
     }

@@ -52,6 +52,8 @@ pub struct Place {
     pub experiment: Option<String>,
     /// Which scans built the maps and which were localized; `None` where all of them did both.
     pub split: Option<Split>,
+    /// The preset of the filter's settings; `None` where nothing is localized.
+    pub preset: Option<String>,
 }
 
 /// What comes of a claim.

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use mcl_core::text::{list, number};
 use mcl_metrics::{Blocked, one_sample};
-use mcl_study::study::views::TestKind;
+use mcl_study::study::views::{INITIALIZATIONS, TestKind};
 
-use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, kinds};
+use crate::claims::cells::{Cell, Sampled, SampledTest, Sizes, kinds};
 use crate::claims::claim::{ALPHA, Finding, Outcome, Shown, Test, Tested, Untestable, significant};
 
 pub(super) const CLAIMS: [SampledTest; 4] = [

@@ -2,10 +2,10 @@
 //! loses it for good. How errors are compared: [`crate::claims::cells`].
 
 use mcl_core::text::{list, number, p_value};
-use mcl_metrics::{Blocked, BlockedRate, one_sample, paired};
-use mcl_study::study::views::TestKind;
+use mcl_metrics::{Blocked, BlockedRate, Interval, one_sample, paired};
+use mcl_study::study::views::{INITIALIZATIONS, TestKind};
 
-use crate::claims::cells::{Cell, INITIALIZATIONS, Sampled, SampledTest, Sizes, log_ratios};
+use crate::claims::cells::{Cell, Sampled, SampledTest, Sizes, log_ratios};
 use crate::claims::claim::{
     Evidence, Finding, Outcome, Shown, Test, Tested, Untestable, significant,
 };
@@ -191,17 +191,25 @@ fn recovers(data: &Sampled) -> Outcome {
     let cells = data.all_cells(&Sizes::NOT_TINY)?.concat();
     let diverged = rate(&cells)?;
     let (runs, interval) = (diverged.of_units(), diverged.interval(0.95)?);
-    let mut measured = format!("{} runs diverged", hits(&diverged));
-    let mut lost = Vec::new();
+    let smallest = cells.iter().map(|cell| cell.percent).fold(f64::INFINITY, f64::min);
+    let (mut lost, mut on_smallest) = (Vec::new(), Vec::new());
     for cell in &cells {
         let diverged = rate(std::slice::from_ref(cell))?;
+        let hits = hits(&diverged);
         if diverged.of_units().hits() > 0 {
-            lost.push(format!("{} on {}", hits(&diverged), cell.name()));
+            lost.push(format!("{hits} on {}", cell.name()));
+        }
+        if cell.percent == smallest {
+            let Interval { low, high } = diverged.interval(0.95)?;
+            let share = format!("{} {hits} ({} to {})", cell.kind, number(low), number(high));
+            on_smallest.push(share);
         }
     }
+    let mut measured = format!("{} runs diverged", hits(&diverged));
     if !lost.is_empty() {
         measured += &format!(" ({})", list(&lost));
     }
+    measured += &format!("; on {smallest} %: {}", on_smallest.join(", "));
     let evidence = Evidence {
         p: None,
         effect: Some(runs.hits() as f64 / runs.trials() as f64),
@@ -371,7 +379,12 @@ mod tests {
             assert_eq!(claim.verdict, NotReproduced, "{claim:?}");
         }
         let claim = find(&results, "recovers");
-        assert_eq!(claim.measured, "4 of 128 runs diverged (4 of 8 on gbs 1 %)");
+        let none = "0 of 8 (0 to 0.602)";
+        let expected = format!(
+            "4 of 128 runs diverged (4 of 8 on gbs 1 %); on 0.5 %: gbs {none}, gbs+f-km {none}, rnd \
+             {none}, rnd+f-km {none}"
+        );
+        assert_eq!(claim.measured, expected);
         assert_eq!((claim.evidence.effect, claim.evidence.blocks), (Some(4.0 / 128.0), Some(4)));
         // As sure as four trials are, not 128.
         assert!(claim.evidence.high.unwrap() > 0.5, "{claim:?}");

@@ -4,7 +4,8 @@
 //! what was measured and comes out as a [`claim::Claim`]; where rows are missing its verdict says
 //! so. How each claim is decided, and why so, stands in docs/claims.md. Modules: `cells` sorts rows by
 //! kind and size of map; `facts`, `maps` (section IV), `likelihood` (section V-A) and `localization`
-//! (section V-B) decide; [`render`] makes tables.
+//! (section V-B) decide; [`regions`] decides the latter for each of many settings; [`render`] makes
+//! tables.
 
 mod cells;
 pub mod claim;
@@ -14,6 +15,7 @@ mod localization;
 mod maps;
 #[cfg(test)]
 pub(crate) mod planted;
+pub mod regions;
 pub mod render;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,7 +70,8 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     if of_likelihood.is_empty() && of_localization.is_empty() {
         return None;
     }
-    let of_data = Place { dataset: facts.name.clone(), experiment: None, split: None };
+    let of_data =
+        Place { dataset: facts.name.clone(), experiment: None, split: None, preset: None };
     let of_facts = facts::CLAIMS.iter();
     let mut claims: Vec<Claim> =
         of_facts.map(|test| test.claim(of_data.clone(), (test.decide)(facts))).collect();
@@ -84,7 +87,7 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     Some(DatasetClaims { name, description, claims, notes })
 }
 
-/// The splits of every study that has a column; why one is not compared is noted.
+/// The splits and presets of every study that has a column; why one is not compared is noted.
 fn sampled<'a>(
     results: &[&'a Results],
     column: &str,
@@ -273,15 +276,38 @@ mod tests {
     }
 
     #[test]
-    fn splits_are_decided_one_by_one() {
-        let results = localized("split = [\"same\", \"alternate\"]\n", |row| {
-            row.set("diverged", row.text("split") == "alternate");
+    fn splits_and_presets_are_decided_one_by_one() {
+        let factors = "split = [\"same\", \"alternate\"]\npreset = [\"carmen\", \"book\"]\n";
+        let mut results = localized(&format!("{factors}sigma_hit = 0.2\n"), |row| {
+            let is_lost = row.text("split") == "alternate" && row.text("preset") == "book";
+            row.set("diverged", is_lost);
+            row.set("log_likelihood", -1.0);
         });
-        let claims = decide(&[results]).remove(0).claims;
-        let recovers = claims.iter().filter(|claim| claim.id == "localization-recovers");
-        let verdicts = recovers.map(|claim| (claim.place.split.unwrap().name(), claim.verdict));
-        let expected = [("same", Reproduced), ("alternate", NotReproduced)];
-        assert_eq!(verdicts.collect::<Vec<_>>(), expected);
+        let decided = decide(std::slice::from_ref(&results)).remove(0);
+        let recovers = decided.claims.iter().filter(|claim| claim.id == "localization-recovers");
+        let verdicts = recovers.map(|claim| {
+            let json = serde_json::to_value(claim).unwrap();
+            let place = ["split", "preset"].map(|key| json[key].as_str().unwrap().to_owned());
+            (place.join(" "), claim.verdict)
+        });
+        let expected = [
+            ("same carmen", Reproduced),
+            ("same book", Reproduced),
+            ("alternate carmen", Reproduced),
+            ("alternate book", NotReproduced),
+        ];
+        assert_eq!(verdicts.collect::<Vec<_>>(), expected.map(|(place, v)| (place.to_owned(), v)));
+        // Maps are as likely whoever is localized on them.
+        let likelihood = decided.claims.iter().filter(|claim| claim.id == "improvement");
+        assert_eq!(likelihood.map(|claim| &claim.place.preset).collect::<Vec<_>>(), [&None; 2]);
+        let text = render::text(&[decided], &[], 100);
+        for line in ["V-B, carmen: ", "V-B, book, alternate: ", "office, book: "] {
+            assert!(text.contains(line), "{line}\n{text}");
+        }
+        // Of one preset, whichever, it is not named.
+        planted::edit(&mut results, |row| row.text("preset") == "carmen");
+        let text = render::text(&decide(&[results]), &[], 100);
+        assert!(text.contains("V-B: ") && !text.contains(", carmen"), "{text}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use mcl_core::Seed;
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::results::Results;
 use mcl_study::study::definition::Study;
-use mcl_study::table::{Cells, Table, Value};
+use mcl_study::table::{Cells, Row, Table, Value};
 use rand::RngExt;
 
 const FOUR_KINDS: &str = r#"["gbs", "gbs+f-km", "rnd", "rnd+f-km"]"#;
@@ -40,18 +40,8 @@ impl PlantedRow {
 pub(crate) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -> Results {
     let study = Study::parse(&format!("seed = 1\n{text}")).unwrap();
     let plan = study.plan("office").unwrap();
-    let mut rows = Vec::new();
-    for trial in &plan.trials {
-        let map = PlantedRow(trial.map.cells());
-        match trial.runs.is_empty() {
-            true => rows.push(map),
-            false => rows.extend(trial.runs.iter().map(|run| {
-                let mut row = map.clone();
-                row.0.extend(run.cells().unwrap());
-                row
-            })),
-        }
-    }
+    let columns = plan.columns(&study.measures).unwrap();
+    let mut rows = rows(&plan.recipes().unwrap(), &columns);
     rows.iter_mut().for_each(fill);
     let asked = plan.trials.len();
     Results {
@@ -118,14 +108,14 @@ pub(crate) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) ->
 
 /// Edits the rows of a study, or takes them away where the function says no.
 pub(crate) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool) {
-    let mut rows = rows(results);
+    let mut rows = rows(&results.table, results.table.columns());
     rows.retain_mut(keep);
     results.table = Table::of_cells(rows.into_iter().map(|row| row.0));
 }
 
 /// The study with every run as many times, under numbers of their own.
 pub(crate) fn with_repeated_runs(results: &Results, times: u32) -> Results {
-    let rows = rows(results);
+    let rows = rows(&results.table, results.table.columns());
     let repeated = (0..times).flat_map(|time| {
         rows.iter().cloned().map(move |mut row| {
             row.set("run", row.number("run") as u32 + 1000 * time);
@@ -135,10 +125,10 @@ pub(crate) fn with_repeated_runs(results: &Results, times: u32) -> Results {
     Results { table: Table::of_cells(repeated), ..results.clone() }
 }
 
-fn rows(results: &Results) -> Vec<PlantedRow> {
-    let columns = results.table.columns();
-    let cells = |row: mcl_study::table::Row| {
-        columns.iter().map(|column| (column.clone(), row.get(column).clone())).collect()
+/// The rows of a table in these columns.
+fn rows(table: &Table, columns: &[String]) -> Vec<PlantedRow> {
+    let cells = |row: Row| {
+        PlantedRow(columns.iter().map(|name| (name.clone(), row.get(name).clone())).collect())
     };
-    results.table.rows().map(|row| PlantedRow(cells(row))).collect()
+    table.rows().map(cells).collect()
 }

@@ -3,7 +3,7 @@
 use mcl_core::text::{counted, number, p_value, printable};
 use mcl_study::recipe::split::Split;
 
-use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Verdict};
+use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Place, Verdict};
 use crate::progress::wrapped;
 
 /// Lines longer than this are hard to follow; below the least, words would stand out.
@@ -15,13 +15,14 @@ const GLUE: &str = "\u{a0}";
 /// The claims of each data set, in lines of `width` columns, and a line that sums them up; then the names
 /// of data sets without results. Names from data are shown as escapes where they act.
 pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) -> String {
+    let all = all(datasets);
     let mut lines = Vec::new();
     for dataset in datasets {
         lines.extend([heading(dataset), String::new()]);
         for claim in &dataset.claims {
             let p = claim.evidence.p.map(|p| format!("; {}", p_value(p))).unwrap_or_default();
             let texts = [
-                format!("{}: {}", place(claim, dataset), claim.statement),
+                format!("{}: {}", place(claim, &all), claim.statement),
                 format!("Measured: {}", claim.measured),
                 format!("Test: {}{p}", claim.test),
             ];
@@ -31,7 +32,19 @@ pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) 
             lines.extend(lines_of.map(|(verdict, text)| format!("  {verdict:<14}  {text}")));
         }
         lines.push(String::new());
-        lines.extend(summary(dataset));
+        lines.extend(summary(dataset, &all));
+        lines.push(String::new());
+    }
+    let counts = Counts::of(&all);
+    for (at, (id, cells)) in counts.claims.iter().enumerate() {
+        if at == 0 {
+            lines.push(Counts::HEADING.to_owned());
+        }
+        let cells = counts.filters.iter().zip(cells).filter(|(_, cell)| !cell.is_empty());
+        let cells = cells.map(|(filter, cell)| format!("{filter} {cell}").trim_start().to_owned());
+        lines.push(format!("  {id:<28}  {}", cells.collect::<Vec<_>>().join("; ")));
+    }
+    if !counts.claims.is_empty() {
         lines.push(String::new());
     }
     if !without_results.is_empty() {
@@ -51,6 +64,7 @@ pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> Strin
         "# The paper's claims beside what was measured\n\nα = {ALPHA}; how each claim is decided stands \
          in docs/claims.md of the program.\n"
     );
+    let all = all(datasets);
     for dataset in datasets {
         text += &format!("\n## {}\n\n", escaped(&heading(dataset)));
         text += "| section | claim | statement | measured | test | p | effect (95 %) | verdict |\n";
@@ -58,7 +72,7 @@ pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> Strin
         for claim in &dataset.claims {
             let p = claim.evidence.p.map_or(String::new(), p_value);
             let columns = [
-                place(claim, dataset),
+                place(claim, &all),
                 claim.statement.to_owned(),
                 claim.measured.clone(),
                 claim.test.to_owned(),
@@ -70,9 +84,23 @@ pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> Strin
             text += &format!("| {place} | `{}` | {} |\n", claim.id, rest.join(" | "));
         }
         text.push('\n');
-        for line in summary(dataset) {
+        for line in summary(dataset, &all) {
             // Not at the start of a line, where a name could begin a list or a heading.
             text += &format!("Summary of {}  \n", escaped(&line));
+        }
+    }
+    let counts = Counts::of(&all);
+    if !counts.claims.is_empty() {
+        let names = counts.filters.iter().map(|filter| match filter.is_empty() {
+            true => "any filter",
+            false => filter,
+        });
+        let names: Vec<String> = names.map(escaped).collect();
+        text += &format!("\n## {}\n\n| claim | {} |\n", Counts::HEADING, names.join(" | "));
+        text += &format!("|---{}|\n", "|---".repeat(names.len()));
+        for (id, cells) in &counts.claims {
+            let cells: Vec<String> = cells.iter().map(|cell| escaped(cell)).collect();
+            text += &format!("| `{id}` | {} |\n", cells.join(" | "));
         }
     }
     if !without_results.is_empty() {
@@ -102,23 +130,83 @@ fn effect(claim: &Claim) -> Option<String> {
     Some(format!("{of}: {effect} ({low} to {high}), {}", counted(evidence.blocks?, "block")))
 }
 
-/// "V-B, alternate"; with the study's name where the data set has several of a kind.
-fn place(claim: &Claim, dataset: &DatasetClaims) -> String {
-    let mut place = claim.section.to_owned();
-    let experiment = &claim.place.experiment;
-    let of_another = |other: &&Claim| other.id == claim.id && other.place.experiment != *experiment;
-    if let (Some(name), Some(_)) = (experiment, dataset.claims.iter().find(of_another)) {
-        place += &format!(", {name}");
-    }
-    if let Some(split) = other_split(claim) {
-        place += &format!(", {split}");
-    }
-    place
+fn all(datasets: &[DatasetClaims]) -> Vec<&Claim> {
+    datasets.iter().flat_map(|dataset| &dataset.claims).collect()
 }
 
-/// The split of a claim, where it is none of the paper's.
-fn other_split(claim: &Claim) -> Option<Split> {
-    claim.place.split.filter(|&split| split != Split::Same)
+/// "V-B, carmen, alternate".
+fn place(claim: &Claim, all: &[&Claim]) -> String {
+    let filter = filter(claim, all);
+    format!("{}{}{filter}", claim.section, if filter.is_empty() { "" } else { ", " })
+}
+
+/// "carmen, alternate": the study where a data set has several of a kind, the preset where there are
+/// several, and the split where it is none of the paper's.
+fn filter(claim: &Claim, all: &[&Claim]) -> String {
+    let alike =
+        || all.iter().map(|other| (other.id, &other.place)).filter(|(id, _)| *id == claim.id);
+    let is_another = |a: &Place| {
+        let mut of_data = alike().filter(|(_, b)| a.dataset == b.dataset);
+        of_data.any(|(_, b)| a.experiment != b.experiment)
+    };
+    let Place { experiment, preset, split, .. } = &claim.place;
+    let experiment = experiment.as_deref().filter(|_| alike().any(|(_, place)| is_another(place)));
+    let preset = preset.as_ref().filter(|_| alike().any(|(_, place)| place.preset != *preset));
+    let split = split.filter(|&split| split != Split::Same).map(Split::name);
+    let parts = [experiment, preset.map(String::as_str), split];
+    parts.into_iter().flatten().collect::<Vec<&str>>().join(", ")
+}
+
+/// On how many data sets claims hold.
+struct Counts {
+    /// What claims were decided under.
+    filters: Vec<String>,
+    /// By claim: of each filter, "6 of 7 (not aces)", or nothing.
+    claims: Vec<(&'static str, Vec<String>)>,
+}
+
+impl Counts {
+    const HEADING: &str = "Data sets on which claims hold, of those that decide them";
+
+    /// Of all claims; none of a single data set.
+    fn of(all: &[&Claim]) -> Self {
+        let mut counts = Counts { filters: Vec::new(), claims: Vec::new() };
+        if all.iter().all(|claim| claim.place.dataset == all[0].place.dataset) {
+            return counts;
+        }
+        let filters: Vec<String> = all.iter().map(|claim| filter(claim, all)).collect();
+        for name in &filters {
+            if !counts.filters.contains(name) {
+                counts.filters.push(name.clone());
+            }
+        }
+        for id in all.iter().map(|claim| claim.id) {
+            if counts.claims.iter().any(|(known, _)| *known == id) {
+                continue;
+            }
+            let cell = |name: &String| {
+                let of_filter =
+                    all.iter().zip(&filters).filter(|(claim, of)| claim.id == id && *of == name);
+                let names = |verdict: Verdict| -> Vec<&str> {
+                    let of_verdict =
+                        of_filter.clone().filter(|(claim, _)| claim.verdict == verdict);
+                    of_verdict.map(|(claim, _)| claim.place.dataset.as_str()).collect()
+                };
+                let (holds, fails) = (names(Verdict::Reproduced), names(Verdict::NotReproduced));
+                match (of_filter.clone().next(), holds.len(), fails.len()) {
+                    (None, ..) => String::new(),
+                    (_, 0, 0) => "not testable".to_owned(),
+                    (_, holds, 0) => format!("{holds} of {holds}"),
+                    (_, 0, of) => format!("0 of {of}"),
+                    (_, holds, not) => {
+                        format!("{holds} of {} (not {})", holds + not, fails.join(", "))
+                    }
+                }
+            };
+            counts.claims.push((id, counts.filters.iter().map(cell).collect()));
+        }
+        counts
+    }
 }
 
 /// "intel-lab – Intel Research Lab, Seattle: 910 scans, …"
@@ -126,23 +214,27 @@ fn heading(dataset: &DatasetClaims) -> String {
     format!("{} – {}", dataset.name, dataset.description)
 }
 
-/// How many claims came out how: the paper's, and those of splits that the paper does not have.
-fn summary(dataset: &DatasetClaims) -> Vec<String> {
+/// How many claims came out how, per filter and split; and notes.
+fn summary(dataset: &DatasetClaims, all: &[&Claim]) -> Vec<String> {
     let name = &dataset.name;
-    let mut lines = Vec::new();
-    for split in std::iter::once(None).chain(Split::ALL.map(Some)) {
-        let of_split = || dataset.claims.iter().filter(move |claim| other_split(claim) == split);
-        let counts = Verdict::ALL.map(|verdict| {
-            let count = of_split().filter(|claim| claim.verdict == verdict).count();
-            format!("{count} {}", <&str>::from(verdict))
+    let mut counts: Vec<(String, [usize; 3])> = Vec::new();
+    for claim in &dataset.claims {
+        let filter = filter(claim, all);
+        let place = counts.iter().position(|(known, _)| *known == filter);
+        let place = place.unwrap_or_else(|| {
+            counts.push((filter, [0; 3]));
+            counts.len() - 1
         });
-        if of_split().next().is_some() {
-            let split = split.map_or(String::new(), |split| format!(", split {split}"));
-            lines.push(format!("{name}{split}: {}", counts.join(", ")));
-        }
+        counts[place].1[claim.verdict as usize] += 1;
     }
-    lines.extend(dataset.notes.iter().map(|note| format!("{name}: {note}")));
-    lines
+    let line = |(filter, counts): (String, [usize; 3])| {
+        let verdicts = Verdict::ALL.map(<&str>::from).into_iter().zip(counts);
+        let counts: Vec<String> = verdicts.map(|(name, count)| format!("{count} {name}")).collect();
+        let comma = if filter.is_empty() { "" } else { ", " };
+        format!("{name}{comma}{filter}: {}", counts.join(", "))
+    };
+    let notes = dataset.notes.iter().map(|note| format!("{name}: {note}"));
+    counts.into_iter().map(line).chain(notes).collect()
 }
 
 /// One line on data sets without results.
@@ -153,11 +245,15 @@ fn missing(names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::claims::claim::{Evidence, Place};
+    use crate::claims::claim::Evidence;
 
     fn claim(id: &'static str, split: Option<Split>, verdict: Verdict) -> Claim {
-        let place =
-            Place { dataset: "office".into(), experiment: Some("localization".into()), split };
+        let place = Place {
+            dataset: "office".into(),
+            experiment: Some("localization".into()),
+            split,
+            preset: Some("default".into()),
+        };
         let measured = "gbs 0.87 | rnd 0.42; the mean is lower in 15 of 18 cells".to_owned();
         let evidence = Evidence {
             p: Some(3.1e-5),
@@ -213,12 +309,46 @@ mod tests {
     fn verdicts_are_counted_per_split() {
         let text = text(&datasets(), &[], 100);
         assert!(text.contains("office: 1 reproduced, 1 not reproduced, 0 not testable"), "{text}");
-        assert!(
-            text.contains(
-                "office, split alternate: 0 reproduced, 0 not reproduced, 1 not testable"
-            )
-        );
+        assert!(text.contains("office, alternate: 0 reproduced, 0 not reproduced, 1 not testable"));
         assert!(text.contains("not testable    V-B, alternate: Improved"), "{text}");
+    }
+
+    /// The lines of a claim in several data sets and under several filters.
+    #[test]
+    fn claims_are_counted_over_data_sets_and_filters() {
+        let of = |name: &str, verdicts: &[(&str, Verdict)]| {
+            let mut dataset = datasets().remove(0);
+            dataset.name = name.into();
+            let claims = verdicts.iter().map(|&(preset, verdict)| {
+                let mut claim = claim("recovers", Some(Split::Same), verdict);
+                claim.place.dataset = name.into();
+                claim.place.preset = Some(preset.into());
+                claim
+            });
+            dataset.claims = claims.collect();
+            let place = Place { preset: None, ..dataset.claims[0].place.clone() };
+            dataset.claims.push(Claim { place, ..claim("spread", None, Verdict::NotReproduced) });
+            dataset
+        };
+        use Verdict::{NotReproduced as No, NotTestable as Open, Reproduced as Yes};
+        let datasets = [
+            of("aces", &[("carmen", No), ("book", No)]),
+            of("intel", &[("carmen", Yes), ("book", No)]),
+            of("office", &[("carmen", Yes), ("book", Open)]),
+        ];
+        let shown = text(&datasets, &[], 100);
+        let line = "  recovers                      carmen 2 of 3 (not aces); book 0 of 2\n";
+        assert!(shown.contains(line), "{shown}");
+        assert!(shown.contains("  spread                        0 of 3"), "{shown}");
+        for line in ["V-B, carmen: Improved", "aces, carmen: 0 reproduced, 1 not reproduced"] {
+            assert!(shown.contains(line), "{line}\n{shown}");
+        }
+        let shown = markdown(&datasets, &[]);
+        let rows = "| claim | carmen | book | any filter |\n|---|---|---|---|\n\
+                    | `recovers` | 2 of 3 (not aces) | 0 of 2 |  |\n| `spread` |  |  | 0 of 3 |\n";
+        assert!(shown.contains(rows), "{shown}");
+        // Of one data set, verdicts are counts enough.
+        assert!(!text(&datasets[..1], &[], 100).contains(Counts::HEADING));
     }
 
     #[test]
@@ -266,7 +396,8 @@ mod tests {
         }
         let markdown = markdown(&datasets, &missing);
         let shown = r"\<script\>alert(1)\</script\> \[x\](http\://y.z) www\.y.z a\@y.z \`c\` \*b\* \_i\_ \| \& \$m\$\\u{a}\# t \\u{1b}\[31mred \\u{202e}gpj.exe";
-        assert_eq!(markdown.matches(shown).count(), 2 + 3 + 1 + 2 + 1 + 1 + 1, "{markdown}");
+        // Heading, measured, place, counts of three filters, note, and what is missing.
+        assert_eq!(markdown.matches(shown).count(), 2 + 3 + 1 + (3 + 1) + 2 + 1, "{markdown}");
         for line in markdown.lines().filter(|line| line.starts_with('|')) {
             let bars = line.replace(r"\|", "").matches('|').count();
             assert_eq!(bars, 9, "{line}");

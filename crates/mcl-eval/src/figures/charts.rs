@@ -170,6 +170,7 @@ fn heat_figure(chart: &ChartData) -> HeatFigure {
         panels: panels.collect(),
         log: y.is_some_and(|y| y.scale == views::Scale::Log),
         label: y.map_or(String::new(), |y| y.label.clone()),
+        key: Vec::new(),
         caption: chart.caption.clone(),
     }
 }

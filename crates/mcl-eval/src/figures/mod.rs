@@ -3,6 +3,7 @@
 
 mod charts;
 mod pictures;
+mod regions;
 mod space;
 
 use std::collections::HashSet;
@@ -13,7 +14,6 @@ use anyhow::{Context, Result};
 use mcl_core::files::{create_folder, remove};
 use mcl_study::store::results::{FIGURES, Results, SUMMARY, TESTS, save_table};
 use mcl_study::view;
-use mcl_study::view::chart::ChartData;
 
 /// Writes `ranking.csv` of a study into its folder, over its data sets; `None` where it ranks nothing.
 ///
@@ -39,16 +39,24 @@ pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
     let figures = folder.join(FIGURES);
     create_folder(&figures).with_context(|| format!("cannot make {}", figures.display()))?;
     let charts = view::charts::charts(results)?;
-    let table_of = |chart: &ChartData| figures.join(format!("{}.csv", chart.name));
+    let regions = crate::claims::regions::regions(results)?;
+    let of_charts = charts.iter().map(|chart| (&chart.name, chart.to_table()));
+    let of_regions = regions.iter().map(|region| (&region.view.name, region.to_table()));
+    let mut tables = Vec::new();
     // Tables before anything is drawn: a figure takes more memory.
-    for chart in &charts {
-        save_table(&table_of(chart), &chart.to_table())?;
+    for (name, table) in of_charts.chain(of_regions) {
+        tables.push(figures.join(format!("{name}.csv")));
+        save_table(&tables[tables.len() - 1], &table)?;
     }
     let mut drawn = Vec::new();
     for chart in &charts {
-        let path = figures.join(&chart.name);
-        let files = charts::draw(&path, chart).with_context(|| format!("chart {}", chart.name))?;
-        drawn.extend(files);
+        let files = charts::draw(&figures.join(&chart.name), chart);
+        drawn.extend(files.with_context(|| format!("chart {}", chart.name))?);
+    }
+    for region in &regions {
+        let name = &region.view.name;
+        let files = regions::draw(&figures.join(name), region);
+        drawn.extend(files.with_context(|| format!("region {name}"))?);
     }
     let view = space::View::of(results)?;
     for (picture, maps) in results.study.views.pictures.iter().zip(&results.pictured) {
@@ -57,7 +65,6 @@ pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
         let files = pictures::draw(results, &figures, picture, &maps, view.as_ref());
         drawn.extend(files.with_context(|| format!("picture {}", picture.name))?);
     }
-    let tables = charts.iter().map(table_of);
     let shown: HashSet<PathBuf> = drawn.iter().cloned().chain(tables).collect();
     for path in files(&figures)? {
         let is_figure =
@@ -87,6 +94,14 @@ map = ["gbs", "rnd"]
 size = [1, 2]
 draws = 3
 runs = 1
+[[trials]]
+name = "region"
+map = ["gbs", "gbs+f-km", "rnd", "rnd+f-km"]
+size = 1
+beam_floor = [0.1, 0.4]
+preset = ["carmen", "book"]
+draws = 2
+runs = 1
 [[views.tests]]
 y = "weighted"
 [[views.charts]]
@@ -100,6 +115,11 @@ y = { column = "translation" }
 [[views.pictures]]
 name = "maps"
 maps = [{ map = "all" }]
+[[views.regions]]
+name = "region"
+of = "region"
+x = "beam_floor"
+y = "preset"
 "#;
 
     /// The fault: figures of an earlier definition stayed, and showed other maps than the rows beside them.
@@ -119,11 +139,14 @@ maps = [{ map = "all" }]
         }
         std::fs::write(figures.join("notes.txt"), "no figure").unwrap();
         let drawn = write(&results).unwrap();
-        assert_eq!(drawn, ["error.svg", "error.png"].map(|name| figures.join(name)));
+        let expected = ["error.svg", "error.png", "region.svg", "region.png"];
+        assert_eq!(drawn, expected.map(|name| figures.join(name)));
         let entries = std::fs::read_dir(&figures).unwrap();
         let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
         names.sort();
-        assert_eq!(names, ["error.csv", "error.png", "error.svg", "notes.txt"]);
+        let of_region = ["region.csv", "region.png", "region.svg"];
+        let expected = [&["error.csv", "error.png", "error.svg", "notes.txt"], &of_region[..]];
+        assert_eq!(names, expected.concat());
         for table in ["summary.csv", "tests.csv"] {
             let text = std::fs::read_to_string(folder.path().join(table)).unwrap();
             assert!(text.starts_with("dataset,split,"), "{text}");

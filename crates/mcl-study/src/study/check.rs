@@ -1,7 +1,7 @@
 //! Whether views name what there is.
 
 use std::cmp::Ordering;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::Result;
 use mcl_datasets::registry::is_plain_name;
@@ -9,9 +9,9 @@ use toml::de::{DeTable, DeValue};
 
 use crate::measure::Measures;
 use crate::study::plan::{ENTRIES, Plan};
-use crate::study::settings::{Setting, settings, text_of};
-use crate::study::views::{Chart, ChartKind, Views};
-use crate::table::Table;
+use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
+use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views};
+use crate::table::{Row, Table, Value};
 
 /// A mistake in a study's file.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,7 +159,59 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<Result<(), Mistake>> {
             }
         }
     }
+    if !views.regions.is_empty() {
+        let tables = known.plans.iter().map(Plan::recipes).collect::<Result<Vec<Table>>>()?;
+        for (place, region) in views.regions.iter().enumerate() {
+            let checked = tables.iter().try_for_each(|table| check_trials(region, table, known));
+            if let Err(message) = checked {
+                return Ok(Err(mistake(&format!("views.regions.{place}.of"), message)));
+            }
+        }
+    }
     Ok(Ok(()))
+}
+
+/// Whether the statements can be decided from the trials that a region is of: there are runs on all kinds
+/// of map, and nothing else varies. The error is a message.
+fn check_trials(region: &Region, table: &Table, known: &Known<'_>) -> Result<(), String> {
+    let Region { of, x, y, .. } = region;
+    let is_own = |row: &Row<'_>| row.text(ENTRIES).split(' ').any(|name| name == of);
+    let rows: Vec<Row<'_>> = table.rows().filter(is_own).collect();
+    let mut kinds = INITIALIZATIONS.into_iter().flatten();
+    let is_run_on = |row: &&Row<'_>, kind: &str| {
+        let has_numbers = ["size_percent", "run"].iter().all(|of| row.number(of).is_some());
+        row.text("map") == kind && has_numbers
+    };
+    let is_missing = |kind: &&str| !rows.iter().any(|row| is_run_on(&row, kind));
+    if !rows.is_empty()
+        && let Some(kind) = kinds.find(is_missing)
+    {
+        let kinds = INITIALIZATIONS.as_flattened().join(", ");
+        return Err(format!(
+            "the trials {of:?} have no runs on maps {kind} of sizes in percent, expected them on {kinds}"
+        ));
+    }
+    let by_preset = [x, y].iter().any(|name| *name == PRESET);
+    let may_vary = |name: &str| name == x || name == y || name == "map" || SIZE.contains(&name);
+    for setting in known.settings.iter().filter(|setting| !may_vary(&setting.name)) {
+        let mut found: BTreeMap<&str, String> = BTreeMap::new();
+        for row in &rows {
+            let values = setting.values(row);
+            if values.iter().all(Value::is_empty) {
+                continue;
+            }
+            let of = if by_preset && setting.is_of_filter() { row.text(PRESET) } else { "" };
+            let (text, name) = (text_of(&values), &setting.name);
+            let first = found.entry(of).or_insert_with(|| text.clone());
+            if *first != text {
+                return Err(format!(
+                    "its trials vary {name}, too ({first} and {text}), expected nothing but {x}, {y}, map \
+                     and size; an entry for each value can be drawn"
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn check_columns(views: &Views, known: &Known<'_>) -> Result<(), Mistake> {
@@ -202,11 +254,27 @@ fn check_columns(views: &Views, known: &Known<'_>) -> Result<(), Mistake> {
             return Err(mistake(&path("name"), format!("{:?} is used twice", chart.name)));
         }
     }
-    for (place, picture) in views.pictures.iter().enumerate() {
-        let path = format!("views.pictures.{place}.name");
-        file(&path, &picture.name, &picture.name)?;
-        if !files.insert(&picture.name) {
-            return Err(mistake(&path, format!("{:?} is used twice", picture.name)));
+    for (place, region) in views.regions.iter().enumerate() {
+        let path = |key: &str| format!("views.regions.{place}.{key}");
+        known.entry(&path("of"), &region.of)?;
+        for (key, name) in [("x", &region.x), ("y", &region.y)] {
+            known.setting(&path(key), name)?;
+            if name == "map" || name == "offset" || SIZE.contains(&name.as_str()) {
+                let message = format!("{name:?}, expected a setting that maps of all kinds have");
+                return Err(mistake(&path(key), message));
+            }
+        }
+        if region.x == region.y {
+            return Err(mistake(&path("y"), "expected another setting than x"));
+        }
+    }
+    let regions = views.regions.iter().map(|region| ("regions", &region.name));
+    let pictures = views.pictures.iter().map(|picture| ("pictures", &picture.name));
+    for (place, (key, name)) in regions.enumerate().chain(pictures.enumerate()) {
+        let path = format!("views.{key}.{place}.name");
+        file(&path, name, name)?;
+        if !files.insert(name) {
+            return Err(mistake(&path, format!("{name:?} is used twice")));
         }
     }
     if let Some(ranking) = &views.ranking {
@@ -305,6 +373,7 @@ pub fn line_of(text: &str, path: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::definition::Study;
 
     #[test]
     fn lines_of_keys() {
@@ -327,5 +396,53 @@ mod tests {
     fn columns_in_braces() {
         assert_eq!(placeholders("a-{split}-{map}.x"), (vec!["split", "map"], "a-x-x.x".to_owned()));
         assert_eq!(placeholders("a{b"), (vec![], "a{b".to_owned()));
+    }
+
+    /// A mistake would be seen after the last trial only, days later.
+    #[test]
+    fn regions_are_of_trials_that_decide_statements() {
+        let right = r#"seed = 1
+[base]
+preset = "carmen"
+[[trials]]
+name = "region"
+map = ["all", "gbs", "gbs+f-km", "rnd", "rnd+f-km"]
+size = [0.25, 1]
+beam_floor = [0.1, 0.4]
+sigma_hit = [0.2, 0.3]
+draws = 2
+runs = 1
+[[views.regions]]
+name = "floor"
+of = "region"
+x = "beam_floor"
+y = "sigma_hit"
+"#;
+        let by_preset = right
+            .replace("sigma_hit = [0.2, 0.3]", "preset = [\"book\", \"carmen\"]")
+            .replace("\"sigma_hit\"", "\"preset\"");
+        let named = |text: &str| Study::parse(text).err().map(|error| format!("{error:#}"));
+        assert_eq!([named(right), named(&by_preset)], [None, None]);
+        for (old, new, line, message) in [
+            ("\"region\"\nx", "\"regoin\"\nx", 14, "no entry of [[trials]]"),
+            ("\"beam_floor\"", "\"beam_flor\"", 15, "no setting \"beam_flor\""),
+            ("\"beam_floor\"", "\"map\"", 15, "a setting that maps of all kinds have"),
+            ("\"beam_floor\"", "\"sigma_hit\"", 16, "another setting than x"),
+            ("\"floor\"", "\"a/b\"", 13, "no name of a file"),
+            ("draws", "z_rand = [0.1, 0.5]\ndraws", 15, "vary z_rand, too (0.1 and 0.5)"),
+            ("draws", "split = [\"same\", \"alternate\"]\ndraws", 15, "vary split, too"),
+            (", \"rnd\"", "", 14, "no runs on maps rnd of sizes in percent"),
+            ("runs = 1", "runs = 0", 15, "setting \"beam_floor\""),
+        ] {
+            let text = right.replacen(old, new, 1);
+            assert_ne!(text, right, "{new}");
+            let found = named(&text).unwrap_or_else(|| panic!("accepted: {new}"));
+            let is_named = found.starts_with(&format!("line {line}: views.regions.0."));
+            assert!(is_named && found.contains(message), "{new}: {found}");
+        }
+        // A preset decides σ_hit, but not the noise that comes with it.
+        let noisy = "odometry_noise = [{ xy = 0, theta = 0 }, { xy = 0.1, theta = 0.1 }]\ndraws";
+        let found = named(&by_preset.replacen("draws", noisy, 1));
+        assert!(found.is_some_and(|found| found.contains("vary noise, too")));
     }
 }

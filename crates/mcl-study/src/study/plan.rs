@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use anyhow::Result;
 
 use crate::measure::Measures;
+use crate::table::Table;
 use crate::trial::run::Trial;
 
 /// The trials of a study on a data set, each map once.
@@ -83,12 +84,32 @@ impl Plan {
     pub fn identities(&self, measures: &Measures) -> Result<Vec<(String, String)>> {
         let mut identities = Vec::with_capacity(self.rows());
         for (place, trial) in self.trials.iter().enumerate() {
-            for (identity, run) in trial.identities(measures)?.into_iter().zip(keys(trial)?) {
-                let entries = self.entries.get(&(place, run)).map(|names| names.join(" "));
-                identities.push((identity, entries.unwrap_or_default()));
-            }
+            let entries = keys(trial)?.into_iter().map(|key| self.entries_of(place, key));
+            identities.extend(trial.identities(measures)?.into_iter().zip(entries));
         }
         Ok(identities)
+    }
+
+    /// The recipe of every row, with the names of the entries that ask for it in the column [`ENTRIES`].
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn recipes(&self) -> Result<Table> {
+        let mut rows = Vec::with_capacity(self.rows());
+        for (place, trial) in self.trials.iter().enumerate() {
+            let of_map = trial.map.cells();
+            let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
+            let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
+            for (key, run) in keys(trial)?.into_iter().zip(runs) {
+                let entries = (ENTRIES.to_owned(), self.entries_of(place, key).into());
+                rows.push([&of_map[..], &run, &[entries]].concat());
+            }
+        }
+        Ok(Table::of_cells(rows))
+    }
+
+    fn entries_of(&self, place: usize, key: Key) -> String {
+        self.entries.get(&(place, key)).map(|names| names.join(" ")).unwrap_or_default()
     }
 
     /// The columns that rows will have.

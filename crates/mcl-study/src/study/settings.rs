@@ -11,6 +11,12 @@ pub const SIZE: [&str; 4] = ["size_percent", "size_points", "resolution_m", "siz
 /// The columns that say which σ a mixture has.
 pub const SIGMA: [&str; 2] = ["sigma_m", "sigma_by"];
 
+/// The setting that decides others: a set of settings of the filter.
+pub const PRESET: &str = "preset";
+
+/// The setting of runs that is none of the filter.
+const NOISE: &str = "noise";
+
 /// Ends of the names of columns that are one setting, in the order in which their values are given.
 const AXES: [&str; 4] = ["_xy", "_x", "_y", "_theta"];
 
@@ -30,6 +36,11 @@ impl Setting {
     /// Its values in a row.
     pub fn values(&self, row: &Row<'_>) -> Vec<Value> {
         self.columns.iter().map(|column| row.get(column).clone()).collect()
+    }
+
+    /// Whether a preset can decide it.
+    pub fn is_of_filter(&self) -> bool {
+        !self.of_map && self.name != PRESET && self.name != NOISE
     }
 }
 

@@ -17,6 +17,8 @@ pub struct Views {
     pub tests: Vec<TestView>,
     /// Charts.
     pub charts: Vec<Chart>,
+    /// Where statements of the paper hold among the values of two settings.
+    pub regions: Vec<Region>,
     /// Maps and paths.
     pub pictures: Vec<Picture>,
     /// `ranking.csv`: settings over several data sets.
@@ -214,6 +216,29 @@ pub struct Part {
     pub x: Option<Scale>,
     /// The scale of the vertical axis, where it is not the chart's.
     pub y: Option<Scale>,
+}
+
+/// The paper's kinds of map by initialization: the initial map, and what fuzzy k-means makes of it. Its
+/// statements are about these four.
+pub const INITIALIZATIONS: [[&str; 2]; 2] = [["gbs", "gbs+f-km"], ["rnd", "rnd+f-km"]];
+
+/// The paper's statements about localization, decided for every combination of two settings from its
+/// rows alone. Beside these, and the kind and size of maps, nothing varies in the entry; what a preset
+/// decides may vary with it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Region {
+    /// Name of the file without its ending.
+    pub name: String,
+    /// Name of the entry of `[[trials]]`.
+    pub of: String,
+    /// The setting along x.
+    pub x: String,
+    /// The setting along y.
+    pub y: String,
+    /// What stands beneath, before what is known of data, blocks and settings.
+    #[serde(default)]
+    pub caption: String,
 }
 
 /// Maps, and the path of a run on them.

@@ -2,43 +2,30 @@
 
 use mcl_core::text::{counted, number};
 
-use crate::store::results::Results;
+use crate::study::settings::{PRESET, text_of};
 use crate::view::chart::Point;
 use crate::view::groups::{Group, Groups};
 use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings that captions give where they do not vary.
-const TOLD: [&str; 8] =
-    ["particles", "proposal", "beams", "sigma_hit", "z_rand", "alpha", "noise", "sigma_m"];
+const TOLD: [&str; 9] =
+    [PRESET, "particles", "proposal", "beams", "sigma_hit", "z_rand", "alpha", "noise", "sigma_m"];
 
-/// What is known of the data; which trials are missing; what a point is a mean of, and what its interval
-/// is; and settings that do not vary. `of_runs`: whether runs are shown, not only maps.
-pub fn caption(
-    results: &Results,
-    groups: &Groups<'_>,
-    shown: &[&Group<'_>],
-    points: &[&Point],
-    of_runs: bool,
-) -> String {
-    let mut sentences = vec![results.facts.describe()];
-    if let Some(missing) = results.missing() {
-        sentences.push(format!("Incomplete: {missing}"));
-    }
+/// What is known of the data; which trials are missing; `of_what`, what is shown; and settings that do not
+/// vary. `of_runs`: whether runs are shown, not only maps.
+pub fn caption(groups: &Groups<'_>, shown: &[&Group<'_>], of_what: &str, of_runs: bool) -> String {
+    let mut sentences = vec![groups.results.facts.describe()];
+    sentences.extend(groups.results.missing().map(|missing| format!("Incomplete: {missing}")));
     sentences.extend(scans(groups, shown, of_runs));
-    sentences.push(means(points, of_runs));
+    sentences.push(of_what.to_owned());
     let told = TOLD.iter().filter_map(|name| groups.place(name));
     let told = told.filter(|&place| of_runs || groups.settings[place].of_map);
     let settings: Vec<String> = told.filter_map(|place| setting(groups, shown, place)).collect();
     if !settings.is_empty() {
         sentences.push(capitalized(&settings.join(", ")));
     }
-    sentences
-        .iter()
-        .map(|sentence| format!("{sentence}. "))
-        .collect::<String>()
-        .trim_end()
-        .to_owned()
+    format!("{}.", sentences.join(". "))
 }
 
 /// "On all points: 0.0123 (0.0119 to 0.0127)".
@@ -58,31 +45,32 @@ fn scans(groups: &Groups<'_>, shown: &[&Group<'_>], of_runs: bool) -> Option<Str
     }
 }
 
-fn means(points: &[&Point], of_runs: bool) -> String {
-    let range = |of: &dyn Fn(&Point) -> usize| {
-        let counts = || points.iter().map(|point| of(point)).filter(|&count| count > 0);
-        Some([counts().min()?, counts().max()?])
+/// What a point is a mean of, and what its interval is.
+pub fn means(points: &[&Point], of_runs: bool) -> String {
+    let counts: Vec<_> = points.iter().map(|point| (point.blocks, point.rows)).collect();
+    let Some(of) = maps_and_runs(&counts, of_runs) else { return "Means".to_owned() };
+    let mut text = match of.strip_prefix("1 map") {
+        Some(runs) => format!("One map each{runs}"),
+        None => format!("Means over {of}"),
     };
-    let several = |[least, most]: [usize; 2], what: &str| match least == most {
-        true => counted(least, what),
-        false => format!("{least} to {}", counted(most, what)),
-    };
-    let Some(blocks) = range(&|point| point.blocks) else { return "Means".to_owned() };
-    let per_block = |point: &Point| point.rows.checked_div(point.blocks).unwrap_or(0);
-    let mut text = match blocks {
-        [1, 1] => "One map each".to_owned(),
-        blocks => format!("Means over {}", several(blocks, "map")),
-    };
-    if let Some(runs) = range(&per_block)
-        && of_runs
-        && runs[1] > 1
-    {
-        text += &format!(", {} on each", several(runs, "run"));
-    }
     if points.iter().any(|point| point.interval.is_some()) {
         text += ", with Student's 95 % intervals over maps";
     }
     text
+}
+
+/// "3 to 5 maps, 2 runs on each", of numbers of blocks and rows; `None` without rows.
+pub fn maps_and_runs(counts: &[(usize, usize)], of_runs: bool) -> Option<String> {
+    let several = |numbers: Vec<usize>, what: &str| {
+        let (least, most) = (numbers.iter().min()?, *numbers.iter().max()?);
+        let range = if *least == most { String::new() } else { format!("{least} to ") };
+        Some((most, range + &counted(most, what)))
+    };
+    let counts = || counts.iter().filter(|(blocks, _)| *blocks > 0);
+    let (_, maps) = several(counts().map(|(blocks, _)| *blocks).collect(), "map")?;
+    let runs = several(counts().map(|(blocks, rows)| rows / blocks).collect(), "run");
+    let runs = runs.filter(|(most, _)| of_runs && *most > 1);
+    Some(maps + &runs.map_or(String::new(), |(_, runs)| format!(", {runs} on each")))
 }
 
 fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
@@ -92,10 +80,11 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
         [values] if values.iter().all(|value| !value.is_empty()) => values.clone(),
         _ => return None,
     };
-    let text = crate::study::settings::text_of(&values);
+    let text = text_of(&values);
     let setting = groups.settings[place].name.as_str();
     Some(match (setting, &values[..]) {
         ("particles", _) => format!("{text} particles"),
+        (PRESET, _) => format!("preset {text}"),
         ("beams", _) => format!("{text} beams"),
         ("proposal", _) => format!("proposal {text}"),
         ("noise", [xy, theta]) => format!("noise added to the odometry {xy} m and {theta} rad"),

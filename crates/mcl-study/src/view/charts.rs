@@ -3,10 +3,10 @@
 use anyhow::Result;
 
 use crate::store::results::Results;
-use crate::study::settings::text_of;
+use crate::study::settings::{PRESET, text_of};
 use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
 use crate::table::Value;
-use crate::view::caption::{caption, of_all_points, value};
+use crate::view::caption::{caption, means, of_all_points, value};
 use crate::view::chart::{ChartData, Panel, PanelAxis, Point};
 use crate::view::estimate::{Estimate, Estimates};
 use crate::view::groups::{Group, order, same_values};
@@ -95,7 +95,8 @@ impl Drawing<'_, '_> {
         }
         let points: Vec<&Point> = panels.iter().flat_map(|panel| &panel.points).collect();
         let Estimates { groups, .. } = self.estimates;
-        let mut told = caption(groups.results, groups, &self.shown, &points, self.of_runs());
+        let of_runs = self.of_runs();
+        let mut told = caption(groups, &self.shown, &means(&points, of_runs), of_runs);
         for (panel, mean, interval) in &on_all_points {
             told += &format!(" {}.", of_all_points(panel, *mean, *interval));
         }
@@ -221,7 +222,7 @@ impl Drawing<'_, '_> {
             let text = text_of(values);
             match setting {
                 _ if values.iter().all(Value::is_empty) => None,
-                "map" | "dataset" => Some(text),
+                "map" | "dataset" | PRESET => Some(text),
                 "size_percent" => Some(format!("{text} %")),
                 "split" => Some(self.estimates.groups.describe_split(&text, self.of_runs())),
                 _ => Some(value(setting, &text)),

@@ -4,7 +4,7 @@ use anyhow::Result;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm, paired, two_sample};
 
 use crate::store::results::Results;
-use crate::study::settings::Setting;
+use crate::study::settings::{PRESET, Setting};
 use crate::study::views::{TestKind, TestView};
 use crate::table::{Table, Value};
 use crate::view::groups::{Group, Groups, same_values};
@@ -94,14 +94,19 @@ pub fn tests(results: &Results) -> Result<Table> {
     let mut table = Table::new(names.chain(TESTED));
     for view in views {
         let Some(place) = groups.place(&view.column) else { continue };
+        let compared = &groups.settings[place];
+        let mut free = vec![place];
+        if compared.name == PRESET {
+            let of_view: Vec<&Group<'_>> = groups.of_entries(&view.of).collect();
+            free.extend(groups.decided_by_preset(&of_view));
+        }
         let mut found: Vec<(Vec<Value>, Comparison)> = Vec::new();
         for [a, b] in pairs(&groups, view, place) {
             for group_a in groups.of_entries(&view.of).filter(|g| g.text(place) == a) {
                 let is_match = |group: &&Group<'_>| {
-                    group.text(place) == b && groups.differ_only_in(group_a, group, &[place])
+                    group.text(place) == b && groups.differ_only_in(group_a, group, &free)
                 };
                 for group_b in groups.of_entries(&view.of).filter(is_match) {
-                    let compared = &groups.settings[place];
                     let mut cells = shared(&groups, &columns, compared, [group_a, group_b]);
                     let test = if view.test == TestKind::Paired { "paired" } else { "welch" };
                     let kind = if view.ratio { "ratio" } else { "difference" };

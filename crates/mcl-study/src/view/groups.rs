@@ -10,8 +10,8 @@ use mcl_metrics::{Blocked, BlockedRate};
 use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
-use crate::study::settings::{SIZE, Setting, settings, text_of};
-use crate::table::{Row, Table, Value};
+use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
+use crate::table::{Row, Value};
 
 /// The groups of a study's rows on a data set.
 pub struct Groups<'r> {
@@ -57,22 +57,15 @@ impl<'r> Groups<'r> {
     pub fn of(results: &'r Results) -> Result<Self> {
         let table = &results.table;
         let settings = settings(table.columns(), &results.study.measures.columns(), &[ENTRIES]);
-        let values_of = |row: &Row<'_>| settings.iter().map(|s| s.values(row)).collect();
-        let mut members: Vec<Member<'r>> = table
-            .rows()
-            .map(|row| Member {
-                values: values_of(&row),
-                row: Some(row),
-                entries: row.text(ENTRIES).to_owned(),
-            })
-            .collect();
+        let member = |row: &Row<'_>, found: Option<Row<'r>>| Member {
+            values: settings.iter().map(|setting| setting.values(row)).collect(),
+            row: found,
+            entries: row.text(ENTRIES).to_owned(),
+        };
+        let mut members: Vec<_> = table.rows().map(|row| member(&row, Some(row))).collect();
         if !results.is_complete() {
-            let asked = asked(results)?;
-            members.extend(asked.rows().map(|row| Member {
-                values: values_of(&row),
-                row: None,
-                entries: row.text(ENTRIES).to_owned(),
-            }));
+            let asked = results.study.plan(&results.facts.name)?.recipes()?;
+            members.extend(asked.rows().map(|row| member(&row, None)));
         }
         let names = results.study.names_of_factors();
         // Stable, so that rows keep their order.
@@ -103,17 +96,34 @@ impl<'r> Groups<'r> {
         self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
     }
 
-    /// Places of the settings in which some of these groups differ, among those for which they matter.
+    /// Places of the settings in which some of these groups differ, among those for which they matter and
+    /// which no preset decides.
     pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
+        let decided = self.decided_by_preset(groups);
         let varies = |place: &usize| {
-            let mut values = groups.iter().filter(|group| self.matters(group, *place));
-            let first = values.next();
-            let differs = |group: &&Group<'_>| {
-                first.is_some_and(|f| !same_values(f.values(*place), group.values(*place)))
-            };
-            values.any(differs)
+            let mut has_it = groups.iter().filter(|group| self.matters(group, *place));
+            let first = has_it.next();
+            let is_other =
+                |group: &&Group<'_>| first.is_some_and(|f| self.differ(f, group, *place));
+            !decided.contains(place) && has_it.any(is_other)
         };
         (0..self.settings.len()).filter(varies).collect()
+    }
+
+    /// Places of the settings of the filter that have one value under each preset among these groups: to
+    /// name the preset is to name them.
+    pub fn decided_by_preset(&self, groups: &[&Group<'_>]) -> Vec<usize> {
+        let Some(preset) = self.place(PRESET) else { return Vec::new() };
+        let mut firsts: Vec<&Group<'_>> = Vec::new();
+        let mut decided: Vec<usize> =
+            (0..self.settings.len()).filter(|&place| self.settings[place].is_of_filter()).collect();
+        for &group in groups.iter().filter(|group| self.matters(group, preset)) {
+            match firsts.iter().find(|first| !self.differ(first, group, preset)) {
+                Some(first) => decided.retain(|&place| !self.differ(first, group, place)),
+                None => firsts.push(group),
+            }
+        }
+        decided
     }
 
     /// Whether two groups differ in nothing else than some settings, so that they can be compared. What
@@ -302,21 +312,103 @@ fn order_by(names: &[&str], a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
     orders.fold(Ordering::Equal, Ordering::then)
 }
 
-/// The recipes of every row that the study asks for.
-fn asked(results: &Results) -> Result<Table> {
-    let plan = results.study.plan(&results.facts.name)?;
-    let mut entries = plan.identities(&results.study.measures)?.into_iter().map(|found| found.1);
-    let mut rows = Vec::with_capacity(plan.rows());
-    for trial in &plan.trials {
-        let of_map = trial.map.cells();
-        let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
-        let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
-        for run in runs {
-            let mut cells = of_map.clone();
-            cells.extend(run);
-            cells.push((ENTRIES.to_owned(), entries.next().unwrap_or_default().into()));
-            rows.push(cells);
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::charts::charts;
+    use crate::view::compare::tests;
+    use crate::view::planted::planted;
+    use crate::view::ranking::ranking;
+    use crate::view::summary::summary;
+
+    const STUDY: &str = r#"
+seed = 1
+[[trials]]
+map = ["gbs", "all"]
+size = [1, 5]
+preset = ["carmen", "book"]
+draws = 3
+runs = 1
+[[views.tests]]
+y = "weighted"
+column = "preset"
+[[views.charts]]
+name = "preset"
+x = { column = "size_percent" }
+y = { column = "weighted" }
+curves = ["map", "preset"]
+[[views.charts]]
+name = "of-{preset}"
+y = { column = "weighted" }
+[views.ranking]
+y = "weighted"
+"#;
+
+    /// A filter's tenth as large error on the maps of odd draws.
+    fn results(text: &str) -> Results {
+        planted(text, "office", |row| {
+            let of_preset = if row.text("preset") == "carmen" { 1.0 } else { 2.0 };
+            let of_draw = 1.0 + 0.1 * row.number("draw").unwrap();
+            vec![("weighted", (of_preset * of_draw).into()), ("diverged", false.into())]
+        })
     }
-    Ok(Table::of_cells(rows))
+
+    /// Presets differ in a dozen settings at once, which would be as many columns and panels.
+    #[test]
+    fn a_preset_stands_for_what_it_decides() {
+        let results = results(STUDY);
+        let table = summary(&results).unwrap();
+        let columns = ["dataset", "split", "map", "size_percent", "preset", "blocks"];
+        assert_eq!(table.columns()[..6], columns);
+        let tested = tests(&results).unwrap();
+        assert_eq!(tested.len(), 3, "two sizes and all points");
+        for row in tested.rows() {
+            let sides = [row.text("a"), row.text("b"), row.text("preset")];
+            assert_eq!((sides, row.get("blocks")), (["carmen", "book", ""], &Value::Count(3)));
+            assert!((row.number("effect").unwrap() + 1.1).abs() < 1e-12);
+        }
+        let columns = ["rank", "score", "preset", "dataset"];
+        assert_eq!(ranking(std::slice::from_ref(&results)).unwrap().columns()[..4], columns);
+        let charts = charts(&results).unwrap();
+        let names: Vec<&str> = charts.iter().map(|chart| chart.name.as_str()).collect();
+        assert_eq!(names, ["preset", "of-carmen", "of-book"]);
+        let [panel] = &charts[0].panels[..] else { panic!("{:?}", charts[0]) };
+        assert_eq!(panel.labels, ["gbs, carmen", "gbs, book"]);
+        let captions = charts.iter().map(|chart| chart.caption.concat());
+        let told = ["500 particles", "Preset carmen, 500", "Preset book, 500"];
+        assert!(captions.zip(told).all(|(caption, told)| caption.contains(told)), "{charts:?}");
+        assert!(!charts[0].caption.concat().contains("beams"), "{charts:?}");
+    }
+
+    #[test]
+    fn what_varies_under_a_preset_is_a_setting_of_its_own() {
+        let varied = STUDY.replace("draws", "sigma_hit = [0.2, 0.3]\ndraws");
+        let more = "[[trials]]\nmap = \"gbs\"\nsize = 1\npreset = \"book\"\nz_rand = 0.2\n\
+                    odometry_noise = { xy = 0.1, theta = 0.1 }\ndraws = 3\nruns = 1\n";
+        for (text, settings) in [
+            (varied, &["map", "size_percent", "preset", "sigma_hit"][..]),
+            (format!("{STUDY}{more}"), &["map", "size_percent", "preset", "z_rand", "noise"]),
+            (STUDY.replace(", \"book\"", ""), &["map", "size_percent"]),
+        ] {
+            let results = results(&text);
+            let groups = Groups::of(&results).unwrap();
+            let all: Vec<&Group<'_>> = groups.all.iter().collect();
+            let varying = groups.varying(&all);
+            let names = varying.iter().map(|&place| groups.settings[place].name.as_str());
+            assert_eq!(names.collect::<Vec<_>>(), settings);
+        }
+        // Noise that comes with a preset is none of its settings.
+        let at = STUDY.find("draws").unwrap();
+        let [before, after] = [&STUDY[..at], &STUDY[at..]];
+        let of_carmen =
+            before.replace(", \"book\"", "") + "odometry_noise = { xy = 0.1, theta = 0.1 }\n";
+        let text = of_carmen
+            + after
+            + &before[before.find("[[trials]]").unwrap()..].replace("\"carmen\", ", "")
+            + "draws = 3\nruns = 1\n";
+        let results = results(&text);
+        let groups = Groups::of(&results).unwrap();
+        let noise = groups.place("noise").unwrap();
+        assert!(groups.varying(&groups.all.iter().collect::<Vec<_>>()).contains(&noise));
+    }
 }

@@ -6,6 +6,7 @@ use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
 use crate::table::{Table, Value};
 use crate::view::groups::{Group, Groups, order};
+use crate::view::summary::columns_of;
 
 /// The settings of runs ranked by a measured column over data sets, the best first.
 ///
@@ -36,13 +37,15 @@ pub fn ranking(all: &[Results]) -> Result<Table> {
     for entry in entries {
         ranked.extend(rank(&grouped, entry, &view.y, &view.except)?);
     }
-    let columns = varying_columns(&ranked);
+    let shown: Vec<&Group<'_>> = ranked.iter().map(|ranked: &Ranked| ranked.setting).collect();
+    let mut columns = grouped.first().map_or(Vec::new(), |groups| columns_of(groups, &shown));
+    columns.retain(|((place, _), _)| !grouped[0].settings[*place].of_map);
     let has_diverged = all.iter().any(|results| results.table.column("diverged").is_some());
     let mut names = vec!["rank".to_owned(), "score".to_owned()];
     if !view.of.is_empty() {
         names.insert(0, ENTRIES.to_owned());
     }
-    names.extend(columns.iter().map(|column| ranked[0].setting[*column].0.clone()));
+    names.extend(columns.iter().map(|(_, column)| column.clone()));
     names.extend(["dataset", "has_say", &view.y, "rows"].map(str::to_owned));
     names.extend(has_diverged.then(|| "diverged".to_owned()));
     names.push("note".to_owned());
@@ -53,7 +56,8 @@ pub fn ranking(all: &[Results]) -> Result<Table> {
             if !view.of.is_empty() {
                 row.insert(0, setting.entry.clone().into());
             }
-            row.extend(columns.iter().map(|column| setting.setting[*column].1.clone()));
+            let values = columns.iter().map(|((at, part), _)| &setting.setting.values(*at)[*part]);
+            row.extend(values.cloned());
             let name = of_data.results.facts.name.as_str();
             row.extend([name.into(), of_data.has_say.into(), of_data.error.into()]);
             row.push(of_data.rows.into());
@@ -67,12 +71,12 @@ pub fn ranking(all: &[Results]) -> Result<Table> {
     Ok(table)
 }
 
-struct Ranked<'r> {
+struct Ranked<'g, 'r> {
     entry: Option<String>,
     rank: usize,
     score: f64,
-    /// Columns of the run's settings with their values.
-    setting: Vec<(String, Value)>,
+    /// A group with the run's settings.
+    setting: &'g Group<'r>,
     datasets: Vec<OfData<'r>>,
 }
 
@@ -84,26 +88,26 @@ struct OfData<'r> {
     diverged: usize,
 }
 
-fn rank<'r>(
-    grouped: &[Groups<'r>],
+fn rank<'g, 'r>(
+    grouped: &'g [Groups<'r>],
     entry: &[String],
     y: &str,
     except: &[String],
-) -> Result<Vec<Ranked<'r>>> {
+) -> Result<Vec<Ranked<'g, 'r>>> {
     // The data sets on which the entry has rows.
-    let parts: Vec<(&Groups<'r>, Vec<&Group<'r>>)> = grouped
+    let parts: Vec<(&'g Groups<'r>, Vec<&'g Group<'r>>)> = grouped
         .iter()
         .map(|groups| (groups, groups.of_entries(entry).collect::<Vec<_>>()))
         .filter(|(_, of_entry)| !of_entry.is_empty())
         .collect();
-    let mut settings: Vec<Vec<Vec<Value>>> = Vec::new();
+    let mut settings: Vec<(Vec<Vec<Value>>, &'g Group<'r>)> = Vec::new();
     for (groups, of_entry) in &parts {
-        settings.extend(of_entry.iter().map(|group| part_of(groups, group, false)));
+        settings.extend(of_entry.iter().map(|group| (part_of(groups, group, false), *group)));
     }
-    settings.sort_by(|a, b| order(a, b));
-    settings.dedup_by(|a, b| order(a, b).is_eq());
+    settings.sort_by(|a, b| order(&a.0, &b.0));
+    settings.dedup_by(|a, b| order(&a.0, &b.0).is_eq());
     let mut ranked = Vec::new();
-    'settings: for setting in settings {
+    'settings: for (setting, with_it) in settings {
         let mut datasets = Vec::new();
         for (groups, of_entry) in &parts {
             let name = &groups.results.facts.name;
@@ -138,14 +142,11 @@ fn rank<'r>(
         if say.is_empty() {
             continue;
         }
-        let Some((groups, _)) = parts.first() else { continue };
-        let of_runs = groups.settings.iter().filter(|setting| !setting.of_map);
-        let columns = of_runs.flat_map(|setting| setting.columns.iter().cloned());
         ranked.push(Ranked {
             entry: entry.first().cloned(),
             rank: 0,
             score: (say.iter().sum::<f64>() / say.len() as f64).exp(),
-            setting: columns.zip(setting.concat()).collect(),
+            setting: with_it,
             datasets,
         });
     }
@@ -167,14 +168,6 @@ fn maps_of(groups: &Groups<'_>, of_entry: &[&Group<'_>]) -> usize {
     maps.sort_by(|a, b| order(a, b));
     maps.dedup_by(|a, b| order(a, b).is_eq());
     maps.len()
-}
-
-/// Places of the columns in which ranked settings differ.
-fn varying_columns(ranked: &[Ranked<'_>]) -> Vec<usize> {
-    let Some(first) = ranked.first() else { return Vec::new() };
-    let varies =
-        |place: &usize| ranked.iter().any(|r| r.setting[*place].1 != first.setting[*place].1);
-    (0..first.setting.len()).filter(varies).collect()
 }
 
 #[cfg(test)]
