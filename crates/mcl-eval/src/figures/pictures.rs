@@ -7,7 +7,7 @@ use mcl_core::text::thousands;
 use mcl_core::{Point, PointMap, Trajectory};
 use mcl_figures::{
     Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure,
-    CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
+    CurvePanel, CurvePoint, CurveStyle, draw_clouds, draw_curves,
 };
 use mcl_maps::files::read_map;
 use mcl_metrics::tum::{NonPlanar, read_file};
@@ -115,24 +115,17 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
         curves.push((described(shown), errors));
     }
     let weighted = WeightedPoseError::default();
-    let axis =
-        |label: &str| AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None };
     let panel = |title: &str, unit: &str, value: &dyn Fn(&PoseError) -> f64| CurvePanel {
         title: title.to_owned(),
-        x: axis("scan"),
-        y: axis(unit),
+        x: AxisSpec::linear("scan"),
+        y: AxisSpec::linear(unit),
         curves: curves
             .iter()
             .enumerate()
             .map(|(place, (label, errors))| {
-                let point = |(scan, error): (usize, &PoseError)| CurvePoint {
-                    x: scan as f64,
-                    mean: value(error),
-                    low: f64::NAN,
-                    high: f64::NAN,
-                    mark: None,
-                };
-                let points = errors.iter().enumerate().map(point).collect();
+                let of_scans = (0..).zip(errors);
+                let points =
+                    of_scans.map(|(scan, e)| CurvePoint::bare(f64::from(scan), value(e))).collect();
                 Curve { label: label.clone(), style: CurveStyle::line(1 + place), points }
             })
             .collect(),
@@ -143,7 +136,6 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
             panel("heading", "error [°]", &|error| error.heading().to_degrees()),
             panel("weighted, ξ = 0.8", "error d [–]", &|error| weighted.of(error)),
         ],
-        interval: Interval::Bars,
         caption: vec![format!("{}. {}.", results.facts.describe(), run_of(maps))],
     };
     Ok(draw_curves(stem, &figure)?)
