@@ -22,7 +22,7 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
             .iter()
             .enumerate()
             .map(|(index, estimate)| Curve {
-                label: estimate.row.label(),
+                label: estimate.row.of.label(),
                 style: style(index),
                 points: points(&estimate.stamps, first, &values(estimate)),
             })
