@@ -1,5 +1,4 @@
 use std::path::Path;
-use std::time::Duration;
 
 use anyhow::{Result, bail};
 use mcl_datasets::log::read_log_as;
@@ -78,7 +77,6 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
     let mut lines = Vec::new();
     for dataset in chosen(registry, names)? {
         let bar = progress::bytes(&dataset.name, global.quiet);
-        bar.enable_steady_tick(Duration::from_millis(250));
         let read = |path: &Path| read_for_facts(dataset, path);
         let result =
             registry.fetch(dataset, &FetchSettings::default(), &read, &mut |event| match event {
