@@ -129,7 +129,7 @@ fn point(x: f64, mean: f64) -> CurvePoint {
 fn curve_figure(curves: Vec<Vec<CurvePoint>>) -> CurveFigure {
     let curves = curves.into_iter().enumerate().map(|(index, points)| Curve {
         label: format!("curve {index}"),
-        style: CurveStyle::nth(index),
+        style: CurveStyle { marker: Some(Marker::Square), ..CurveStyle::line(index) },
         points,
     });
     CurveFigure {

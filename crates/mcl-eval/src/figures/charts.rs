@@ -1,5 +1,6 @@
 //! Charts from their data.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -27,7 +28,8 @@ pub fn draw(stem: &Path, chart: &ChartData) -> Result<[PathBuf; 2]> {
 
 fn curve_figure(chart: &ChartData) -> CurveFigure {
     let labels: Vec<&String> = chart.panels.iter().flat_map(|panel| &panel.labels).collect();
-    let styled: Vec<(&String, CurveStyle)> = labels.iter().copied().zip(styles(&labels)).collect();
+    let styles: HashMap<&String, CurveStyle> =
+        labels.iter().copied().zip(styles(&labels)).collect();
     let mut is_cut = false;
     let panels = chart.panels.iter().map(|panel| {
         let [x, y] = ranges(chart, panel);
@@ -46,8 +48,7 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
                 CurvePoint { x: point.x, mean: point.y, interval, mark: point.mark.clone() }
             });
             let points = points.collect();
-            let style = styled.iter().find(|(known, _)| *known == label).map(|(_, style)| *style);
-            let mut style = style.unwrap_or(CurveStyle::nth(place));
+            let mut style = styles[label];
             if of_curve().count() > MOST_SYMBOLS {
                 style.marker = None;
             }

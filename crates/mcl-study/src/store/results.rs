@@ -83,6 +83,14 @@ pub struct Pictured {
     pub paths: Option<[PathBuf; 2]>,
 }
 
+impl Pictured {
+    /// What was measured; empty where there is no such column.
+    pub fn cell(&self, column: &str) -> &Value {
+        let found = self.cells.iter().find(|(name, _)| name == column);
+        found.map_or(&Value::Empty, |(_, value)| value)
+    }
+}
+
 /// What `manifest.json` says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -210,14 +218,6 @@ impl Results {
         let (name, folder, asked) = (name.to_owned(), folder.to_owned(), plan.trials.len());
         let damage = parts.damage.clone();
         Ok(Results { folder, name, study, facts, table, done, asked, pictured, damage })
-    }
-
-    /// Writes `trials.csv`.
-    ///
-    /// # Errors
-    /// When it cannot be written.
-    pub fn write_trials(&self) -> Result<()> {
-        save(&self.folder.join(TRIALS), &self.table.to_csv()?)
     }
 
     /// The plan of the study on the data set.
