@@ -247,18 +247,12 @@ where
         |task, result| {
             ended += 1;
             cost += costs.of(&task.trial);
-            let failure = match result {
-                Ok(saved) => {
-                    part.save(saved)?;
-                    None
-                }
-                Err(error) => {
-                    let trial = task.trial.to_string();
-                    let failure = FailedTrial { trial, reason: format!("{error:#}") };
-                    part.save_failure(failure.clone())?;
-                    Some(failure)
-                }
-            };
+            let ended_with = result.map_err(|error| FailedTrial {
+                trial: task.trial.to_string(),
+                reason: format!("{error:#}"),
+            });
+            let failure = ended_with.as_ref().err().cloned();
+            part.save(ended_with)?;
             let (share, ended) = (cost / total, (ended, tasks.len()));
             see(Event::Ended { ended, share, failed: failure.as_ref() });
             failed.extend(failure);
