@@ -7,8 +7,6 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use clap::CommandFactory;
-use clap::error::ErrorKind;
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
@@ -19,9 +17,9 @@ use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
 
 use super::Outcome;
-use super::args::{Cli, Global, Initial, LocalizeArgs};
+use super::args::{Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
-use super::output::{input_files, prepare, print, tell_losses};
+use super::output::{input_files, prepare, print, refuse, tell_losses};
 use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
@@ -120,11 +118,6 @@ fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
     // Its folder may be that of the results, which is yet to be made.
     outputs.extend(args.replay.clone().filter(|path| path.exists()));
     Ok(prepare(outputs, inputs)?)
-}
-
-/// A usage error.
-fn refuse(message: &str) -> ! {
-    Cli::command().error(ErrorKind::ValueValidation, message).exit()
 }
 
 /// Readers tell a bag by the ending of its name.
