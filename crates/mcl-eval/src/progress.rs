@@ -66,38 +66,29 @@ fn indent_of(line: &str, width: usize) -> usize {
 
 /// A bar over work of `length` units with the time left.
 pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(length), target(quiet));
-    bar.set_style(style("{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}  {eta} left"));
-    bar.set_prefix(what.to_owned());
-    bar.enable_steady_tick(Duration::from_millis(250));
-    bar
+    let style = "{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}  {eta} left";
+    shown(Some(length), style, what, quiet)
 }
 
 /// A line for work whose end nobody knows beforehand.
 pub fn spinner(what: &str, quiet: bool) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, target(quiet));
-    bar.set_style(style("{spinner} {prefix}: {wide_msg} {elapsed}"));
-    bar.set_prefix(what.to_owned());
-    bar.enable_steady_tick(Duration::from_millis(250));
-    bar
+    shown(None, "{spinner} {prefix}: {wide_msg} {elapsed}", what, quiet)
 }
 
 /// A bar over bytes of a download; the total may become known later.
 pub fn bytes(what: &str, quiet: bool) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, target(quiet));
-    bar.set_style(style(
-        "{prefix} {wide_bar:.cyan/dim} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left",
-    ));
+    let style = "{prefix} {wide_bar:.cyan/dim} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left";
+    shown(None, style, what, quiet)
+}
+
+fn shown(length: Option<u64>, style: &str, what: &str, quiet: bool) -> ProgressBar {
+    let target =
+        if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(8) };
+    let bar = ProgressBar::with_draw_target(length, target);
+    bar.set_style(ProgressStyle::with_template(style).expect("the template is valid"));
     bar.set_prefix(what.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(250));
     bar
-}
-
-fn target(quiet: bool) -> ProgressDrawTarget {
-    if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(8) }
-}
-
-fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).expect("the template is valid")
 }
 
 #[cfg(test)]

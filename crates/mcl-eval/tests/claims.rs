@@ -97,7 +97,7 @@ fn plant(root: &TempDir, name: &str, text: &str, dataset: &str, with_rows: bool)
         };
         let identities = trial.identities(&study.measures).unwrap();
         let rows = identities.into_iter().zip(rows.into_iter().map(measured)).collect();
-        part.save(Saved::new(trial.map.to_string(), rows, Vec::new())).unwrap();
+        part.save(Ok(Saved::new(trial.map.to_string(), rows, Vec::new()))).unwrap();
     }
 }
 

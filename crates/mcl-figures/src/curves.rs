@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use mcl_core::text::counted;
-use plotters::element::{EmptyElement, PathElement, Polygon, Rectangle, Text};
+use plotters::element::{EmptyElement, PathElement, Rectangle, Text};
 use plotters::series::LineSeries;
 use plotters::style::{Color, FontStyle, WHITE};
 
@@ -29,8 +29,6 @@ const OVERHANG: f64 = 8.0;
 pub struct CurveFigure {
     /// The panels, from the top.
     pub panels: Vec<CurvePanel>,
-    /// How the interval of each point is drawn.
-    pub interval: Interval,
     /// Paragraphs beneath: the data set, the settings, what the marks mean.
     pub caption: Vec<String>,
 }
@@ -59,15 +57,6 @@ pub struct AxisSpec {
     pub range: Option<[f64; 2]>,
 }
 
-/// How a point's interval is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interval {
-    /// As error bars.
-    Bars,
-    /// As a shaded band along the curve.
-    Band,
-}
-
 /// One curve.
 #[derive(Debug, Clone)]
 pub struct Curve {
@@ -86,13 +75,25 @@ pub struct CurvePoint {
     pub x: f64,
     /// Vertical position.
     pub mean: f64,
-    /// Lower end of the interval; NaN for none.
-    pub low: f64,
-    /// Upper end of the interval; NaN for none.
-    pub high: f64,
+    /// Ends of the interval, drawn as an error bar; without finite ends there is none.
+    pub interval: Option<[f64; 2]>,
     /// Draws the point as an open symbol (a circle on curves without symbols) with this text beside it
     /// ("3/20").
     pub mark: Option<String>,
+}
+
+impl CurvePoint {
+    /// A point without interval and mark.
+    pub fn bare(x: f64, mean: f64) -> Self {
+        CurvePoint { x, mean, interval: None, mark: None }
+    }
+}
+
+impl AxisSpec {
+    /// An axis on which values are laid out evenly, as long as its data needs.
+    pub fn linear(label: &str) -> Self {
+        AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None }
+    }
 }
 
 impl CurvePanel {
@@ -117,8 +118,7 @@ impl CurvePanel {
     }
 
     fn interval(&self, point: &CurvePoint) -> Option<[f64; 2]> {
-        let ends = [point.low, point.high];
-        ends.iter().all(|&end| self.y.scale.holds(end)).then_some(ends)
+        point.interval.filter(|ends| ends.iter().all(|&end| self.y.scale.holds(end)))
     }
 
     /// The axes; `None` when no point can be seen.
@@ -195,7 +195,7 @@ fn draw_page(figure: &CurveFigure) -> Result<Page, DrawError> {
         .filter_map(|(panel, axes)| axes.as_ref().map(|[_, y]| left_room(y, &panel.y.label)));
     let left = rooms.fold(0.0, f64::max);
     for (panel, axes) in figure.panels.iter().zip(axes) {
-        draw_panel(&mut page, panel, axes, left, figure.interval)?;
+        draw_panel(&mut page, panel, axes, left)?;
         page.take(10.0);
     }
     page.caption(&figure.caption)?;
@@ -222,7 +222,6 @@ fn draw_panel(
     panel: &CurvePanel,
     axes: Option<[Axis; 2]>,
     left: f64,
-    interval: Interval,
 ) -> Result<(), DrawError> {
     let width = INNER - left - OVERHANG;
     let title = wrap(&panel.title, &text::title(), width);
@@ -244,10 +243,7 @@ fn draw_panel(
     }
     page.canvas.borrow_mut().clip(chart.plotting_area().get_pixel_range());
     for curve in &panel.curves {
-        match interval {
-            Interval::Bars => draw_bars(&mut chart, panel, curve)?,
-            Interval::Band => draw_band(&mut chart, panel, curve)?,
-        }
+        draw_bars(&mut chart, panel, curve)?;
     }
     for curve in &panel.curves {
         let places = panel.drawable(curve).map(|point| (point.x, point.mean));
@@ -265,7 +261,7 @@ fn draw_panel(
         });
         chart.draw_series(symbols)?;
     }
-    draw_marks(&chart, panel, interval)
+    draw_marks(&chart, panel)
 }
 
 /// Error bars. plotters' `ErrorBar` puts a circle on the mean, which would show under our symbols.
@@ -285,22 +281,8 @@ fn draw_bars(chart: &mut Chart, panel: &CurvePanel, curve: &Curve) -> Result<(),
     Ok(())
 }
 
-fn draw_band(chart: &mut Chart, panel: &CurvePanel, curve: &Curve) -> Result<(), DrawError> {
-    let (mut lows, mut highs) = (Vec::new(), Vec::new());
-    for point in panel.drawable(curve) {
-        if let Some([low, high]) = panel.interval(point) {
-            lows.push((point.x, low));
-            highs.push((point.x, high));
-        }
-    }
-    lows.extend(highs.into_iter().rev());
-    let band = Polygon::new(lows, curve.style.rgb().mix(0.16));
-    chart.draw_series([Clipped(band, Dash::Solid)])?;
-    Ok(())
-}
-
 /// Draws the texts beside marked points.
-fn draw_marks(chart: &Chart, panel: &CurvePanel, interval: Interval) -> Result<(), DrawError> {
+fn draw_marks(chart: &Chart, panel: &CurvePanel) -> Result<(), DrawError> {
     let window = chart.plotting_area();
     let (x, y) = window.get_pixel_range();
     let mut taken =
@@ -313,7 +295,7 @@ fn draw_marks(chart: &Chart, panel: &CurvePanel, interval: Interval) -> Result<(
         }
         for point in points {
             taken.add_symbol(place(point, point.mean));
-            if let (Some([low, high]), Interval::Bars) = (panel.interval(point), interval) {
+            if let Some([low, high]) = panel.interval(point) {
                 taken.add_line(place(point, low), place(point, high));
             }
         }

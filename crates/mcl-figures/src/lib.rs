@@ -27,7 +27,7 @@ mod units;
 pub use axis::Scale;
 pub use clouds::{Arrangement, CloudFigure, CloudLabels, CloudPanel, CloudPath, draw_clouds};
 pub use curves::{
-    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, Interval, draw_curve_file, draw_curves,
+    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, draw_curve_file, draw_curves,
 };
 pub use error::FigureError;
 pub use heat::{HeatCell, HeatFigure, HeatPanel, draw_heat};

@@ -1,6 +1,7 @@
 //! Point clouds and paths as pictures.
 
 use mcl_core::memory::{OutOfMemory, check_room};
+use plotters::style::RGBColor;
 use resvg::tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
     StrokeDash, Transform,
@@ -17,6 +18,8 @@ const MOST_DOTS: usize = 50_000;
 /// At most so much memory is taken at once for a pixel: four bytes each while it is drawn, counted and
 /// sorted; then three of a colour, and four each as it is embedded, copied and packed.
 const BYTES_PER_PIXEL: usize = 16;
+/// Colour of a point that has no shade.
+const DOT: RGBColor = RGBColor(20, 20, 20);
 /// Darkness of a pixel that holds a single point, so that it can be seen in print.
 const FAINTEST: f32 = 0.38;
 /// Share of the pixels with points that may be fully dark.
@@ -54,30 +57,22 @@ impl Raster {
         // width gets smaller ones.
         let size = (self.pixels.width() as f32 / 1800.0).sqrt().clamp(0.6, 1.0);
         let radius = 2.0 * (300.0 / points.len().max(300) as f32).powf(0.2) * size;
-        let mut paint = Paint::default();
-        paint.set_color_rgba8(20, 20, 20, 255);
-        paint.anti_alias = true;
-        for &[x, y] in points {
-            let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
-            if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
-                let untouched = Transform::identity();
-                self.pixels.fill_path(&dot, &paint, FillRule::Winding, untouched, None);
-            }
-        }
+        points.iter().for_each(|&at| self.draw_dot(at, radius, DOT));
     }
 
     /// Draws points in their shades, from 0 to 1, later ones over earlier ones.
     pub(crate) fn draw_shaded(&mut self, points: &[Position], shades: &[f64]) {
         let radius = 1.9 * (300.0 / points.len().max(300) as f32).powf(0.2);
-        let mut paint = Paint { anti_alias: true, ..Paint::default() };
-        for (&[x, y], &shade) in points.iter().zip(shades) {
-            let color = shade_color(shade);
-            paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
-            let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
-            if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
-                let untouched = Transform::identity();
-                self.pixels.fill_path(&dot, &paint, FillRule::Winding, untouched, None);
-            }
+        for (&at, &shade) in points.iter().zip(shades) {
+            self.draw_dot(at, radius, shade_color(shade));
+        }
+    }
+
+    fn draw_dot(&mut self, at: Position, radius: f32, color: RGBColor) {
+        let [x, y] = pixels(at);
+        if let Some(dot) = PathBuilder::from_circle(x, y, radius * PIXELS_PER_UNIT) {
+            let untouched = Transform::identity();
+            self.pixels.fill_path(&dot, &paint(color), FillRule::Winding, untouched, None);
         }
     }
 
@@ -115,12 +110,10 @@ impl Raster {
     /// Draws a line through places.
     pub(crate) fn draw_path(&mut self, places: &[Position], style: CurveStyle) {
         let mut path = PathBuilder::new();
-        for (index, &[x, y]) in places.iter().enumerate() {
-            let (x, y) = (x as f32 * PIXELS_PER_UNIT, y as f32 * PIXELS_PER_UNIT);
-            if index == 0 {
-                path.move_to(x, y);
-            } else {
-                path.line_to(x, y);
+        for (index, [x, y]) in places.iter().copied().map(pixels).enumerate() {
+            match index {
+                0 => path.move_to(x, y),
+                _ => path.line_to(x, y),
             }
         }
         let Some(path) = path.finish() else { return };
@@ -132,11 +125,7 @@ impl Raster {
             dash: StrokeDash::new(dashes, 0.0),
             ..Stroke::default()
         };
-        let mut paint = Paint::default();
-        let color = style.rgb();
-        paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
-        paint.anti_alias = true;
-        self.pixels.stroke_path(&path, &paint, &stroke, Transform::identity(), None);
+        self.pixels.stroke_path(&path, &paint(style.rgb()), &stroke, Transform::identity(), None);
     }
 
     /// The size in pixels, and red, green and blue of each, on white paper.
@@ -148,6 +137,16 @@ impl Raster {
         let size = (self.pixels.width(), self.pixels.height());
         (size, self.pixels.pixels().iter().flat_map(on_paper).collect())
     }
+}
+
+fn pixels(place: Position) -> [f32; 2] {
+    place.map(|length| length as f32 * PIXELS_PER_UNIT)
+}
+
+fn paint(color: RGBColor) -> Paint<'static> {
+    let mut paint = Paint { anti_alias: true, ..Paint::default() };
+    paint.set_color_rgba8(color.0, color.1, color.2, u8::MAX);
+    paint
 }
 
 #[cfg(test)]

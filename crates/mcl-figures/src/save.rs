@@ -1,6 +1,5 @@
 //! From the finished page to files: the SVG as it is, and rendered as a PNG.
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use mcl_core::files::write_atomically;
@@ -13,18 +12,15 @@ use crate::units::PIXELS_PER_UNIT;
 
 /// Writes `<stem>.svg` and `<stem>.png`.
 pub(crate) fn save(stem: &Path, svg: &str) -> Result<[PathBuf; 2], FigureError> {
-    let png = render(svg).map_err(|reason| FigureError::Render { stem: stem.into(), reason })?;
-    let write = |ending: &str, bytes: &[u8]| {
-        // Not `with_extension`: a stem such as "map-0.8" would lose its ".8".
-        let mut path = OsString::from(stem);
+    // Not `with_extension`: a stem such as "map-0.8" would lose its ".8".
+    let paths = [".svg", ".png"].map(|ending| {
+        let mut path = stem.as_os_str().to_owned();
         path.push(ending);
-        let path = PathBuf::from(path);
-        match write_atomically(&path, bytes) {
-            Ok(()) => Ok(path),
-            Err(source) => Err(FigureError::Write { path, source }),
-        }
-    };
-    Ok([write(".svg", svg.as_bytes())?, write(".png", &png)?])
+        PathBuf::from(path)
+    });
+    // What cannot be rendered is not written, either.
+    paths.iter().rev().try_for_each(|path| save_file(path, svg))?;
+    Ok(paths)
 }
 
 /// Checks that the ending of a path says a format that figures are written in.

@@ -130,19 +130,6 @@ pub struct CurveStyle {
 }
 
 impl CurveStyle {
-    /// The style of the `index`-th curve, from 0: the first six differ in colour, marker and dash.
-    pub fn nth(index: usize) -> Self {
-        let (marker, dash) = [
-            (Marker::Circle, Dash::Solid),
-            (Marker::Square, Dash::Dashed),
-            (Marker::TriangleUp, Dash::Solid),
-            (Marker::Diamond, Dash::DashDot),
-            (Marker::TriangleDown, Dash::Dotted),
-            (Marker::Pentagon, Dash::Dashed),
-        ][index % 6];
-        CurveStyle { color: index, dash, marker: Some(marker) }
-    }
-
     /// A solid line without symbols, for a curve of many points.
     pub fn line(color: usize) -> Self {
         CurveStyle { color, dash: Dash::Solid, marker: None }

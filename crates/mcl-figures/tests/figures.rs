@@ -123,27 +123,22 @@ fn heat_figure(columns: usize, cells: &[Option<(f64, &str)>]) -> HeatFigure {
 }
 
 fn point(x: f64, mean: f64) -> CurvePoint {
-    CurvePoint { x, mean, low: mean - 0.1, high: mean + 0.1, mark: None }
-}
-
-fn axis(label: &str) -> AxisSpec {
-    AxisSpec { label: label.into(), scale: Scale::Linear, range: None }
+    CurvePoint { interval: Some([mean - 0.1, mean + 0.1]), ..CurvePoint::bare(x, mean) }
 }
 
 fn curve_figure(curves: Vec<Vec<CurvePoint>>) -> CurveFigure {
     let curves = curves.into_iter().enumerate().map(|(index, points)| Curve {
         label: format!("curve {index}"),
-        style: CurveStyle::nth(index),
+        style: CurveStyle { marker: Some(Marker::Square), ..CurveStyle::line(index) },
         points,
     });
     CurveFigure {
         panels: vec![CurvePanel {
             title: "all sizes".into(),
-            x: axis("map size [%]"),
-            y: axis("error [m]"),
+            x: AxisSpec::linear("map size [%]"),
+            y: AxisSpec::linear("error [m]"),
             curves: curves.collect(),
         }],
-        interval: Interval::Bars,
         caption: vec!["Simulated office, 20 runs.".into()],
     }
 }
@@ -234,27 +229,24 @@ fn curves_have_labels_ink_and_marks() {
     zoomed.title = "below 6 % & more".into();
     zoomed.x.range = Some([0.0, 6.0]);
     figure.panels.push(zoomed);
-    for interval in [Interval::Bars, Interval::Band] {
-        figure.interval = interval;
-        let drawn = curves(&figure).unwrap();
-        let texts = drawn.texts();
-        let count = |text: &str| texts.iter().filter(|found| *found == text).count();
-        for once in ["curve 0", "curve 1", "all sizes", "below 6 % & more"] {
-            assert_eq!(count(once), 1, "{once} in {texts:?}");
-        }
-        for twice in ["map size [%]", "error [m]", "3/20"] {
-            assert_eq!(count(twice), 2, "{twice} in {texts:?}");
-        }
-        assert_eq!(count("Simulated office, 20 runs."), 1);
-        assert!(drawn.count([0xD5, 0x5E, 0x00]) > 1000, "the second curve has its colour");
-        assert_eq!(drawn.png.width(), 2280);
+    let drawn = curves(&figure).unwrap();
+    let texts = drawn.texts();
+    let count = |text: &str| texts.iter().filter(|found| *found == text).count();
+    for once in ["curve 0", "curve 1", "all sizes", "below 6 % & more"] {
+        assert_eq!(count(once), 1, "{once} in {texts:?}");
     }
+    for twice in ["map size [%]", "error [m]", "3/20"] {
+        assert_eq!(count(twice), 2, "{twice} in {texts:?}");
+    }
+    assert_eq!(count("Simulated office, 20 runs."), 1);
+    assert!(drawn.count([0xD5, 0x5E, 0x00]) > 1000, "the second curve has its colour");
+    assert_eq!(drawn.png.width(), 2280);
 }
 
 #[test]
 fn lines_that_leave_the_axes_are_cut_not_bent() {
     // From 0 to 100 on an axis that ends at 10: gone at x = 1.
-    let bare = |x, mean| CurvePoint { x, mean, low: NAN, high: NAN, mark: None };
+    let bare = CurvePoint::bare;
     let mut figure = curve_figure(vec![vec![bare(0.0, 0.0), bare(10.0, 100.0)]]);
     figure.panels[0].x.range = Some([0.0, 10.0]);
     figure.panels[0].y.range = Some([0.0, 10.0]);
@@ -273,7 +265,8 @@ fn lines_that_leave_the_axes_are_cut_not_bent() {
 
 #[test]
 fn odd_curves_are_drawn_or_refused() {
-    let bare = |x, mean| CurvePoint { x, mean, low: NAN, high: f64::INFINITY, mark: None };
+    let odd_interval = Some([NAN, f64::INFINITY]);
+    let bare = |x, mean| CurvePoint { interval: odd_interval, ..CurvePoint::bare(x, mean) };
     let odd = [
         vec![vec![bare(1.0, 1.0)], vec![]],
         vec![vec![bare(0.0, 0.0), bare(0.0, 0.0)]],
@@ -285,15 +278,10 @@ fn odd_curves_are_drawn_or_refused() {
     let scales = [Scale::Linear, Scale::Log, Scale::Symlog { linear_below: 1.0 }];
     let [linear, log, symlog] = scales;
     for rows in odd {
-        for (x, y, interval) in [
-            (linear, linear, Interval::Bars),
-            (log, symlog, Interval::Band),
-            (symlog, log, Interval::Bars),
-        ] {
+        for (x, y) in [(linear, linear), (log, symlog), (symlog, log)] {
             let mut figure = curve_figure(rows.clone());
             figure.panels[0].x.scale = x;
             figure.panels[0].y.scale = y;
-            figure.interval = interval;
             match curves(&figure) {
                 Ok(drawn) => assert!(!drawn.svg.contains("NaN") && !drawn.svg.contains("inf")),
                 // Zeros and negative numbers have no logarithm.

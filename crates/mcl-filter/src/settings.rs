@@ -1,5 +1,6 @@
 //! Settings of the filter: plain values, checked once into values that are known good.
 
+use std::f64::consts::TAU;
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
@@ -29,14 +30,14 @@ pub struct FilterSettings {
     pub alpha: [f64; 4],
     /// σ_hit: standard deviation of a measured endpoint about the nearest map point (m).
     pub sigma_hit: f64,
-    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand.
+    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. Where `beam_floor` is given, it
+    /// is what follows from that.
     pub z_rand: f64,
-    /// Least likelihood of a beam, as a fraction of the largest: what is below is raised to it. 0 leaves the
-    /// mixture of table 6.3 as it is, whose own floor is z_rand/z_max; see
-    /// [`relative_floor`](Self::relative_floor).
-    pub beam_floor: f64,
-    /// A beam at the floor for more than this share of the particles is left out of the scan; 1 leaves out
-    /// none.
+    /// The same said as CARMEN says it: the least likelihood of a beam as a fraction of the largest. A
+    /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant.
+    pub beam_floor: Option<f64>,
+    /// A beam that ends more than 3·σ_hit off the map for more than this share of the particles is left
+    /// out of the scan; 1 leaves out none. CARMEN's `outlier_fraction`.
     pub outlier_fraction: f64,
     /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
     pub max_distance: f64,
@@ -73,7 +74,7 @@ impl Default for FilterSettings {
             alpha: [0.05; 4],
             sigma_hit: 0.3,
             z_rand: 0.5,
-            beam_floor: 0.0,
+            beam_floor: None,
             outlier_fraction: 1.0,
             max_distance: 2.0,
             max_range: 10.0,
@@ -98,12 +99,12 @@ pub enum Preset {
     /// *Probabilistic Robotics*: table 8.2 with the motion model as the proposal, and the product over
     /// all beams of table 6.3. σ_hit, z_rand and α are those of the defaults, since the book gives none.
     Book,
-    /// CARMEN's `localize`, the program of the paper's group: a beam counts a Gaussian of σ = 0.3 m
-    /// (`lmap_std`), at least 0.45 of its peak (`tracking_beam_minlikelihood`); a beam per 3°
-    /// (`integrate_angle`), without those that more than 0.9 of the particles find improbable
-    /// (`outlier_fraction`); likelihoods multiply until the robot has moved 0.2 m (`update_distance`) or
-    /// turned 0.2 rad (descendants of the program add the angle), then particles are resampled. CARMEN
-    /// learns a motion model of its own; here it is table 5.6 with the α of the defaults.
+    /// CARMEN's `localize`, the program of the paper's group: σ_hit = 0.3 m (`lmap_std`), floor 0.45
+    /// (`tracking_beam_minlikelihood`), a beam per 3° (`integrate_angle`); likelihoods multiply until the
+    /// robot has moved 0.2 m (`update_distance`) or turned 0.2 rad (the angle is that of descendants),
+    /// then particles are resampled. Its `outlier_fraction` is 0.9 of the particles with beams *below*
+    /// the floor, which no beam can be since the floor is added: none is left out. CARMEN learns a motion
+    /// model of its own; here it is table 5.6 with the α of the defaults.
     Carmen,
 }
 
@@ -128,9 +129,7 @@ impl Preset {
             Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
             Preset::Carmen => FilterSettings {
                 sigma_hit: 0.3,
-                z_rand: 0.0,
-                beam_floor: 0.45,
-                outlier_fraction: 0.9,
+                beam_floor: Some(0.45),
                 beams: Beams::Degrees(3.0),
                 proposal: Proposal::Motion,
                 resampling: Resampling::Systematic,
@@ -401,23 +400,12 @@ impl FilterSettings {
         }
         check_length("sigma_hit", self.sigma_hit)?;
         check("z_rand", self.z_rand, "a probability from 0 to 1", |z| (0.0..=1.0).contains(z))?;
-        check("beam_floor", self.beam_floor, "a fraction of the largest, from 0 to 1", |f| {
+        if let Some(floor) = self.beam_floor {
+            check("beam_floor", floor, "a fraction from 0 to 1", |f| (0.0..=1.0).contains(f))?;
+        }
+        check("outlier_fraction", self.outlier_fraction, "a fraction from 0 to 1", |f| {
             (0.0..=1.0).contains(f)
         })?;
-        check(
-            "outlier_fraction",
-            self.outlier_fraction,
-            "a share of the particles from 0 to 1",
-            |f| (0.0..=1.0).contains(f),
-        )?;
-        if self.outlier_fraction < 1.0 {
-            check(
-                "beam_floor",
-                self.beam_floor,
-                "above 0 where improbable beams are left out",
-                |f| *f > 0.0,
-            )?;
-        }
         check_length("max_distance", self.max_distance)?;
         check_length("max_range", self.max_range)?;
         check("beams", self.beams, Beams::EXPECTED, Beams::is_some)?;
@@ -435,13 +423,25 @@ impl FilterSettings {
         Ok(CheckedSettings(self))
     }
 
-    /// Least likelihood of a beam as a fraction of the largest, whichever setting it comes from: CARMEN's
-    /// way to say how much a beam can count. Of the mixture of table 6.3 it is
-    /// (z_rand/z_max) / (z_hit/(σ_hit·√2π) + z_rand/z_max).
+    /// Least likelihood of a beam as a fraction of the largest, whichever setting it comes from.
     pub fn relative_floor(&self) -> f64 {
-        let hit = (1.0 - self.z_rand) / (self.sigma_hit * std::f64::consts::TAU.sqrt());
-        let random = self.z_rand / self.max_range;
-        self.beam_floor.max(random / (hit + random))
+        let [hit, random] = self.mixture();
+        random / (hit + random)
+    }
+
+    /// The two parts of a beam's likelihood where it ends on the map (table 6.3): z_hit/(σ_hit·√2π) and
+    /// z_rand/z_max.
+    pub(crate) fn mixture(&self) -> [f64; 2] {
+        let peak = 1.0 / (self.sigma_hit * TAU.sqrt());
+        let z_rand = match self.beam_floor {
+            None => self.z_rand,
+            // floor = (z_rand/z_max) / (z_hit·peak + z_rand/z_max), solved for z_rand.
+            Some(floor) => {
+                let random = floor * peak * self.max_range;
+                random / (random + (1.0 - floor))
+            }
+        };
+        [(1.0 - z_rand) / (self.sigma_hit * TAU.sqrt()), z_rand / self.max_range]
     }
 }
 
@@ -494,8 +494,8 @@ mod tests {
             ("beams", |s| s.beams = Beams::Spread(0)),
             ("beams", |s| s.beams = Beams::Degrees(0.0)),
             ("beams", |s| s.beams = Beams::Degrees(f64::INFINITY)),
-            ("beam_floor", |s| s.beam_floor = 1.5),
-            ("beam_floor", |s| s.outlier_fraction = 0.9),
+            ("beam_floor", |s| s.beam_floor = Some(1.5)),
+            ("outlier_fraction", |s| s.outlier_fraction = -0.5),
             ("outlier_fraction", |s| s.outlier_fraction = f64::NAN),
             ("resample_distance", |s| s.resample_distance = -0.1),
             ("resample_angle", |s| s.resample_angle = f64::INFINITY),
@@ -568,12 +568,16 @@ mod tests {
     /// Both ways to say how little a beam can count: CARMEN's 0.45 of the peak is close to z_rand = 0.9.
     #[test]
     fn the_floor_of_a_beam_by_hand() {
-        let carmen = Preset::Carmen.settings();
-        assert_eq!(carmen.relative_floor(), 0.45);
+        assert!((Preset::Carmen.settings().relative_floor() - 0.45).abs() < 1e-12);
         let mixture = FilterSettings { z_rand: 0.9, sigma_hit: 0.3, ..FilterSettings::default() };
         // 0.9/10 over 0.1/(0.3·2.506628) + 0.9/10.
-        assert!((mixture.relative_floor() - 0.09 / (0.132_980_8 + 0.09)).abs() < 1e-6);
-        let bare = FilterSettings { z_rand: 0.0, ..FilterSettings::default() };
-        assert_eq!(bare.relative_floor(), 0.0);
+        let floor = 0.09 / (0.132_980_8 + 0.09);
+        assert!((mixture.relative_floor() - floor).abs() < 1e-6);
+        let [hit, random] = FilterSettings { beam_floor: Some(floor), ..mixture }.mixture();
+        assert!((hit - 0.132_980_8).abs() < 1e-6 && (random - 0.09).abs() < 1e-6);
+        for floor in [0.0, 1.0] {
+            let extreme = FilterSettings { beam_floor: Some(floor), ..FilterSettings::default() };
+            assert_eq!(extreme.relative_floor(), floor);
+        }
     }
 }

@@ -54,7 +54,13 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
         prop::sample::select(Proposal::ALL.to_vec()),
         prop::sample::select(Resampling::ALL.to_vec()),
         prop::sample::select(vec![1.0, 1e-9, 0.1]),
-        prop::sample::select(vec![(0.0, 1.0), (0.45, 0.9), (1.0, 0.0), (1e-300, 0.5), (0.0, 0.5)]),
+        prop::sample::select(vec![
+            (None, 1.0),
+            (Some(0.45), 0.9),
+            (Some(1.0), 0.0),
+            (Some(1e-300), 0.5),
+            (None, 0.5),
+        ]),
         prop::sample::select(vec![0.0, 0.2, 1e300]),
     )
         .prop_map(

@@ -234,21 +234,22 @@ fn the_filter_weighs_by_the_product_of_likelihoods() {
     assert!(!report.resampled && report.used_beams == 4);
 }
 
-/// A floor of half the largest likelihood, 0.339154, raises the last two poses to
-/// 4·ln 0.339154 = −1.552617 + 4·ln 0.5 = −4.325206.
+/// CARMEN's way to say the mixture: a floor of f of the largest likelihood makes logarithms those of
+/// f + (1 − f)·exp(−2d²) up to a constant. Of f = 0.04/0.678308 it is the very mixture.
 #[test]
 fn a_floor_bounds_what_a_beam_can_cost() {
     for distances in &distances() {
-        for ((pose, bare), expected) in
-            POSES.iter().zip([POSES[0].1, POSES[1].1, -4.325_206, -4.325_206])
-        {
-            let floored = FilterSettings { beam_floor: 0.5, ..settings() };
-            let found = log_likelihood(distances, floored, [2.0; 4], *pose);
-            assert!(
-                (found - expected).abs() < 1e-5,
-                "{pose:?}: {found} for {expected}, {bare} without"
-            );
+        for (pose, expected) in POSES {
+            let same =
+                FilterSettings { beam_floor: Some(0.04 / 0.678_308), z_rand: 0.9, ..settings() };
+            let found = log_likelihood(distances, same, [2.0; 4], pose);
+            assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
         }
+        // Against the first pose, d² = 0.25 and 1 cost 4·ln(0.45 + 0.55·exp(−2d²)).
+        let carmen = FilterSettings { beam_floor: Some(0.45), ..settings() };
+        let of = |pose: usize| log_likelihood(distances, carmen.clone(), [2.0; 4], POSES[pose].0);
+        assert!((of(1) - of(0) + 0.975_468).abs() < 1e-5, "{}", of(1) - of(0));
+        assert!((of(3) - of(0) + 2.581_740).abs() < 1e-5, "{}", of(3) - of(0));
     }
 }
 

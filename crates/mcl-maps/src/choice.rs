@@ -4,7 +4,7 @@
 const GOLDEN: f64 = 1.618_033_988_749_895;
 
 /// A value that was tried.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Tried {
     /// The value.
     pub value: f64,

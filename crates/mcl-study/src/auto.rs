@@ -25,24 +25,8 @@ pub struct Chosen {
     pub by: Criterion,
     /// The chosen number of points, or σ in metres.
     pub value: f64,
-    /// What was tried, with the score that decided (smaller is better).
-    pub tried: Vec<Try>,
-}
-
-impl Chosen {
-    /// The score of the choice.
-    pub fn score(&self) -> Option<f64> {
-        self.tried.iter().find(|tried| tried.value == self.value).map(|tried| tried.score)
-    }
-}
-
-/// A number of points or σ with its score.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Try {
-    /// Number of points, or σ in metres.
-    pub value: f64,
-    /// Smaller is better.
-    pub score: f64,
+    /// What was tried (a number of points, or σ in metres), with the score that decided (smaller is better).
+    pub tried: Vec<Tried>,
 }
 
 /// Builds a map of some points at a size (`None`: one that the builder does not need to be given) and
@@ -79,10 +63,7 @@ impl<const D: usize> Rating<'_, D> {
     }
 
     /// Mean log-likelihood per held-out point (nats).
-    ///
-    /// # Errors
-    /// When a map cannot be built.
-    pub fn held_out(&self, size: Option<MapSize>, sigma: f64) -> Result<f64> {
+    fn held_out(&self, size: Option<MapSize>, sigma: f64) -> Result<f64> {
         let (mut total, mut points) = (0.0, 0);
         for fold in self.folds {
             let held_out = fold.held_out.as_ref().context("a fold holds scans out")?;
@@ -108,7 +89,12 @@ impl<const D: usize> Rating<'_, D> {
     ///
     /// # Errors
     /// As [`Rating::score`].
-    pub fn choose_size(&self, by: Criterion, sigma: f64, observe: impl Fn(&Try)) -> Result<Chosen> {
+    pub fn choose_size(
+        &self,
+        by: Criterion,
+        sigma: f64,
+        observe: impl Fn(&Tried),
+    ) -> Result<Chosen> {
         let largest = self.largest(by);
         // Sizes that round to the same are built once.
         let mut known: BTreeMap<usize, f64> = BTreeMap::new();
@@ -118,13 +104,13 @@ impl<const D: usize> Rating<'_, D> {
                 return Ok(score);
             }
             let score = self.score(by, Some(MapSize::Points(points)), sigma)?;
-            observe(&Try { value: points as f64, score });
+            observe(&Tried { value: points as f64, score });
             known.insert(points, score);
             Ok(score)
         };
         let range = [SMALLEST_SIZE.min(largest as f64), largest as f64];
         let search = Search { range, factor: 1.4, patience: 4, precision: 1.03 };
-        Ok(chosen(by, &minimize(&search, score)?, f64::round))
+        Ok(chosen(by, minimize(&search, score)?, f64::round))
     }
 
     /// σ by a criterion. `observe` is shown what is tried.
@@ -135,20 +121,19 @@ impl<const D: usize> Rating<'_, D> {
         &self,
         by: Criterion,
         size: Option<MapSize>,
-        observe: impl Fn(&Try),
+        observe: impl Fn(&Tried),
     ) -> Result<Chosen> {
         let score = |sigma: f64| -> Result<f64> {
             let score = self.score(by, size, sigma)?;
-            observe(&Try { value: sigma, score });
+            observe(&Tried { value: sigma, score });
             Ok(score)
         };
         let search = Search { range: SIGMA_RANGE, factor: 1.6, patience: 2, precision: 1.03 };
-        Ok(chosen(by, &minimize(&search, score)?, |sigma| sigma))
+        Ok(chosen(by, minimize(&search, score)?, |sigma| sigma))
     }
 }
 
-fn chosen(by: Criterion, tried: &[Tried], value: impl Fn(f64) -> f64) -> Chosen {
-    let choice = best(tried).map_or(f64::NAN, |tried| tried.value);
-    let tried = tried.iter().map(|t| Try { value: value(t.value), score: t.score }).collect();
-    Chosen { by, value: value(choice), tried }
+fn chosen(by: Criterion, mut tried: Vec<Tried>, value: impl Fn(f64) -> f64) -> Chosen {
+    tried.iter_mut().for_each(|tried| tried.value = value(tried.value));
+    Chosen { by, value: best(&tried).map_or(f64::NAN, |tried| tried.value), tried }
 }

@@ -1,7 +1,7 @@
 //! Running a study on a data set, and going on where an earlier run ended.
 
-use std::collections::HashSet;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{create_folder, remove, remove_folder, remove_leftovers};
@@ -67,13 +67,6 @@ struct Task {
     identities: Vec<String>,
 }
 
-/// What is to be run.
-struct Work {
-    tasks: Vec<Task>,
-    /// Identities of rows whose maps and paths pictures show.
-    shown: HashSet<String>,
-}
-
 /// Runs a study on an open log or point cloud into `folder`, going on where earlier runs ended. The rows of
 /// trials that succeeded are kept whatever happens. `fresh` removes what earlier runs left.
 ///
@@ -107,24 +100,23 @@ pub fn run_study(
     // What pictures show may be there without a row, of other data or of another build.
     let before = Manifest::read(folder).ok().flatten();
     if before.is_none_or(|found| identity.check_same(&found.identity).is_err()) {
-        let path = folder.join(SHOWN);
-        remove_folder(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        forget(folder, &[], &[SHOWN])?;
     }
     let manifest = Manifest { study: name.to_owned(), identity: identity.clone() }.to_text()?;
     save(&folder.join(MANIFEST), manifest.as_bytes())?;
     save(&folder.join(STUDY), study.text.as_bytes())?;
 
     let plan = study.plan(&dataset)?;
-    let mut work = Work { tasks: pending(study, &plan.trials, &parts)?, shown: HashSet::new() };
+    let mut tasks = pending(study, &plan.trials, &parts)?;
     let costs = Costs::measured(identity.data.points, &plan.trials, &parts);
-    let done = plan.trials.len() - work.tasks.len();
+    let done = plan.trials.len() - tasks.len();
     see(Event::Started { done, asked: plan.trials.len(), damage: &parts.damage });
-    work.add_pictured(study, folder, &dataset, &parts)?;
+    let shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
     drop(parts);
     let mut part = OwnPart::new(folder, &identity);
     let failed = match identity.data.dimensions {
-        3 => run_tasks::<3>(study, data, folder, &work, &costs, &mut part, &mut see)?,
-        _ => run_tasks::<2>(study, data, folder, &work, &costs, &mut part, &mut see)?,
+        3 => run_tasks::<3>(study, data, &tasks, &shown, &costs, &mut part, &mut see)?,
+        _ => run_tasks::<2>(study, data, &tasks, &shown, &costs, &mut part, &mut see)?,
     };
 
     // Somebody may have begun another study there, or the folder anew.
@@ -150,7 +142,7 @@ pub fn run_study(
         bail!(
             "{} of {} trials failed, there is nothing to summarize; {FAILURES} has the reasons",
             failed.len(),
-            work.tasks.len()
+            tasks.len()
         );
     }
     Ok(Ran { results, failed })
@@ -158,17 +150,8 @@ pub fn run_study(
 
 /// Removes maps and paths that pictures showed before the study was edited.
 fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> {
-    let mut wanted = HashSet::new();
-    for picture in &study.views.pictures {
-        for map in &picture.maps {
-            let trial = study.pictured(dataset, map, picture.run)?;
-            for identity in trial.identities(&study.measures)? {
-                let Shown { map, reference, estimate } = Shown::of(folder, &identity);
-                wanted.insert(map);
-                wanted.extend(picture.run.map(|_| [reference, estimate]).into_iter().flatten());
-            }
-        }
-    }
+    let shown = Shown::all(study, folder, dataset)?;
+    let wanted: HashSet<&PathBuf> = shown.iter().flatten().flat_map(Shown::files).collect();
     let Ok(entries) = std::fs::read_dir(folder.join(SHOWN)) else { return Ok(()) };
     for path in entries.flatten().map(|entry| entry.path()) {
         if Shown::is_name(&path) && !wanted.contains(&path) {
@@ -194,44 +177,33 @@ fn pending(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Task>> 
     Ok(tasks)
 }
 
-impl Work {
-    /// Adds the maps that pictures show, as far as their files or rows are not there.
-    fn add_pictured(
-        &mut self,
-        study: &Study,
-        folder: &Path,
-        dataset: &str,
-        parts: &Parts,
-    ) -> Result<()> {
-        for picture in &study.views.pictures {
-            for map in &picture.maps {
-                let trial = study.pictured(dataset, map, picture.run)?;
-                let identities = trial.identities(&study.measures)?;
-                let is_there = identities.iter().all(|identity| {
-                    let shown = Shown::of(folder, identity);
-                    parts.has(identity) && shown.is_there(!trial.runs.is_empty())
-                });
-                if is_there {
-                    continue;
-                }
-                self.shown.extend(identities.iter().cloned());
-                // Most are trials of the study that are run anyway.
-                let is_run =
-                    |identity| self.tasks.iter().any(|task| task.identities.contains(identity));
-                if !identities.iter().all(is_run) {
-                    self.tasks.push(Task { trial, identities });
-                }
-            }
+/// Adds the maps that pictures show, as far as their files or rows are not there, and returns these by
+/// the identity of their rows.
+fn add_pictured(
+    tasks: &mut Vec<Task>,
+    pictured: Vec<Vec<Shown>>,
+    parts: &Parts,
+) -> HashMap<String, Shown> {
+    let mut missing = HashMap::new();
+    for shown in pictured.into_iter().flatten() {
+        let identity = shown.identity.clone();
+        if parts.has(&identity) && shown.is_there() {
+            continue;
         }
-        Ok(())
+        // Most are trials of the study that are run anyway.
+        if !tasks.iter().any(|task| task.identities.contains(&identity)) {
+            tasks.push(Task { trial: shown.trial.clone(), identities: vec![identity.clone()] });
+        }
+        missing.insert(identity, shown);
     }
+    missing
 }
 
 fn run_tasks<const D: usize>(
     study: &Study,
     data: &StudyData,
-    folder: &Path,
-    work: &Work,
+    tasks: &[Task],
+    shown: &HashMap<String, Shown>,
     costs: &Costs,
     part: &mut OwnPart<'_>,
     see: &mut impl FnMut(Event<'_>),
@@ -240,20 +212,17 @@ where
     Division<D>: Dimension<D>,
     MapMeasure: OfDimension<D>,
 {
-    let Work { tasks, shown } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
     let compute = |task: &Task| -> Result<Saved> {
         let mut watch = Stopwatch::start();
         let mut runs = task.identities.iter();
-        let show_run = |_: &RunRecipe, tracked: &TrackedRun| match runs.next() {
-            Some(identity) if shown.contains(identity) => {
-                let rating = &maps.division(&task.trial.map)?.scans.rating;
-                save_paths(&Shown::of(folder, identity), data.log()?, rating, tracked)
-            }
-            _ => Ok(()),
+        let show_run = |_: &RunRecipe, tracked: &TrackedRun| {
+            let shown = runs.next().and_then(|identity| shown.get(identity)?.paths.as_ref());
+            let Some(paths) = shown else { return Ok(()) };
+            save_paths(paths, data.log()?, &maps.division(&task.trial.map)?.scans.rating, tracked)
         };
-        for identity in task.identities.iter().filter(|identity| shown.contains(*identity)) {
-            save_map(&Shown::of(folder, identity), &maps, &task.trial)?;
+        for shown in task.identities.iter().filter_map(|identity| shown.get(identity)) {
+            save_map(&shown.map, &maps, &task.trial)?;
         }
         let rows = run_trial(&task.trial, &maps, data, &study.measures, &mut watch, show_run)?;
         let rows: Vec<(String, Cells)> = task.identities.iter().cloned().zip(rows).collect();
@@ -278,18 +247,12 @@ where
         |task, result| {
             ended += 1;
             cost += costs.of(&task.trial);
-            let failure = match result {
-                Ok(saved) => {
-                    part.save(saved)?;
-                    None
-                }
-                Err(error) => {
-                    let trial = task.trial.to_string();
-                    let failure = FailedTrial { trial, reason: format!("{error:#}") };
-                    part.save_failure(failure.clone())?;
-                    Some(failure)
-                }
-            };
+            let ended_with = result.map_err(|error| FailedTrial {
+                trial: task.trial.to_string(),
+                reason: format!("{error:#}"),
+            });
+            let failure = ended_with.as_ref().err().cloned();
+            part.save(ended_with)?;
             let (share, ended) = (cost / total, (ended, tasks.len()));
             see(Event::Ended { ended, share, failed: failure.as_ref() });
             failed.extend(failure);
@@ -304,20 +267,20 @@ where
     Ok(failed)
 }
 
-fn save_map<const D: usize>(shown: &Shown, maps: &Maps<'_, D>, trial: &Trial) -> Result<()>
+fn save_map<const D: usize>(path: &Path, maps: &Maps<'_, D>, trial: &Trial) -> Result<()>
 where
     Division<D>: Dimension<D>,
 {
     let map = maps.get(&trial.map)?;
     let points = map.points().with_context(|| format!("{trial}: pictures show maps of points"))?;
-    if let Some(folder) = shown.map.parent() {
+    if let Some(folder) = path.parent() {
         create_folder(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    Ok(write_map(&shown.map, points, Encoding::Binary)?)
+    Ok(write_map(path, points, Encoding::Binary)?)
 }
 
 fn save_paths(
-    shown: &Shown,
+    [reference, estimate]: &[PathBuf; 2],
     log: &LogSource,
     rating: &[usize],
     tracked: &TrackedRun,
@@ -330,10 +293,10 @@ fn save_paths(
         };
         rating.iter().zip(poses).map(|(&scan, pose)| (stamp(scan), pose)).collect()
     };
-    let reference = |&scan: &usize| log.recording.scans[scan].map_from_laser;
-    tum::write_file(&shown.reference, &path(&mut rating.iter().filter_map(reference)))?;
+    let truth = |&scan: &usize| log.recording.scans[scan].map_from_laser;
+    tum::write_file(reference, &path(&mut rating.iter().filter_map(truth)))?;
     let estimates = &tracked.run.map_from_laser;
-    Ok(tum::write_file(&shown.estimate, &path(&mut estimates.iter().copied()))?)
+    Ok(tum::write_file(estimate, &path(&mut estimates.iter().copied()))?)
 }
 
 /// Processor times of the trials of a plan, the last of each.

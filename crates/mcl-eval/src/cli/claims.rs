@@ -1,6 +1,6 @@
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use mcl_core::text::printable;
-use mcl_study::store::results::read_all;
+use mcl_study::store::results::{read_all, save};
 use serde::Serialize;
 
 use super::Outcome;
@@ -38,8 +38,7 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     let missing = without_results(&found.results, &datasets);
     if let Some(path) = &args.output {
         let document = render::markdown(&datasets, &missing);
-        mcl_core::files::write_atomically(path, document.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        save(path, document.as_bytes())?;
     }
     let claims = datasets.iter().flat_map(|dataset: &DatasetClaims| &dataset.claims).collect();
     print(args.json, &Claims { claims }, |_| render::text(&datasets, &missing, width()))?;

@@ -1,5 +1,4 @@
 use std::path::Path;
-use std::time::Duration;
 
 use anyhow::{Result, bail};
 use mcl_datasets::log::read_log_as;
@@ -25,14 +24,6 @@ pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
     }
 }
 
-/// The data sets named, or all.
-fn chosen<'a>(registry: &'a Registry, names: &DatasetNames) -> Result<Vec<&'a Dataset>> {
-    if names.names.is_empty() {
-        return Ok(registry.datasets().collect());
-    }
-    Ok(names.names.iter().map(|name| registry.get(name)).collect::<Result<_, _>>()?)
-}
-
 /// A data set with what was found or done, for `--json` and the terminal.
 #[derive(Serialize)]
 struct Line {
@@ -47,19 +38,35 @@ struct Lines {
     datasets: Vec<Line>,
 }
 
-fn report(lines: Vec<Line>, json: bool) -> Result<Outcome> {
-    let good = lines.iter().all(|line| line.good);
-    print(json, &Lines { datasets: lines }, |lines| {
+/// Prints the status of the data sets named, or all, and whether it is good.
+fn report(
+    registry: &Registry,
+    DatasetNames { names, json }: &DatasetNames,
+    status: impl Fn(&Dataset) -> (bool, String),
+) -> Result<Outcome> {
+    let chosen: Vec<&Dataset> = match names.is_empty() {
+        true => registry.datasets().collect(),
+        false => names.iter().map(|name| registry.get(name)).collect::<Result<_, _>>()?,
+    };
+    let lines = chosen.into_iter().map(|dataset| {
+        let (good, status) = status(dataset);
+        Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status }
+    });
+    let lines = Lines { datasets: lines.collect() };
+    print(*json, &lines, |lines| {
         let width = lines.datasets.iter().map(|line| line.name.len()).max().unwrap_or(0);
         let rows =
             lines.datasets.iter().map(|line| format!("{:width$}  {}", line.name, line.status));
         rows.collect::<Vec<_>>().join("\n")
     })?;
-    if good { Ok(Outcome::Done) } else { bail!("not every data set is in order, see above") }
+    match lines.datasets.iter().all(|line| line.good) {
+        true => Ok(Outcome::Done),
+        false => bail!("not every data set is in order, see above"),
+    }
 }
 
 fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
-    let lines = chosen(registry, names)?.into_iter().map(|dataset| {
+    report(registry, names, |dataset| {
         let place = match &dataset.source {
             Source::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
             Source::File(file) => match registry.locate(dataset) {
@@ -68,17 +75,13 @@ fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
                 Err(_) => format!("not at hand: mcl-eval datasets fetch {}", dataset.name),
             },
         };
-        let status = format!("{}\n    {}\n    {place}", dataset.title, dataset.description);
-        Line { name: dataset.name.clone(), title: dataset.title.clone(), good: true, status }
-    });
-    report(lines.collect(), names.json)
+        (true, format!("{}\n    {}\n    {place}", dataset.title, dataset.description))
+    })
 }
 
 fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<Outcome> {
-    let mut lines = Vec::new();
-    for dataset in chosen(registry, names)? {
+    report(registry, names, |dataset| {
         let bar = progress::bytes(&dataset.name, global.quiet);
-        bar.enable_steady_tick(Duration::from_millis(250));
         let read = |path: &Path| read_for_facts(dataset, path);
         let result =
             registry.fetch(dataset, &FetchSettings::default(), &read, &mut |event| match event {
@@ -98,37 +101,30 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
                 }
             });
         bar.finish_and_clear();
-        let (good, status) = match result {
+        match result {
             Ok(Fetched::Simulated) => (true, "simulated, nothing to fetch".to_owned()),
             Ok(Fetched::AlreadyPresent { path, .. }) => {
                 (true, format!("already there: {}", path.display()))
             }
-            Ok(Fetched::Downloaded { path, content, .. }) => (
-                true,
-                format!(
-                    "fetched: {} ({} bytes)",
-                    path.display(),
-                    thousands(content.bytes as usize)
-                ),
-            ),
+            Ok(Fetched::Downloaded { path, content, .. }) => {
+                let bytes = thousands(content.bytes as usize);
+                (true, format!("fetched: {} ({bytes} bytes)", path.display()))
+            }
             // Without names, data sets that only come by hand are no failure.
             Err(error @ FetchError::NoUrl { .. }) if names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
             Err(error) => (false, format!("failed: {}", told_once(&error.into()))),
-        };
-        lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
-    }
-    report(lines, names.json)
+        }
+    })
 }
 
 fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
-    let mut lines = Vec::new();
-    for dataset in chosen(registry, names)? {
+    report(registry, names, |dataset| {
         let read = |path: &Path| read_for_facts(dataset, path);
         // Without names, data sets that are not at hand are no failure.
         let absent = matches!(dataset.source, Source::File(_)) && registry.locate(dataset).is_err();
-        let (good, status) = match registry.verify(dataset, &read) {
+        match registry.verify(dataset, &read) {
             Err(error) if absent && names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
@@ -144,10 +140,8 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
                 }
                 (found.is_good(), status)
             }
-        };
-        lines.push(Line { name: dataset.name.clone(), title: dataset.title.clone(), good, status });
-    }
-    report(lines, names.json)
+        }
+    })
 }
 
 fn read_for_facts(dataset: &Dataset, path: &Path) -> Result<Facts, ReadLogError> {

@@ -2,7 +2,9 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use mcl_core::{Point, PointMap, Seed};
+use mcl_maps::choice::Tried;
 use mcl_maps::files::{Encoding, is_grid, write_grid, write_map};
+use mcl_maps::occupancy::OccupancyGrid;
 use mcl_maps::refine::{RefineReport, RefineStep, Refined, refine};
 use mcl_maps::{
     BuiltMap, FkmSettings, GridOffset, InitialMap, MapSettings, MapSize, PointSet, RefineSettings,
@@ -16,7 +18,7 @@ use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{input_files, print, refuse, tell_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
-use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE, Try};
+use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE};
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::DataSource;
 use mcl_study::recipe::criterion::Criterion;
@@ -65,25 +67,20 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     let source = &data.source;
     let built = match source.points()? {
         Points::Planar(points) => {
-            let offset = match args.offset {
-                None => GridOffset::ORIGIN,
-                Some(Offset::Random) => random_offset(args.seed),
-                Some(Offset::Planar(offset)) => GridOffset::Metres(offset),
-                Some(Offset::Spatial(_)) => {
-                    refuse("--offset has three numbers, expected two (X,Y)")
+            let log = source.log().ok();
+            let grid = |map: &PointMap<2>| {
+                if !is_grid(&args.output) {
+                    return Ok(None);
                 }
+                let grid = grid_of(map, args.resolution, log)?;
+                let cells = PointMap::new(grid.occupied_points())?;
+                Ok(Some((grid, cells)))
             };
-            build_planar(points, offset, &data, args, global)?
+            let folds = || data.folds();
+            let folds = log.map(|_| &folds as &dyn Fn() -> Result<_>);
+            build(points, folds, grid, args, global)?
         }
         Points::Spatial(points) => {
-            let offset = match args.offset {
-                None => GridOffset::ORIGIN,
-                Some(Offset::Random) => random_offset(args.seed),
-                Some(Offset::Spatial(offset)) => GridOffset::Metres(offset),
-                Some(Offset::Planar(_)) => {
-                    refuse("--offset has two numbers, expected three (X,Y,Z) in three dimensions")
-                }
-            };
             if is_grid(&args.output) {
                 bail!(
                     "{}: a grid map is planar, and {name} has three dimensions; expected .ply, .pcd or \
@@ -91,64 +88,54 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
                     args.output.display()
                 );
             }
-            build_spatial(points, offset, args, global)?
+            build(points, None, |_| Ok(None), args, global)?
         }
     };
     print(args.json, &built, |built| text(built, args))?;
     Ok(tell_data_losses(name, source))
 }
 
-/// A point map of points in space.
-fn build_spatial(
-    points: Vec<Point<3>>,
-    offset: GridOffset<3>,
-    args: &MapArgs,
-    global: &Global,
-) -> Result<Built> {
-    let data = PointSet::new(points)?;
-    let (wanted, choices) = choose(&data, None, offset, args, global)?;
-    let fitted = fit(&data, offset, wanted, args, global.quiet)?;
-    let built = fitted.built(&data, None, wanted, choices, args)?;
-    write_map(&args.output, &fitted.map, encoding(args))?;
-    Ok(built)
+/// Where the lines of a grid are to lie.
+fn offset<const D: usize>(args: &MapArgs) -> GridOffset<D> {
+    let given: &[f64] = match &args.offset {
+        None => return GridOffset::ORIGIN,
+        Some(Offset::Random) => return random_offset(args.seed),
+        Some(Offset::Planar(offset)) => offset,
+        Some(Offset::Spatial(offset)) => offset,
+    };
+    match given.try_into() {
+        Ok(offset) => GridOffset::Metres(offset),
+        Err(_) if D == 2 => refuse("--offset has three numbers, expected two (X,Y)"),
+        Err(_) => refuse("--offset has two numbers, expected three (X,Y,Z) in three dimensions"),
+    }
 }
 
-/// A point map or a grid of points in the plane.
-fn build_planar(
-    points: Vec<Point<2>>,
-    offset: GridOffset<2>,
-    opened: &StudyData,
+/// Builds a map of points and writes it; `grid` gives the grid that is written in place of its points,
+/// with the points of that.
+fn build<const D: usize>(
+    points: Vec<Point<D>>,
+    folds: Option<&dyn Fn() -> Result<Vec<Arc<Division<D>>>>>,
+    grid: impl FnOnce(&PointMap<D>) -> Result<Option<(OccupancyGrid, PointMap<D>)>>,
     args: &MapArgs,
     global: &Global,
 ) -> Result<Built> {
     let data = PointSet::new(points)?;
-    let log = match &opened.source {
-        DataSource::Log(log) => Some(log),
-        DataSource::Cloud(_) => None,
-    };
-    let folds = || opened.folds();
-    let folds = log.map(|_| &folds as &dyn Fn() -> Result<_>);
+    let offset = offset(args);
     let (wanted, choices) = choose(&data, folds, offset, args, global)?;
     let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
-    let grid = match is_grid(&args.output) {
-        true => Some(grid_of(&fitted.map, args.resolution, log)?),
-        false => None,
-    };
-    // What the file holds, and all that is told of it: points that share a cell are one.
-    if let Some(grid) = &grid {
-        fitted.map = PointMap::new(grid.occupied_points())?;
-    }
-    let grid_figures = grid.as_ref().map(GridFigures::of);
-    let built = fitted.built(&data, grid_figures, wanted, choices, args)?;
+    let grid = grid(&fitted.map)?.map(|(grid, cells)| {
+        // What the file holds, and all that is told of it: points that share a cell are one.
+        fitted.map = cells;
+        grid
+    });
+    let figures = grid.as_ref().map(GridFigures::of);
+    let built = fitted.built(&data, figures, wanted, choices, args)?;
+    let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
     match &grid {
         Some(grid) => write_grid(&args.output, grid)?,
-        None => write_map(&args.output, &fitted.map, encoding(args))?,
+        None => write_map(&args.output, &fitted.map, encoding)?,
     }
     Ok(built)
-}
-
-fn encoding(args: &MapArgs) -> Encoding {
-    if args.ascii { Encoding::Ascii } else { Encoding::Binary }
 }
 
 /// A map with the one it came from.
@@ -181,7 +168,7 @@ fn choose<const D: usize>(
         (Some(Auto::Auto), _) => {
             let sigma = given_sigma(args);
             let bar = progress::spinner("size", global.quiet);
-            let chosen = rating.choose_size(by, sigma, |Try { value, score }| {
+            let chosen = rating.choose_size(by, sigma, |Tried { value, score }| {
                 bar.set_message(format!("{value} points: {score:.4}"));
             });
             bar.finish_and_clear();
@@ -192,7 +179,7 @@ fn choose<const D: usize>(
         (size, Auto::Auto) => {
             let size = given_size(size);
             let bar = progress::spinner("sigma", global.quiet);
-            let chosen = rating.choose_sigma(by, size, |Try { value, score }| {
+            let chosen = rating.choose_sigma(by, size, |Tried { value, score }| {
                 bar.set_message(format!("{value:.4} m: {:.4} nats/point", -score));
             });
             bar.finish_and_clear();

@@ -9,7 +9,7 @@ use clap::error::ErrorKind;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use mcl_core::Recording;
-use mcl_core::files::{self, Unwritable, write_atomically, write_with};
+use mcl_core::files::{self, Unwritable, write_with};
 use mcl_datasets::carmen;
 use mcl_datasets::log::ReadReport;
 use mcl_datasets::registry::Registry;
@@ -20,6 +20,7 @@ use super::Outcome;
 use super::args::Cli;
 use crate::progress::{tell, wrapped};
 use mcl_study::data::source::{DataSource, LogSource};
+use mcl_study::store::results::save;
 
 /// Prints a result as one JSON object, or as lines of text.
 ///
@@ -44,8 +45,7 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
 pub fn write_rows<R: Serialize>(path: &Path, rows: &[R]) -> Result<()> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     rows.iter().try_for_each(|row| writer.serialize(row))?;
-    write_atomically(path, &writer.into_inner()?)
-        .with_context(|| format!("cannot write {}", path.display()))
+    save(path, &writer.into_inner()?)
 }
 
 /// Writes a CARMEN log, whole or not at all, packed with gzip if its name ends with `.gz`.

@@ -1,6 +1,6 @@
 use anyhow::{Result, bail};
 use mcl_core::text::{counted, printable};
-use mcl_study::store::results::{Found, Results, read_all};
+use mcl_study::store::results::{Found, Results, TRIALS, read_all, save_table};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
@@ -33,7 +33,8 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
             let Results { done, asked, .. } = results;
             tell!("warning: {folder}: {done} of {asked} trials have rows");
         }
-        let drawn = results.write_trials().and_then(|()| figures::write(results));
+        let saved = save_table(&results.folder.join(TRIALS), &results.table);
+        let drawn = saved.and_then(|()| figures::write(results));
         match drawn {
             Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
             Ok(_) => {}

@@ -1,12 +1,13 @@
 //! Charts from their data.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use mcl_core::text::number;
 use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, HeatCell, HeatFigure,
-    HeatPanel, Interval, Scale, draw_curves, draw_heat, styles,
+    HeatPanel, Scale, draw_curves, draw_heat, styles,
 };
 use mcl_study::study::views::{self, ChartKind};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
@@ -27,7 +28,8 @@ pub fn draw(stem: &Path, chart: &ChartData) -> Result<[PathBuf; 2]> {
 
 fn curve_figure(chart: &ChartData) -> CurveFigure {
     let labels: Vec<&String> = chart.panels.iter().flat_map(|panel| &panel.labels).collect();
-    let styled: Vec<(&String, CurveStyle)> = labels.iter().copied().zip(styles(&labels)).collect();
+    let styles: HashMap<&String, CurveStyle> =
+        labels.iter().copied().zip(styles(&labels)).collect();
     let mut is_cut = false;
     let panels = chart.panels.iter().map(|panel| {
         let [x, y] = ranges(chart, panel);
@@ -35,17 +37,18 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
         let curves = panel.labels.iter().enumerate().map(|(place, label)| {
             let of_curve = || panel.points.iter().filter(|point| point.curve == place);
             let points = of_curve().map(|point| {
-                let [mut low, high] = point.interval.unwrap_or([f64::NAN; 2]);
-                if is_below(panel, point) && lowest.is_some() {
+                let mut interval = point.interval;
+                if let (true, Some(lowest), Some([low, _])) =
+                    (is_below(panel, point), lowest, &mut interval)
+                {
                     // Beyond the frame, which cuts it off.
-                    low = 0.5 * lowest.unwrap_or(low);
+                    *low = 0.5 * lowest;
                     is_cut = true;
                 }
-                CurvePoint { x: point.x, mean: point.y, low, high, mark: point.mark.clone() }
+                CurvePoint { x: point.x, mean: point.y, interval, mark: point.mark.clone() }
             });
             let points = points.collect();
-            let style = styled.iter().find(|(known, _)| *known == label).map(|(_, style)| *style);
-            let mut style = style.unwrap_or(CurveStyle::nth(place));
+            let mut style = styles[label];
             if of_curve().count() > MOST_SYMBOLS {
                 style.marker = None;
             }
@@ -64,7 +67,7 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
     if is_cut && let Some(last) = caption.last_mut() {
         *last += " Intervals that the lower edge cuts off reach down to zero or below.";
     }
-    CurveFigure { panels, interval: Interval::Bars, caption }
+    CurveFigure { panels, caption }
 }
 
 /// Whether an interval reaches where a logarithmic axis has no place.
@@ -217,8 +220,9 @@ mod tests {
         let [low, high] = figure.panels[0].y.range.unwrap();
         assert!(0.0 < low && low < 0.05 && high > 5.0);
         let drawn = &figure.panels[0].curves[0].points;
-        assert!(0.0 < drawn[0].low && drawn[0].low < low, "{drawn:?}");
-        assert_eq!((drawn[0].high, drawn[1].low), (5.0, 0.05));
+        let [below, above] = drawn[0].interval.unwrap();
+        assert!(0.0 < below && below < low, "{drawn:?}");
+        assert_eq!((above, drawn[1].interval), (5.0, Some([0.05, 0.2])));
         assert!(
             figure.caption[0].ends_with("reach down to zero or below."),
             "{:?}",
@@ -227,7 +231,7 @@ mod tests {
         // Elsewhere they are what they are.
         let points = vec![point(1.0, 2.0, Some([-1.0, 5.0]))];
         let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Linear, vec![points]));
-        assert_eq!(figure.panels[0].curves[0].points[0].low, -1.0);
+        assert_eq!(figure.panels[0].curves[0].points[0].interval, Some([-1.0, 5.0]));
         assert_eq!((figure.panels[0].y.range, &*figure.caption[0]), (None, "C."));
     }
 

@@ -7,7 +7,7 @@ use mcl_core::text::thousands;
 use mcl_core::{Point, PointMap, Trajectory};
 use mcl_figures::{
     Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure,
-    CurvePanel, CurvePoint, CurveStyle, Interval, Scale, draw_clouds, draw_curves,
+    CurvePanel, CurvePoint, CurveStyle, Dash, draw_clouds, draw_curves,
 };
 use mcl_maps::files::read_map;
 use mcl_metrics::tum::{NonPlanar, read_file};
@@ -15,7 +15,6 @@ use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
 use mcl_study::recipe::split::Split;
 use mcl_study::store::results::{Pictured, Results};
 use mcl_study::study::views::Picture;
-use mcl_study::table::Value;
 
 use super::space::View;
 
@@ -68,25 +67,22 @@ fn planar(
 ) -> Result<[PathBuf; 2]> {
     let points = maps.iter().map(|shown| Ok(read_map::<2>(&shown.map)?));
     let points: Vec<PointMap<2>> = points.collect::<Result<_>>()?;
-    let paths = maps.iter().map(|shown| match &shown.paths {
-        Some(files) => {
-            Ok(files.each_ref().map(|file| read(file)).into_iter().collect::<Result<Vec<_>>>()?)
-        }
-        None => Ok(Vec::new()),
-    });
-    let paths: Vec<Vec<Trajectory>> = paths.collect::<Result<_>>()?;
-    let paths: Vec<Vec<Vec<Point<2>>>> =
-        paths.iter().map(|paths| paths.iter().map(positions).collect()).collect();
+    let positions = |file: &PathBuf| {
+        let trajectory = read(file)?;
+        Ok(trajectory.poses().iter().map(|pose| [pose.x, pose.y]).collect())
+    };
+    let paths = maps.iter().map(|shown| shown.paths.iter().flatten().map(positions).collect());
+    let paths: Vec<Vec<Vec<Point<2>>>> = paths.collect::<Result<_>>()?;
     let panels = maps.iter().zip(&points).zip(&paths).map(|((shown, points), paths)| {
         // On its own, all data is shown for its extent.
         let title = match (maps, name(shown)) {
             ([_], "all") if paths.is_empty() => extent(results, points),
             _ => title(shown, paths.is_empty()),
         };
-        let labelled = paths.iter().zip([("reference", 2), ("estimate", 1)]);
-        let paths = labelled.map(|(points, (label, index))| CloudPath {
+        let drawn = [("reference", 2, Dash::Solid), ("estimate", 1, Dash::Dashed)];
+        let paths = paths.iter().zip(drawn).map(|(points, (label, color, dash))| CloudPath {
             label: label.to_owned(),
-            style: CurveStyle::nth(index),
+            style: CurveStyle { dash, ..CurveStyle::line(color) },
             points,
         });
         CloudPanel { title, points: points.points(), shades: &[], paths: paths.collect() }
@@ -115,24 +111,17 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
         curves.push((described(shown), errors));
     }
     let weighted = WeightedPoseError::default();
-    let axis =
-        |label: &str| AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None };
     let panel = |title: &str, unit: &str, value: &dyn Fn(&PoseError) -> f64| CurvePanel {
         title: title.to_owned(),
-        x: axis("scan"),
-        y: axis(unit),
+        x: AxisSpec::linear("scan"),
+        y: AxisSpec::linear(unit),
         curves: curves
             .iter()
             .enumerate()
             .map(|(place, (label, errors))| {
-                let point = |(scan, error): (usize, &PoseError)| CurvePoint {
-                    x: scan as f64,
-                    mean: value(error),
-                    low: f64::NAN,
-                    high: f64::NAN,
-                    mark: None,
-                };
-                let points = errors.iter().enumerate().map(point).collect();
+                let of_scans = (0..).zip(errors);
+                let points =
+                    of_scans.map(|(scan, e)| CurvePoint::bare(f64::from(scan), value(e))).collect();
                 Curve { label: label.clone(), style: CurveStyle::line(1 + place), points }
             })
             .collect(),
@@ -143,7 +132,6 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
             panel("heading", "error [°]", &|error| error.heading().to_degrees()),
             panel("weighted, ξ = 0.8", "error d [–]", &|error| weighted.of(error)),
         ],
-        interval: Interval::Bars,
         caption: vec![format!("{}. {}.", results.facts.describe(), run_of(maps))],
     };
     Ok(draw_curves(stem, &figure)?)
@@ -158,7 +146,7 @@ fn caption(
     let mut sentences = vec![results.facts.describe()];
     let of_maps = |column: &str, is_told: &dyn Fn(&Pictured) -> bool| {
         let told = maps.iter().filter(|shown| is_told(shown));
-        let mut values: Vec<f64> = told.filter_map(|shown| cell(shown, column).number()).collect();
+        let mut values: Vec<f64> = told.filter_map(|shown| shown.cell(column).number()).collect();
         values.dedup();
         values
     };
@@ -182,8 +170,8 @@ fn caption(
 /// "Run 0 with 500 particles. Map and runs use the same scans, as in the paper".
 fn run_of(maps: &[&Pictured]) -> String {
     let Some(first) = maps.first() else { return String::new() };
-    let text = format!("Run {} with {} particles", cell(first, "run"), cell(first, "particles"));
-    let split = cell(first, "split").text();
+    let text = format!("Run {} with {} particles", first.cell("run"), first.cell("particles"));
+    let split = first.cell("split").text();
     match Split::ALL.into_iter().find(|known| Some(known.name()) == split) {
         Some(split) => format!("{text}. {}", split.describe()),
         None => text,
@@ -192,15 +180,15 @@ fn run_of(maps: &[&Pictured]) -> String {
 
 /// "grid-based map (gbs): 1,245 points (0.80 %), −11.20 nats per point".
 fn title(shown: &Pictured, with_likelihood: bool) -> String {
-    let points = cell(shown, "map_points").number().unwrap_or(0.0) as usize;
+    let points = shown.cell("map_points").number().unwrap_or(0.0) as usize;
     let mut title = format!("{}: {} points", described(shown), thousands(points));
     if name(shown) == "all" {
         return title;
     }
-    if let Some(percent) = cell(shown, "real_percent").number() {
+    if let Some(percent) = shown.cell("real_percent").number() {
         title += &format!(" ({percent:.2} %)");
     }
-    if let (Some(likelihood), true) = (cell(shown, "log_likelihood").number(), with_likelihood) {
+    if let (Some(likelihood), true) = (shown.cell("log_likelihood").number(), with_likelihood) {
         title += &format!(", {likelihood:.2} nats per point").replace('-', "−");
     }
     title
@@ -230,18 +218,9 @@ fn described(shown: &Pictured) -> String {
 }
 
 fn name(shown: &Pictured) -> &str {
-    cell(shown, "map").text().unwrap_or_default()
-}
-
-fn cell<'p>(shown: &'p Pictured, column: &str) -> &'p Value {
-    let found = shown.cells.iter().find(|(name, _)| name == column);
-    found.map_or(&Value::Empty, |(_, value)| value)
+    shown.cell("map").text().unwrap_or_default()
 }
 
 fn read(path: &Path) -> Result<Trajectory> {
     Ok(read_file(path, NonPlanar::Refuse)?.trajectory)
-}
-
-fn positions(trajectory: &Trajectory) -> Vec<Point<2>> {
-    trajectory.poses().iter().map(|pose| [pose.x, pose.y]).collect()
 }

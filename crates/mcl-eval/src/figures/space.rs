@@ -6,7 +6,6 @@ use anyhow::Result;
 use mcl_core::{Point, PointMap};
 use mcl_maps::files::read_map;
 use mcl_study::store::results::{Pictured, Results};
-use mcl_study::table::Value;
 
 /// The direction looked from: turned by this about the vertical …
 const AZIMUTH: f64 = FRAC_PI_6;
@@ -43,7 +42,9 @@ impl View {
             return Ok(None);
         }
         let shown = results.pictured.iter().flatten().flatten();
-        let Some(largest) = shown.max_by_key(|shown| size(shown)) else { return Ok(None) };
+        let by_size =
+            |a: &&Pictured, b: &&Pictured| a.cell("map_points").order(b.cell("map_points"));
+        let Some(largest) = shown.max_by(by_size) else { return Ok(None) };
         let listed = results.study.listed(&results.facts.name);
         let hide_above = listed.and_then(|listed| listed.hide_above);
         Ok(Some(Self::of_map(&read_map(&largest.map)?, hide_above)))
@@ -102,13 +103,6 @@ impl View {
              {high:.1} m and above{hidden}"
         )
         .replace('-', "−")
-    }
-}
-
-fn size(shown: &Pictured) -> u64 {
-    match shown.cells.iter().find(|(name, _)| name == "map_points") {
-        Some((_, Value::Count(points))) => *points,
-        _ => 0,
     }
 }
 

@@ -1,4 +1,4 @@
-use std::f64::consts::{LOG2_E, TAU};
+use std::f64::consts::LOG2_E;
 
 use mcl_core::{Point, Pose2};
 
@@ -29,9 +29,8 @@ fn factors(most: f64, log: f64) -> usize {
 /// p(z) = z_hit·N(d; 0, σ_hit) + z_rand/z_max,  z_hit = 1 − z_rand,
 ///
 /// N the normalized one-dimensional Gaussian and d the distance from the beam's endpoint to the
-/// nearest map point (of other maps, what [`MapDistances`] says), cut at `max_distance`. What is below
-/// `beam_floor` of the largest p(z) is raised to it. A scan's likelihood is the product over its beams, to
-/// the power of `likelihood_exponent` (1 unless set).
+/// nearest map point (of other maps, what [`MapDistances`] says), cut at `max_distance`. A scan's likelihood
+/// is the product over its beams, to the power of `likelihood_exponent` (1 unless set).
 pub struct LikelihoodField<'a> {
     distances: &'a MapDistances,
     /// z_hit/(σ_hit·√2π).
@@ -42,8 +41,8 @@ pub struct LikelihoodField<'a> {
     decay: f64,
     /// z_rand/z_max.
     random: f64,
-    /// Least p(z).
-    floor: f64,
+    /// (3·σ_hit)²: beams that end farther from the map are improbable.
+    improbable: f64,
     /// How many beams are multiplied before taking a logarithm.
     group: usize,
     exponent: f64,
@@ -72,14 +71,11 @@ impl<'a> LikelihoodField<'a> {
         {
             return Err(FilterError::SigmaHitMismatch { found: ndt.sigma_hit(), expected: sigma });
         }
-        let hit = (1.0 - settings.z_rand) / (sigma * TAU.sqrt());
-        let random = settings.z_rand / settings.max_range;
-        let floor = settings.beam_floor * (hit + random);
-        // Every factor is in [smallest, hit + random], so the logarithm of a product of n factors is
-        // within ±n·max(|ln smallest|, |ln(hit + random)|): below LARGEST_LOG a product can neither
-        // underflow nor overflow. A single factor cannot either, as smallest > 0 where it is used.
-        let smallest = random.max(floor);
-        let largest = smallest.ln().abs().max((hit + random).ln().abs());
+        let [hit, random] = settings.mixture();
+        // Every factor is in [random, hit + random], so the logarithm of a product of n factors is
+        // within ±n·max(|ln random|, |ln(hit + random)|): below LARGEST_LOG a product can neither
+        // underflow nor overflow. A single factor cannot either, as random > 0 where it is used.
+        let largest = random.ln().abs().max((hit + random).ln().abs());
         let group = factors(LARGEST_LOG, largest);
         Ok(LikelihoodField {
             distances,
@@ -87,7 +83,7 @@ impl<'a> LikelihoodField<'a> {
             ln_hit: hit.ln(),
             decay: 1.0 / (2.0 * sigma * sigma),
             random,
-            floor,
+            improbable: 9.0 * sigma * sigma,
             group,
             exponent: settings.likelihood_exponent,
         })
@@ -125,7 +121,7 @@ impl<'a> LikelihoodField<'a> {
         }
     }
 
-    /// Leaves out the beams that are at the floor for more than this share of the poses.
+    /// Leaves out the beams that end more than 3·σ_hit off the map for more than this share of the poses.
     pub(crate) fn leave_out_improbable(
         &self,
         endpoints: &mut ScanEndpoints,
@@ -135,7 +131,6 @@ impl<'a> LikelihoodField<'a> {
     ) {
         let Scratch { points, squared, .. } = scratch;
         let most = share * poses.x.len() as f64;
-        let is_at_floor = |&&squared: &&f64| self.of_distance(squared) <= self.floor;
         let is_probable: Vec<bool> = endpoints
             .iter()
             .map(|endpoint| {
@@ -145,27 +140,18 @@ impl<'a> LikelihoodField<'a> {
                     MapDistances::Grid(field) => field.distances_squared(points, squared),
                     distances => distances.distances_squared(points, squared),
                 }
-                squared.iter().filter(is_at_floor).count() as f64 <= most
+                let improbable = squared.iter().filter(|&&squared| squared > self.improbable);
+                improbable.count() as f64 <= most
             })
             .collect();
         endpoints.retain(|beam| is_probable[beam]);
     }
 
     /// Whether `f32` is good enough for distances and for the Gaussian, which it cuts at
-    /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its height: nothing beside a least likelihood of 10⁻³⁰ of it.
+    /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its height: nothing beside a random part of 10⁻³⁰ of it.
     fn is_fast(&self, field: &DistanceField) -> bool {
-        let gaussian = self.is_bare() || self.smallest() >= 1e-30 * self.hit;
+        let gaussian = self.random == 0.0 || self.random >= 1e-30 * self.hit;
         gaussian && field.is_single_precise()
-    }
-
-    /// Least p(z) that a beam can have.
-    fn smallest(&self) -> f64 {
-        self.random.max(self.floor)
-    }
-
-    /// Whether nothing bounds p(z) from below: the Gaussian alone.
-    fn is_bare(&self) -> bool {
-        self.smallest() == 0.0
     }
 
     /// Beams outside, particles inside, in chunks that stay in the first-level cache: the endpoints
@@ -184,22 +170,21 @@ impl<'a> LikelihoodField<'a> {
         let near = field.is_near(endpoints.reach());
         let beams =
             || endpoints.x().iter().zip(endpoints.y()).map(|(x, y)| [x / grid.cell, y / grid.cell]);
-        let neutral = if self.is_bare() { 0.0 } else { 1.0 };
+        let neutral = if self.random == 0.0 { 0.0 } else { 1.0 };
         // Likelihoods divided by the largest are between this and 1.
         let whole = self.hit + self.random;
-        let smallest = self.smallest() / whole;
+        let smallest = self.random / whole;
         let (few, group) =
             (factors(F32_LOG2, smallest.log2()), factors(LARGEST_LOG, smallest.ln()));
         let update = Product {
             decay: (-decay * LOG2_E) as f32,
             hit: (self.hit / whole) as f32,
-            random: (self.random / whole) as f32,
-            floor: (self.floor / whole) as f32,
+            random: smallest as f32,
         };
         for (chunk, log_weights) in log_weights.chunks_mut(CHUNK).enumerate() {
             let first = chunk * CHUNK;
             particles.load(grid, &poses, first..first + log_weights.len(), neutral);
-            if self.is_bare() {
+            if self.random == 0.0 {
                 let few = FEW_SUMMED;
                 dispatch(Pass { lookup, particles, beams: beams(), near, few, update: Sum });
                 let constant = endpoints.len() as f64 * self.ln_hit;
@@ -239,20 +224,15 @@ impl<'a> LikelihoodField<'a> {
         }
     }
 
-    /// p(z) by the squared distance (m²) of a beam's endpoint from the map, before it is bounded.
-    fn of_distance(&self, squared: f64) -> f64 {
-        self.hit * (-squared * self.decay).exp() + self.random
-    }
-
     /// Σ ln p(z) over beams with these squared distances (m²).
     fn log_likelihood_of(&self, distances_squared: &[f64]) -> f64 {
-        if self.is_bare() {
+        if self.random == 0.0 {
             // ln(a·exp(−d²·decay)) without the exp, which would underflow to 0 far from the map.
             let sum: f64 = distances_squared.iter().sum();
             return distances_squared.len() as f64 * self.ln_hit - sum * self.decay;
         }
         // One logarithm for as many factors as a product can hold.
-        let factor = |&squared: &f64| self.of_distance(squared).max(self.floor);
+        let factor = |&squared: &f64| self.hit * (-squared * self.decay).exp() + self.random;
         distances_squared
             .chunks(self.group)
             .map(|group| group.iter().map(factor).product::<f64>().ln())
@@ -292,6 +272,7 @@ mod tests {
     use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
     use proptest::prelude::*;
     use rand::RngExt;
+    use std::f64::consts::TAU;
 
     proptest! {
         /// Products in groups are the sum of logarithms, at the ends of what settings allow too.
@@ -301,27 +282,18 @@ mod tests {
             z_rand in prop::sample::select(vec![0.0, 5e-324, 1e-300, 1e-12, 0.1, 0.999, 1.0]),
             sigma_hit in prop::sample::select(vec![1e-6, 0.01, 0.2, 5.0, 1e6]),
             max_range in prop::sample::select(vec![1e-6, 10.0, 1e6]),
-            beam_floor in prop::sample::select(vec![0.0, 1e-300, 0.45, 1.0]),
         ) {
             let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
             let distances = MapDistances::reference(&map, 2.0).unwrap();
-            let settings = FilterSettings {
-                z_rand,
-                beam_floor,
-                sigma_hit,
-                max_range,
-                ..FilterSettings::default()
-            };
+            let settings =
+                FilterSettings { z_rand, sigma_hit, max_range, ..FilterSettings::default() };
             let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
             let (a, b) = ((1.0 - z_rand) / (sigma_hit * TAU.sqrt()), z_rand / max_range);
             let expected: f64 = squared
                 .iter()
                 .map(|d2| {
                     let exponent = -d2 / (2.0 * sigma_hit * sigma_hit);
-                    if b == 0.0 && beam_floor == 0.0 {
-                        return a.ln() + exponent;
-                    }
-                    (a * exponent.exp() + b).max(beam_floor * (a + b)).ln()
+                    if b == 0.0 { a.ln() + exponent } else { (a * exponent.exp() + b).ln() }
                 })
                 .sum();
             let found = field.log_likelihood_of(&squared);
@@ -336,27 +308,22 @@ mod tests {
     #[test]
     fn fast_and_reference_agree() {
         let mut rng = Seed::new(2).rng();
-        for (width, z_rand, beam_floor, sigma_hit, max_distance, longest, is_near) in [
-            (20.0, 0.1, 0.0, 0.2, 2.0, 10.0, true),
-            (20.0, 0.0, 0.0, 0.2, 2.0, 10.0, true),
-            (20.0, 1.0, 0.0, 0.2, 2.0, 10.0, true),
-            (20.0, 0.0, 0.45, 0.3, 2.0, 10.0, true),
-            (20.0, 0.5, 0.3, 0.3, 2.0, 10.0, true),
-            (20.0, 0.0, 1e-35, 0.1, 2.0, 10.0, true),
-            (20.0, 1e-28, 0.0, 0.1, 2.0, 10.0, true),
-            (20.0, 1e-300, 0.0, 0.1, 2.0, 10.0, true),
-            (100.0, 0.1, 0.0, 0.2, 2.0, 80.0, false),
-            (100.0, 0.0, 0.45, 0.2, 2.0, 80.0, false),
-            (100.0, 0.0, 0.0, 0.2, 2.0, 80.0, false),
-            (20_000.0, 0.1, 0.0, 0.2, 2.0, 10.0, false),
-            (20.0, 0.1, 0.0, 0.2, 100.0, 10.0, false),
+        for (width, z_rand, sigma_hit, max_distance, longest, is_near) in [
+            (20.0, 0.1, 0.2, 2.0, 10.0, true),
+            (20.0, 0.0, 0.2, 2.0, 10.0, true),
+            (20.0, 1.0, 0.2, 2.0, 10.0, true),
+            (20.0, 1e-28, 0.1, 2.0, 10.0, true),
+            (20.0, 1e-300, 0.1, 2.0, 10.0, true),
+            (100.0, 0.1, 0.2, 2.0, 80.0, false),
+            (100.0, 0.0, 0.2, 2.0, 80.0, false),
+            (20_000.0, 0.1, 0.2, 2.0, 10.0, false),
+            (20.0, 0.1, 0.2, 100.0, 10.0, false),
         ] {
             let mut uniform = |width: f64| width * (rng.random::<f64>() - 0.5);
             let points = (0..2_000).map(|_| [1e4 + uniform(width), uniform(width)]);
             let map = PointMap::new(points.collect()).unwrap();
             let settings = FilterSettings {
                 z_rand,
-                beam_floor,
                 sigma_hit,
                 max_distance,
                 max_range: longest,
@@ -394,8 +361,8 @@ mod tests {
             // the exponential and five more roundings, 2⁻²³ + 5·2⁻²⁴ < 5e-7.
             let error = 1e-6 + if is_near { 6.5 * longest / 16_777_216.0 } else { 0.0 };
             let steepest = max_distance.min(10.0 * sigma_hit) / (sigma_hit * sigma_hit);
-            let is_bare = z_rand + beam_floor == 0.0;
-            let steepest = if is_bare { max_distance / (sigma_hit * sigma_hit) } else { steepest };
+            let steepest =
+                if z_rand == 0.0 { max_distance / (sigma_hit * sigma_hit) } else { steepest };
             let tolerance = 300.0 * (error * steepest + 5e-7);
             for (found, expected) in found.iter().zip(&expected) {
                 let off = (found - expected).abs();
@@ -407,31 +374,29 @@ mod tests {
         }
     }
 
-    /// A wall ahead and three poses before it, one of them where both beams see it; floor 0.45 is reached
-    /// 0.379 m from the map with σ = 0.3 m.
+    /// A wall ahead and four poses before it. σ_hit is 0.3 m: beams are improbable beyond 0.9 m.
     #[test]
-    fn beams_at_the_floor_for_too_many_are_left_out() {
-        let map =
-            PointMap::new((-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]).collect()).unwrap();
+    fn beams_off_the_map_for_too_many_are_left_out() {
+        let wall = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
+        let map = PointMap::new(wall.collect()).unwrap();
         let grid = MapDistances::grid(&map, 2.0).unwrap();
         let reference = MapDistances::reference(&map, 2.0).unwrap();
         let scan = LaserScan {
             stamp: None,
             geometry: ScanGeometry { start_angle: 0.0, angle_step: 0.1, beams: 3 },
-            // At the wall from x = 0 (to 2 cm), 1 m before it, and 0.37 m behind it.
-            ranges: vec![5.0, 4.0 / 0.1f64.cos(), 5.37 / 0.2f64.cos()],
+            // From x = 0 they end on the wall, 1 m before it, and 0.89 m behind it.
+            ranges: vec![5.0, 4.0 / 0.1f64.cos(), 5.89 / 0.2f64.cos()],
             map_from_laser: None,
             odometry: None,
         };
         let x = [0.0, 0.02, 0.04, 1.0];
         let poses = Poses { x: &x, y: &[0.0; 4], sin: &[0.0; 4], cos: &[1.0; 4] };
-        let settings =
-            FilterSettings { beam_floor: 0.45, z_rand: 0.0, ..FilterSettings::default() };
+        let settings = FilterSettings { sigma_hit: 0.3, ..FilterSettings::default() };
         let settings = settings.check().unwrap();
         for distances in [&grid, &reference] {
             let field = LikelihoodField::new(distances, &settings).unwrap();
-            // The first beam is at the floor from the last pose, the second from all but that, the third
-            // from all but the first.
+            // The first beam is improbable from the last pose, the second from all but that, the third from
+            // all but the first.
             for (share, left) in [(0.0, 0), (0.25, 1), (0.74, 1), (0.75, 3), (1.0, 3)] {
                 let mut endpoints = ScanEndpoints::default();
                 endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();

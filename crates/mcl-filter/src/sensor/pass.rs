@@ -106,8 +106,6 @@ pub(super) struct Product {
     /// What the two parts of the likelihood contribute at distance 0; together 1.
     pub hit: f32,
     pub random: f32,
-    /// Least likelihood of a beam.
-    pub floor: f32,
 }
 
 impl Update for Product {
@@ -117,8 +115,7 @@ impl Update for Product {
     fn combine(self, combined: f32, squared: f32) -> f32 {
         let exponent = squared * self.decay;
         let exponent = if exponent > LEAST { exponent } else { LEAST };
-        let likelihood = self.hit * exp2_nonpositive(exponent) + self.random;
-        combined * if likelihood > self.floor { likelihood } else { self.floor }
+        combined * (self.hit * exp2_nonpositive(exponent) + self.random)
     }
 
     #[inline(always)]
@@ -210,7 +207,7 @@ mod tests {
         let beams: Vec<[f64; 2]> = (0..50)
             .map(|_| [uniform(10.0) / field.grid.cell, uniform(10.0) / field.grid.cell])
             .collect();
-        let update = Product { decay: -0.1, hit: 0.9, random: 0.1, floor: 0.15 };
+        let update = Product { decay: -0.1, hit: 0.9, random: 0.1 };
         for near in [true, false] {
             let of_each: Vec<Vec<f64>> = instruction_sets()
                 .into_iter()

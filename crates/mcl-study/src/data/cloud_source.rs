@@ -74,6 +74,7 @@ pub struct CloudSource {
 }
 
 /// Points in space as a reader gave them.
+#[derive(Default)]
 struct Read {
     points: Vec<Point<3>>,
     /// The dimension they have.
@@ -111,31 +112,16 @@ impl CloudSource {
         let read = match &dataset.source {
             Source::File(_) => read(&registry.locate(dataset)?, Some(max_range), options)?,
             Source::Simulated { seed } => {
+                // The lidar measures no farther; its points stand in the map's frame.
                 let lidar = LidarSettings { max_range, ..LidarSettings::default() };
                 let points = simulate_cloud(&OfficeSettings::default(), &lidar, Seed::new(*seed))?;
-                let cloud = Self::simulated(points);
-                let (name, title) = (dataset.name.clone(), dataset.title.clone());
-                // The simulated lidar measures no farther; the points stand in the map's frame.
-                let source = Self::new(name, title, cloud, None, options.dimensions)?;
-                return Ok(CloudSource { max_range: Some(max_range), ..source });
+                let readings = points.len();
+                let kind = "simulation";
+                Read { points, dimensions: 3, kind, clouds: 1, readings, ..Read::default() }
             }
         };
         let (name, title) = (dataset.name.clone(), dataset.title.clone());
         Self::new(name, title, read, Some(max_range), options.dimensions)
-    }
-
-    fn simulated(points: Vec<Point<3>>) -> Read {
-        Read {
-            dimensions: 3,
-            kind: "simulation",
-            clouds: 1,
-            readings: points.len(),
-            not_finite: 0,
-            points,
-            report: ReadReport::default(),
-            notes: Vec::new(),
-            assumptions: Vec::new(),
-        }
     }
 
     fn new(
@@ -225,17 +211,8 @@ fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<
     if let Some(max_range) = max_range {
         points.retain(|point| is_in_range(point, max_range));
     }
-    Ok(Read {
-        points,
-        dimensions,
-        kind: "point cloud",
-        clouds: 1,
-        readings,
-        not_finite,
-        report: ReadReport::default(),
-        notes: Vec::new(),
-        assumptions: Vec::new(),
-    })
+    let kind = "point cloud";
+    Ok(Read { points, dimensions, kind, clouds: 1, readings, not_finite, ..Read::default() })
 }
 
 /// 3 when the points differ in height, else 2.

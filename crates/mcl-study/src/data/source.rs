@@ -266,19 +266,10 @@ impl LogSource {
         self
     }
 
-    /// The same log, cut off after this many scans.
-    pub fn first_scans(&self, count: usize) -> Self {
-        let scans = self.recording.scans.iter().take(count).cloned().collect();
-        LogSource {
-            name: self.name.clone(),
-            title: self.title.clone(),
-            recording: Recording { scans, robot_from_laser: self.recording.robot_from_laser },
-            kind: self.kind,
-            report: self.report.clone(),
-            notes: self.notes.clone(),
-            assumptions: self.assumptions.clone(),
-            max_range: self.max_range,
-        }
+    /// The log, cut off after this many scans.
+    pub fn first_scans(mut self, count: usize) -> Self {
+        self.recording.scans.truncate(count);
+        self
     }
 
     /// The point set D. Scans in a gap of the reference, which the reader of the log has reported, have no part

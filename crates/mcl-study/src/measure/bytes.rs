@@ -12,7 +12,7 @@ pub const BYTES: MapMeasure = MapMeasure {
     name: "bytes",
     columns: &["kilobytes", "run_length_kilobytes"],
     planar: measure::<2>,
-    spatial: Some(measure::<3>),
+    spatial: measure::<3>,
 };
 
 fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {

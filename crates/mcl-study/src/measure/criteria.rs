@@ -14,7 +14,7 @@ use crate::trial::map::sample;
 /// log-likelihood of blocks of time that are left out in turn, under maps of the same size
 /// built from the others; the last is empty for clouds and for maps that fit no fold.
 pub const CRITERIA: MapMeasure =
-    MapMeasure { name: "criteria", columns: &["mdl", "held_out"], planar, spatial: Some(spatial) };
+    MapMeasure { name: "criteria", columns: &["mdl", "held_out"], planar, spatial };
 
 fn planar(context: &MapContext<'_, 2>) -> Result<Vec<Value>> {
     let mut values = own(context)?;

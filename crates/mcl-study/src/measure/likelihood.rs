@@ -23,7 +23,7 @@ pub const LIKELIHOOD: MapMeasure = MapMeasure {
         "converged",
     ],
     planar: measure::<2>,
-    spatial: Some(measure::<3>),
+    spatial: measure::<3>,
 };
 
 fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {

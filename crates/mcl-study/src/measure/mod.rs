@@ -10,7 +10,7 @@ pub mod likelihood;
 pub mod size;
 pub mod tracking;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mcl_core::Pose2;
 
 use crate::recipe::map::MapRecipe;
@@ -62,8 +62,8 @@ pub struct MapMeasure {
     pub columns: &'static [&'static str],
     /// Takes it in the plane.
     pub planar: OfMap<2>,
-    /// Takes it in space, where it exists there.
-    pub spatial: Option<OfMap<3>>,
+    /// Takes it in space.
+    pub spatial: OfMap<3>,
 }
 
 /// A measure of runs.
@@ -93,8 +93,7 @@ impl OfDimension<2> for MapMeasure {
 
 impl OfDimension<3> for MapMeasure {
     fn take(&self, context: &MapContext<'_, 3>) -> Result<Cells> {
-        let measure = self.spatial.context("this measure is of maps in the plane only")?;
-        Ok(named(self.columns, measure(context)?))
+        Ok(named(self.columns, (self.spatial)(context)?))
     }
 }
 
@@ -123,19 +122,15 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// Names of all measures that can be asked for.
-    pub fn known() -> Vec<&'static str> {
-        let of_maps = OF_MAPS[1..].iter().map(|measure| measure.name);
-        of_maps.chain(OF_RUNS[1..].iter().map(|measure| measure.name)).collect()
-    }
-
     /// The measures of these names, and those that are always taken.
     ///
     /// # Errors
-    /// The first name that is of no measure.
+    /// Says which name is of no measure, and which there are.
     pub fn of(names: &[String]) -> Result<Self, String> {
-        if let Some(unknown) = names.iter().find(|name| !Self::known().contains(&name.as_str())) {
-            return Err(unknown.clone());
+        let of_maps = OF_MAPS[1..].iter().map(|measure| measure.name);
+        let known: Vec<&str> = of_maps.chain(OF_RUNS[1..].iter().map(|m| m.name)).collect();
+        if let Some(unknown) = names.iter().find(|name| !known.contains(&name.as_str())) {
+            return Err(format!("{unknown:?} is unknown, expected {}", known.join(", ")));
         }
         let is_asked = |name: &str| names.iter().any(|asked| asked == name);
         let of_maps = OF_MAPS.into_iter().enumerate();

@@ -24,7 +24,7 @@ pub const SIZE: MapMeasure = MapMeasure {
         "tried",
     ],
     planar: measure::<2>,
-    spatial: Some(measure::<3>),
+    spatial: measure::<3>,
 };
 
 fn measure<const D: usize>(context: &MapContext<'_, D>) -> Result<Vec<Value>> {

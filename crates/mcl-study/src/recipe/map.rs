@@ -187,62 +187,34 @@ impl MapRecipe {
 
     /// The columns of a row that say how the map came about.
     pub fn cells(&self) -> Cells {
-        let size = |of: fn(Size) -> Option<Value>| self.size.and_then(of).into_value();
+        let [mut percent, mut points, mut resolution, mut size_by] = [const { Value::Empty }; 4];
+        match self.size {
+            Some(Size::Percent(given)) => percent = given.into(),
+            Some(Size::Points(given)) => points = given.into(),
+            Some(Size::Resolution(metres)) => resolution = metres.into(),
+            Some(Size::Chosen(criterion)) => size_by = criterion.name().into(),
+            None if self.kind.kind == MapKind::All => percent = 100.0.into(),
+            None => {}
+        }
+        let (sigma, sigma_by) = match self.sigma {
+            Sigma::Metres(metres) => (metres.into(), Value::Empty),
+            Sigma::Chosen(criterion) => (Value::Empty, criterion.name().into()),
+        };
+        let offset = (self.kind.builder() == Some(Builder::Grid)).then_some(match self.offset {
+            Offset::Random => "random",
+            Offset::Origin => "origin",
+        });
         let cells: [(&str, Value); 14] = [
             ("dataset", self.dataset.as_str().into()),
             ("split", self.split.map(Split::name).into()),
             ("map", self.kind.name.as_str().into()),
-            (
-                "size_percent",
-                match (self.size, &self.kind.kind) {
-                    (None, MapKind::All) => 100.0.into(),
-                    (Some(Size::Percent(percent)), _) => percent.into(),
-                    _ => Value::Empty,
-                },
-            ),
-            (
-                "size_points",
-                size(|size| match size {
-                    Size::Points(points) => Some(points.into()),
-                    _ => None,
-                }),
-            ),
-            (
-                "resolution_m",
-                size(|size| match size {
-                    Size::Resolution(metres) => Some(metres.into()),
-                    _ => None,
-                }),
-            ),
-            (
-                "size_by",
-                size(|size| match size {
-                    Size::Chosen(criterion) => Some(criterion.name().into()),
-                    _ => None,
-                }),
-            ),
-            (
-                "offset",
-                match (self.kind.builder(), self.offset) {
-                    (Some(Builder::Grid), Offset::Random) => "random".into(),
-                    (Some(Builder::Grid), Offset::Origin) => "origin".into(),
-                    _ => Value::Empty,
-                },
-            ),
-            (
-                "sigma_m",
-                match self.sigma {
-                    Sigma::Metres(metres) => metres.into(),
-                    Sigma::Chosen(_) => Value::Empty,
-                },
-            ),
-            (
-                "sigma_by",
-                match self.sigma {
-                    Sigma::Metres(_) => Value::Empty,
-                    Sigma::Chosen(criterion) => criterion.name().into(),
-                },
-            ),
+            ("size_percent", percent),
+            ("size_points", points),
+            ("resolution_m", resolution),
+            ("size_by", size_by),
+            ("offset", offset.into()),
+            ("sigma_m", sigma),
+            ("sigma_by", sigma_by),
             ("tolerance", self.tolerance.into()),
             ("max_iterations", self.max_iterations.into()),
             ("draw", self.draw.into()),
@@ -256,16 +228,6 @@ impl MapRecipe {
 pub fn random_offset<const D: usize>(seed: u64) -> GridOffset<D> {
     let mut rng = Seed::new(seed).derive("grid-offset").rng();
     GridOffset::Cells(std::array::from_fn(|_| rng.random::<f64>()))
-}
-
-trait IntoValue {
-    fn into_value(self) -> Value;
-}
-
-impl IntoValue for Option<Value> {
-    fn into_value(self) -> Value {
-        self.unwrap_or(Value::Empty)
-    }
 }
 
 /// "alternate gbs+f-km 0.25 % #3".

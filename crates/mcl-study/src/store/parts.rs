@@ -103,23 +103,12 @@ impl<'a> OwnPart<'a> {
         OwnPart { folder, identity, journal: None }
     }
 
-    /// Saves the rows of a trial: when this returns they are on the disk.
+    /// Saves the rows of a trial, or why there are none: when this returns they are on the disk.
     ///
     /// # Errors
     /// When they cannot be written, or the folder was removed or replaced.
-    pub fn save(&mut self, saved: Saved) -> Result<()> {
-        self.append(&Line::Trial(saved))
-    }
-
-    /// Saves that a trial failed.
-    ///
-    /// # Errors
-    /// As [`OwnPart::save`].
-    pub fn save_failure(&mut self, failed: FailedTrial) -> Result<()> {
-        self.append(&Line::Failed(failed))
-    }
-
-    fn append(&mut self, line: &Line) -> Result<()> {
+    pub fn save(&mut self, ended: Result<Saved, FailedTrial>) -> Result<()> {
+        let line = ended.map_or_else(Line::Failed, Line::Trial);
         let parts = self.folder.join(PARTS);
         let cannot = || format!("cannot write rows in {}", parts.display());
         let journal = match &mut self.journal {
@@ -132,7 +121,7 @@ impl<'a> OwnPart<'a> {
                 self.journal.insert(journal)
             }
         };
-        journal.append(&seal(&serde_json::to_vec(line)?)).with_context(cannot)
+        journal.append(&seal(&serde_json::to_vec(&line)?)).with_context(cannot)
     }
 }
 

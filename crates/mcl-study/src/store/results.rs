@@ -11,7 +11,6 @@
 //! summary.csv, tests.csv, figures/   the study's views
 //! ```
 
-use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +25,7 @@ use crate::store::parts::{Parts, has_parts};
 use crate::study::definition::Study;
 use crate::study::plan::{ENTRIES, Plan};
 use crate::table::{Cells, Table, Value};
+use crate::trial::run::Trial;
 
 /// The manifest of a result folder.
 pub const MANIFEST: &str = "manifest.json";
@@ -81,6 +81,14 @@ pub struct Pictured {
     pub map: PathBuf,
     /// Reference and estimate of the run (TUM), where one is shown.
     pub paths: Option<[PathBuf; 2]>,
+}
+
+impl Pictured {
+    /// What was measured; empty where there is no such column.
+    pub fn cell(&self, column: &str) -> &Value {
+        let found = self.cells.iter().find(|(name, _)| name == column);
+        found.map_or(&Value::Empty, |(_, value)| value)
+    }
 }
 
 /// What `manifest.json` says.
@@ -212,14 +220,6 @@ impl Results {
         Ok(Results { folder, name, study, facts, table, done, asked, pictured, damage })
     }
 
-    /// Writes `trials.csv`.
-    ///
-    /// # Errors
-    /// When it cannot be written.
-    pub fn write_trials(&self) -> Result<()> {
-        save(&self.folder.join(TRIALS), &self.table.to_csv()?)
-    }
-
     /// The plan of the study on the data set.
     ///
     /// # Errors
@@ -236,61 +236,70 @@ fn pictured(
     dataset: &str,
     parts: &Parts,
 ) -> Result<Vec<Vec<Option<Pictured>>>> {
-    let of_map = |map: &toml::Table, run: Option<u32>| -> Result<Option<Pictured>> {
-        let trial = study.pictured(dataset, map, run)?;
-        let identities = trial.identities(&study.measures)?;
-        let Some(identity) = identities.first() else { return Ok(None) };
-        let Some(row) = parts.row(identity) else { return Ok(None) };
-        let shown = Shown::of(folder, identity);
+    let of_map = |shown: Shown| {
+        let row = parts.row(&shown.identity).filter(|_| shown.is_there())?;
         let cells = row.map(|(column, value)| (column.to_owned(), value.clone())).collect();
-        let paths = run.map(|_| [shown.reference.clone(), shown.estimate.clone()]);
-        if !shown.is_there(run.is_some()) {
-            return Ok(None);
-        }
-        Ok(Some(Pictured { cells, map: shown.map, paths }))
+        Some(Pictured { cells, map: shown.map, paths: shown.paths })
     };
-    let pictures = study.views.pictures.iter();
-    pictures
-        .map(|picture| picture.maps.iter().map(|map| of_map(map, picture.run)).collect())
-        .collect()
+    let shown = Shown::all(study, folder, dataset)?.into_iter();
+    Ok(shown.map(|maps| maps.into_iter().map(of_map).collect()).collect())
 }
 
-/// The files of a map that a picture shows, named after the identity of its row, so that a picture never
-/// shows another map than it says.
+/// A map that a picture shows, and where its files are: they are named after the identity of its row, so
+/// that a picture never shows another map than it says.
 pub struct Shown {
+    /// The map, with the run on it where one is shown.
+    pub trial: Trial,
+    /// The identity of its row.
+    pub identity: String,
     /// Its points.
     pub map: PathBuf,
-    /// Reference path of the run on it.
-    pub reference: PathBuf,
-    /// Its estimate.
-    pub estimate: PathBuf,
+    /// Reference and estimate of the run, where one is shown.
+    pub paths: Option<[PathBuf; 2]>,
 }
 
+/// Ends of the names of the files behind the identity.
+const SHOWN_ENDS: [&str; 3] = [".ply", "-reference.tum", "-estimate.tum"];
+
 impl Shown {
-    /// Of a row's identity.
-    pub fn of(folder: &Path, identity: &str) -> Self {
-        let path = |ending: &str| folder.join(SHOWN).join(format!("{identity}{ending}"));
-        Shown {
-            map: path(".ply"),
-            reference: path("-reference.tum"),
-            estimate: path("-estimate.tum"),
-        }
+    /// By picture and map, as the study lists them.
+    ///
+    /// # Errors
+    /// When a recipe cannot be written as JSON.
+    pub fn all(study: &Study, folder: &Path, dataset: &str) -> Result<Vec<Vec<Self>>> {
+        let of_map = |map: &toml::Table, run: Option<u32>| -> Result<Self> {
+            let trial = study.pictured(dataset, map, run)?;
+            let identities = trial.identities(&study.measures)?;
+            let identity = identities.into_iter().next().context("a map has a row")?;
+            let [map, reference, estimate] =
+                SHOWN_ENDS.map(|end| folder.join(SHOWN).join(format!("{identity}{end}")));
+            let paths = run.map(|_| [reference, estimate]);
+            Ok(Shown { trial, identity, map, paths })
+        };
+        let pictures = study.views.pictures.iter();
+        pictures
+            .map(|picture| picture.maps.iter().map(|map| of_map(map, picture.run)).collect())
+            .collect()
     }
 
     /// Whether a path is named after an identity, as these are.
     pub fn is_name(path: &Path) -> bool {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let ends = [".ply", "-reference.tum", "-estimate.tum"];
-        ends.iter().any(|ending| {
-            name.strip_suffix(ending).is_some_and(|identity| {
+        SHOWN_ENDS.iter().any(|end| {
+            name.strip_suffix(end).is_some_and(|identity| {
                 identity.len() == DIGITS && identity.bytes().all(|byte| byte.is_ascii_hexdigit())
             })
         })
     }
 
-    /// Whether they are there; those of a path only where one is shown.
-    pub fn is_there(&self, with_paths: bool) -> bool {
-        self.map.is_file() && (!with_paths || (self.reference.is_file() && self.estimate.is_file()))
+    /// Its files.
+    pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.paths.iter().flatten().chain([&self.map])
+    }
+
+    /// Whether all of them are there.
+    pub fn is_there(&self) -> bool {
+        self.files().all(|file| file.is_file())
     }
 }
 
@@ -353,7 +362,7 @@ pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
                 .with_context(|| format!("cannot look for results in {}", folder.display()))?;
         Ok(entries.into_iter().map(|entry| entry.path()).filter(|path| path.is_dir()).collect())
     };
-    let mut found = HashSet::new();
+    let mut found = Vec::new();
     for study in subfolders(root)? {
         found.extend(subfolders(&study)?.into_iter().filter(|path| path.join(MANIFEST).exists()));
     }
@@ -364,7 +373,6 @@ pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
             root.display()
         );
     }
-    let mut found: Vec<PathBuf> = found.into_iter().collect();
     found.sort();
     Ok(found)
 }

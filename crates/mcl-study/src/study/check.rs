@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
-use anyhow::Result;
+use anyhow::{Error, Result, anyhow};
 use mcl_datasets::registry::is_plain_name;
 use toml::de::{DeTable, DeValue};
 
@@ -13,17 +13,9 @@ use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
 use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views};
 use crate::table::{Row, Table, Value};
 
-/// A mistake in a study's file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mistake {
-    /// Keys and places in lists, outermost first, joined by dots: `views.charts.0.y.column`.
-    pub path: String,
-    /// What was found and what was expected.
-    pub message: String,
-}
-
 /// What views can name: that of the plans on all data sets together.
 pub struct Known<'a> {
+    text: &'a str,
     plans: &'a [Plan],
     measured: Vec<String>,
     settings: Vec<Setting>,
@@ -31,33 +23,36 @@ pub struct Known<'a> {
 }
 
 impl<'a> Known<'a> {
-    /// Of the plans on all data sets.
+    /// Of the plans on all data sets; `text` is the study's file.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.
-    pub fn of(plans: &'a [Plan], measures: &Measures) -> Result<Self> {
+    pub fn of(text: &'a str, plans: &'a [Plan], measures: &Measures) -> Result<Self> {
         let (mut measured, mut known) = (Vec::new(), Vec::<Setting>::new());
+        let of_measures = measures.columns();
         for plan in plans {
             let columns = plan.columns(measures)?;
-            let of_measures = measures.columns();
             for setting in settings(&columns, &of_measures, &[ENTRIES]) {
                 if !known.iter().any(|other| other.name == setting.name) {
                     known.push(setting);
                 }
             }
-            let is_new = |name: &String, measured: &[String]| {
-                of_measures.contains(&name.as_str()) && !measured.contains(name)
-            };
-            let new: Vec<String> = columns.into_iter().filter(|c| is_new(c, &measured)).collect();
-            measured.extend(new);
+            for column in columns {
+                if of_measures.contains(&column.as_str()) && !measured.contains(&column) {
+                    measured.push(column);
+                }
+            }
         }
         let entries = plans.iter().flat_map(Plan::entry_names).map(str::to_owned).collect();
-        Ok(Known { plans, measured, settings: known, entries })
+        Ok(Known { text, plans, measured, settings: known, entries })
     }
 
     /// Values of a setting in all trials, as text.
-    fn values(&self, setting: &Setting) -> Result<BTreeSet<String>> {
+    fn values(&self, setting: &str) -> Result<BTreeSet<String>> {
         let mut values = BTreeSet::new();
+        let Some(setting) = self.settings.iter().find(|known| known.name == setting) else {
+            return Ok(values);
+        };
         for trial in self.plans.iter().flat_map(|plan| &plan.trials) {
             let mut rows = vec![trial.map.cells()];
             if !setting.of_map {
@@ -69,106 +64,131 @@ impl<'a> Known<'a> {
         Ok(values)
     }
 
-    fn setting(&self, path: &str, name: &str) -> Result<&Setting, Mistake> {
-        self.settings.iter().find(|setting| setting.name == name).ok_or_else(|| {
-            let known = self.settings.iter().map(|setting| setting.name.as_str());
-            none(path, "setting", name, known)
-        })
+    /// What is wrong at a path: keys and places in lists, outermost first, joined by dots, such as
+    /// `views.charts.0.y.column`.
+    fn mistake(&self, path: &str, message: &str) -> Error {
+        anyhow!("line {}: {path}: {message}", line_of(self.text, path))
     }
 
-    fn measured(&self, path: &str, name: &str, also: &[&str]) -> Result<(), Mistake> {
-        let known = || self.measured.iter().map(String::as_str).chain(also.iter().copied());
-        if known().any(|known| known == name) {
+    fn one_of<'n>(
+        &self,
+        path: &str,
+        what: &str,
+        name: &str,
+        known: impl Iterator<Item = &'n str>,
+    ) -> Result<()> {
+        let known: Vec<&str> = known.collect();
+        if known.contains(&name) {
             return Ok(());
         }
-        Err(none(path, "measured column", name, known()))
+        let expected = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        let message = format!("there is no {what} {name:?}, expected one of: {expected}");
+        Err(self.mistake(path, &message))
     }
 
-    fn either(&self, path: &str, name: &str, also: &[&str]) -> Result<(), Mistake> {
-        if self.setting(path, name).is_ok() {
-            return Ok(());
-        }
-        let settings = self.settings.iter().map(|setting| setting.name.as_str());
-        let also: Vec<&str> = also.iter().copied().chain(settings).collect();
-        self.measured(path, name, &also)
+    fn setting(&self, path: &str, name: &str) -> Result<()> {
+        self.one_of(path, "setting", name, self.settings.iter().map(|setting| &*setting.name))
     }
 
-    fn entry(&self, path: &str, name: &str) -> Result<(), Mistake> {
-        if self.entries.contains(name) {
-            return Ok(());
-        }
-        Err(none(
-            path,
-            "entry of [[trials]] with the name",
-            name,
-            self.entries.iter().map(|e| &**e),
-        ))
+    fn measured(&self, path: &str, name: &str, also: &[&str]) -> Result<()> {
+        let known = self.measured.iter().map(String::as_str).chain(also.iter().copied());
+        self.one_of(path, "measured column", name, known)
     }
-}
 
-fn none<'n>(path: &str, what: &str, name: &str, known: impl Iterator<Item = &'n str>) -> Mistake {
-    let known: Vec<&str> = known.collect();
-    let expected = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-    mistake(path, format!("there is no {what} {name:?}, expected one of: {expected}"))
-}
+    fn either(&self, path: &str, name: &str, also: &[&str]) -> Result<()> {
+        let settings = self.settings.iter().map(|setting| &*setting.name);
+        self.measured(path, name, &also.iter().copied().chain(settings).collect::<Vec<_>>())
+    }
 
-fn mistake(path: &str, message: impl Into<String>) -> Mistake {
-    Mistake { path: path.to_owned(), message: message.into() }
+    fn entries(&self, path: &str, names: &[String]) -> Result<()> {
+        let known = || self.entries.iter().map(String::as_str);
+        let what = "entry of [[trials]] with the name";
+        names.iter().try_for_each(|name| self.one_of(path, what, name, known()))
+    }
 }
 
 /// Checks that columns, values and entries of `[[trials]]` that views name exist, and that names of files
 /// are some.
 ///
 /// # Errors
-/// When a recipe cannot be written as JSON. The inner result is the first mistake.
-pub fn check(views: &Views, known: &Known<'_>) -> Result<Result<(), Mistake>> {
-    let checked = check_columns(views, known);
-    if checked.is_err() {
-        return Ok(checked);
+/// The first mistake, with its line; or when a recipe cannot be written as JSON.
+pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
+    for (key, columns) in [("columns", &views.summary.columns), ("kept", &views.summary.kept)] {
+        let path = format!("views.summary.{key}");
+        columns.iter().try_for_each(|name| known.measured(&path, name, &[]))?;
     }
-    // Values last: they take all trials.
+    for (place, factor) in views.factors.iter().enumerate() {
+        let path = |key: &str| format!("views.factors.{place}.{key}");
+        known.measured(&path("x"), &factor.x, &[])?;
+        known.measured(&path("y"), &factor.y, &[])?;
+        let maps = known.values("map")?;
+        known.one_of(&path("than"), "map", &factor.than, maps.iter().map(String::as_str))?;
+        let name = &factor.name;
+        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        if name.is_empty() || !name.chars().all(is_word) || known.either("", name, &[]).is_ok() {
+            let message = format!("{name:?}, expected a new name of letters, digits and _");
+            return Err(known.mistake(&path("name"), &message));
+        }
+    }
+    let factors: Vec<&str> = views.factors.iter().map(|factor| factor.name.as_str()).collect();
     for (place, test) in views.tests.iter().enumerate() {
-        let Some(setting) = known.settings.iter().find(|setting| setting.name == test.column)
-        else {
-            continue;
-        };
-        if test.pairs.is_empty() {
-            continue;
-        }
-        let values = known.values(setting)?;
-        if let Some(value) = test.pairs.iter().flatten().find(|value| !values.contains(*value)) {
-            let path = format!("views.tests.{place}.pairs");
-            let known = values.iter().map(String::as_str);
-            return Ok(Err(none(
-                &path,
-                &format!("value of {} that is", test.column),
-                value,
-                known,
-            )));
-        }
-    }
-    if let Some(map) = known.settings.iter().find(|setting| setting.name == "map")
-        && !views.factors.is_empty()
-    {
-        let maps = known.values(map)?;
-        for (place, factor) in views.factors.iter().enumerate() {
-            if !maps.contains(&factor.than) {
-                let path = format!("views.factors.{place}.than");
-                let known = maps.iter().map(String::as_str);
-                return Ok(Err(none(&path, "map", &factor.than, known)));
+        let path = |key: &str| format!("views.tests.{place}.{key}");
+        known.entries(&path("of"), &test.of)?;
+        known.measured(&path("y"), &test.y, &[])?;
+        known.setting(&path("column"), &test.column)?;
+        if !test.pairs.is_empty() {
+            let (values, what) =
+                (known.values(&test.column)?, format!("value of {} that is", test.column));
+            for value in test.pairs.iter().flatten() {
+                let values = values.iter().map(String::as_str);
+                known.one_of(&path("pairs"), &what, value, values)?;
             }
         }
     }
-    if !views.regions.is_empty() {
-        let tables = known.plans.iter().map(Plan::recipes).collect::<Result<Vec<Table>>>()?;
-        for (place, region) in views.regions.iter().enumerate() {
-            let checked = tables.iter().try_for_each(|table| check_trials(region, table, known));
-            if let Err(message) = checked {
-                return Ok(Err(mistake(&format!("views.regions.{place}.of"), message)));
+    let mut files = BTreeSet::new();
+    let mut file = |path: &str, name: &str, shown: &str| {
+        if !is_plain_name(shown) {
+            return Err(known.mistake(path, &format!("{name:?} is no name of a file")));
+        }
+        match files.insert(name.to_owned()) {
+            true => Ok(()),
+            false => Err(known.mistake(path, &format!("{name:?} is used twice"))),
+        }
+    };
+    for (place, chart) in views.charts.iter().enumerate() {
+        let path = |key: &str| format!("views.charts.{place}.{key}");
+        let (columns, shown) = placeholders(&chart.name);
+        columns.iter().try_for_each(|name| known.setting(&path("name"), name))?;
+        file(&path("name"), &chart.name, &shown)?;
+        check_chart(chart, &path, &factors, known)?;
+    }
+    for (place, region) in views.regions.iter().enumerate() {
+        let path = |key: &str| format!("views.regions.{place}.{key}");
+        file(&path("name"), &region.name, &region.name)?;
+        known.entries(&path("of"), std::slice::from_ref(&region.of))?;
+        for (key, name) in [("x", &region.x), ("y", &region.y)] {
+            known.setting(&path(key), name)?;
+            if name == "map" || name == "offset" || SIZE.contains(&name.as_str()) {
+                let message = format!("{name:?}, expected a setting that maps of all kinds have");
+                return Err(known.mistake(&path(key), &message));
             }
         }
+        if region.x == region.y {
+            return Err(known.mistake(&path("y"), "expected another setting than x"));
+        }
+        for plan in known.plans {
+            check_trials(region, &plan.recipes()?, known)
+                .map_err(|message| known.mistake(&path("of"), &message))?;
+        }
     }
-    Ok(Ok(()))
+    for (place, picture) in views.pictures.iter().enumerate() {
+        file(&format!("views.pictures.{place}.name"), &picture.name, &picture.name)?;
+    }
+    if let Some(ranking) = &views.ranking {
+        known.measured("views.ranking.y", &ranking.y, &[])?;
+        known.entries("views.ranking.of", &ranking.of)?;
+    }
+    Ok(())
 }
 
 /// Whether the statements can be decided from the trials that a region is of: there are runs on all kinds
@@ -214,114 +234,42 @@ fn check_trials(region: &Region, table: &Table, known: &Known<'_>) -> Result<(),
     Ok(())
 }
 
-fn check_columns(views: &Views, known: &Known<'_>) -> Result<(), Mistake> {
-    for (key, columns) in [("columns", &views.summary.columns), ("kept", &views.summary.kept)] {
-        let path = format!("views.summary.{key}");
-        columns.iter().try_for_each(|name| known.measured(&path, name, &[]))?;
-    }
-    for (place, factor) in views.factors.iter().enumerate() {
-        let path = |key: &str| format!("views.factors.{place}.{key}");
-        known.measured(&path("x"), &factor.x, &[])?;
-        known.measured(&path("y"), &factor.y, &[])?;
-        let name = &factor.name;
-        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
-        if name.is_empty() || !name.chars().all(is_word) || known.either("", name, &[]).is_ok() {
-            let message = format!("{name:?}, expected a new name of letters, digits and _");
-            return Err(mistake(&path("name"), message));
-        }
-    }
-    let factors: Vec<&str> = views.factors.iter().map(|factor| factor.name.as_str()).collect();
-    for (place, test) in views.tests.iter().enumerate() {
-        let path = |key: &str| format!("views.tests.{place}.{key}");
-        test.of.iter().try_for_each(|name| known.entry(&path("of"), name))?;
-        known.measured(&path("y"), &test.y, &[])?;
-        known.setting(&path("column"), &test.column)?;
-    }
-    let mut files: BTreeSet<&str> = BTreeSet::new();
-    let file = |path: &str, name: &str, shown: &str| -> Result<(), Mistake> {
-        if !is_plain_name(shown) {
-            return Err(mistake(path, format!("{name:?} is no name of a file")));
-        }
-        Ok(())
-    };
-    for (place, chart) in views.charts.iter().enumerate() {
-        let path = |key: &str| format!("views.charts.{place}.{key}");
-        let (columns, shown) = placeholders(&chart.name);
-        columns.iter().try_for_each(|name| known.setting(&path("name"), name).map(drop))?;
-        file(&path("name"), &chart.name, &shown)?;
-        check_chart(chart, &path, &factors, known)?;
-        if !files.insert(&chart.name) {
-            return Err(mistake(&path("name"), format!("{:?} is used twice", chart.name)));
-        }
-    }
-    for (place, region) in views.regions.iter().enumerate() {
-        let path = |key: &str| format!("views.regions.{place}.{key}");
-        known.entry(&path("of"), &region.of)?;
-        for (key, name) in [("x", &region.x), ("y", &region.y)] {
-            known.setting(&path(key), name)?;
-            if name == "map" || name == "offset" || SIZE.contains(&name.as_str()) {
-                let message = format!("{name:?}, expected a setting that maps of all kinds have");
-                return Err(mistake(&path(key), message));
-            }
-        }
-        if region.x == region.y {
-            return Err(mistake(&path("y"), "expected another setting than x"));
-        }
-    }
-    let regions = views.regions.iter().map(|region| ("regions", &region.name));
-    let pictures = views.pictures.iter().map(|picture| ("pictures", &picture.name));
-    for (place, (key, name)) in regions.enumerate().chain(pictures.enumerate()) {
-        let path = format!("views.{key}.{place}.name");
-        file(&path, name, name)?;
-        if !files.insert(name) {
-            return Err(mistake(&path, format!("{name:?} is used twice")));
-        }
-    }
-    if let Some(ranking) = &views.ranking {
-        known.measured("views.ranking.y", &ranking.y, &[])?;
-        ranking.of.iter().try_for_each(|name| known.entry("views.ranking.of", name))?;
-    }
-    Ok(())
-}
-
 fn check_chart(
     chart: &Chart,
     path: &impl Fn(&str) -> String,
     factors: &[&str],
     known: &Known<'_>,
-) -> Result<(), Mistake> {
-    chart.of.iter().try_for_each(|name| known.entry(&path("of"), name))?;
+) -> Result<()> {
+    known.entries(&path("of"), &chart.of)?;
+    for (key, axis) in [("x.column", chart.x.as_ref()), ("y.column", Some(&chart.y))] {
+        if axis.is_some_and(|axis| axis.column.is_empty()) {
+            let message = "there is no column, expected at least one";
+            return Err(known.mistake(&path(key), message));
+        }
+    }
     if let Some(x) = &chart.x {
         x.column.iter().try_for_each(|name| known.either(&path("x.column"), name, factors))?;
         if x.relative.is_some() {
-            return Err(mistake(&path("x.relative"), "expected it of y only"));
+            return Err(known.mistake(&path("x.relative"), "expected it of y only"));
+        }
+        match (chart.kind, &x.column[..]) {
+            (ChartKind::Curves, _) => {}
+            (ChartKind::Heat, [one]) => known.setting(&path("x.column"), one)?,
+            (ChartKind::Heat, _) => {
+                return Err(known.mistake(&path("x.column"), "expected one column of cells"));
+            }
         }
     }
     chart.y.column.iter().try_for_each(|name| known.measured(&path("y.column"), name, factors))?;
-    let axes = [("x.column", chart.x.as_ref()), ("y.column", Some(&chart.y))];
-    for (key, axis) in axes {
-        if axis.is_some_and(|axis| axis.column.is_empty()) {
-            return Err(mistake(&path(key), "there is no column, expected at least one"));
-        }
-    }
-    if chart.kind == ChartKind::Heat
-        && let Some(x) = &chart.x
-    {
-        match &x.column[..] {
-            [one] => known.setting(&path("x.column"), one)?,
-            _ => return Err(mistake(&path("x.column"), "expected one column of cells")),
-        };
-    }
-    for (key, names) in
-        [("curves", chart.curves.as_deref().unwrap_or_default()), ("panels", &chart.panels)]
-    {
-        names.iter().try_for_each(|name| known.setting(&path(key), name).map(drop))?;
+    let curves = chart.curves.iter().flatten().map(|name| ("curves", name));
+    for (key, name) in curves.chain(chart.panels.iter().map(|name| ("panels", name))) {
+        known.setting(&path(key), name)?;
     }
     chart.marks.iter().try_for_each(|name| known.either(&path("marks"), name, &[]))?;
     for (place, part) in chart.parts.iter().enumerate() {
         if part.sizes.is_some_and(|[low, high]| low.partial_cmp(&high) != Some(Ordering::Less)) {
             let path = path(&format!("parts.{place}.sizes"));
-            return Err(mistake(&path, "expected two sizes (%), the smaller first"));
+            return Err(known.mistake(&path, "expected two sizes (%), the smaller first"));
         }
     }
     Ok(())
@@ -367,6 +315,11 @@ pub fn line_of(text: &str, path: &str) -> usize {
         }
         at = value.into_inner();
     }
+    line_at(text, offset)
+}
+
+/// The line of a byte of a text.
+pub fn line_at(text: &str, offset: usize) -> usize {
     1 + text.bytes().take(offset).filter(|&byte| byte == b'\n').count()
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use mcl_core::files::open;
 use mcl_datasets::registry::is_plain_name;
 use mcl_maps::Refinement;
@@ -17,7 +17,7 @@ use crate::measure::Measures;
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
-use crate::study::check::{Known, Mistake, check, line_of};
+use crate::study::check::{Known, check, line_at, line_of};
 use crate::study::factors::{Draft, is_factor, is_list};
 use crate::study::plan::Plan;
 use crate::study::views::Views;
@@ -84,14 +84,13 @@ struct Entry {
 #[serde(deny_unknown_fields)]
 struct File {
     seed: u64,
-    #[serde(default)]
     measures: Option<Spanned<Vec<String>>>,
     #[serde(default)]
-    base: BTreeMap<String, Spanned<toml::Value>>,
+    base: Keys,
     #[serde(default)]
     refinement: BTreeMap<String, Refinement>,
     #[serde(default)]
-    trials: Vec<BTreeMap<String, Spanned<toml::Value>>>,
+    trials: Vec<Keys>,
     #[serde(default)]
     views: Views,
     #[serde(default, rename = "dataset")]
@@ -102,14 +101,12 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct DatasetFile {
     name: String,
-    #[serde(default)]
     scans: Option<usize>,
-    #[serde(default)]
     hide_above: Option<f64>,
     #[serde(default)]
-    base: BTreeMap<String, Spanned<toml::Value>>,
+    base: Keys,
     #[serde(default)]
-    trials: Vec<BTreeMap<String, Spanned<toml::Value>>>,
+    trials: Vec<Keys>,
 }
 
 impl Study {
@@ -142,15 +139,10 @@ impl Study {
     fn checked(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text).map_err(|error| toml_error(text, &error))?;
         let source = Source(text);
-        let measures = match &file.measures {
-            None => Measures::of(&[]),
-            Some(names) => Measures::of(names.get_ref()),
-        };
-        let measures = measures.map_err(|name| {
-            let line = file.measures.as_ref().map_or(1, |names| source.line(names.span().start));
-            let known = Measures::known().join(", ");
-            anyhow::anyhow!("line {line}: measures: {name:?} is unknown, expected {known}")
-        })?;
+        let names = file.measures.as_ref();
+        let measures = Measures::of(names.map_or(&[], |names| names.get_ref()));
+        let start = names.map_or(0, |names| names.span().start);
+        let measures = measures.map_err(|message| source.mistake(start, "measures", &message))?;
         let named: Vec<(String, Refinement)> = file.refinement.into_iter().collect();
         let mut datasets: Vec<ListedDataset> = Vec::new();
         for dataset in file.datasets {
@@ -239,7 +231,7 @@ impl Study {
             self.combine(draft, &factors, &mut |draft| {
                 let finished = draft.finish();
                 let (map, run) = finished
-                    .map_err(|message| anyhow::anyhow!("line {}: trials: {message}", entry.line))?;
+                    .map_err(|message| anyhow!("line {}: trials: {message}", entry.line))?;
                 entry.add(map, &run, &mut plan)
             })?;
         }
@@ -248,7 +240,7 @@ impl Study {
 
     /// The recipe of a data set with the values of `[base]`.
     fn draft(&self, dataset: &str) -> Result<Draft> {
-        let mut draft = Draft::new(dataset, self.seed).map_err(anyhow::Error::msg)?;
+        let mut draft = Draft::new(dataset, self.seed).map_err(Error::msg)?;
         let own = self.listed(dataset).map(|listed| &listed.base);
         for (key, (values, line)) in self.base.iter().chain(own.into_iter().flatten()) {
             for value in values {
@@ -261,7 +253,7 @@ impl Study {
     fn set(&self, draft: &mut Draft, key: &str, value: &Json, line: usize) -> Result<()> {
         draft
             .set(key, value, &self.named)
-            .map_err(|message| anyhow::anyhow!("line {line}: {key}: {message}"))
+            .map_err(|message| anyhow!("line {line}: {key}: {message}"))
     }
 
     /// Every combination of values of the factors.
@@ -290,9 +282,9 @@ impl Study {
         let mut draft = self.draft(dataset)?;
         for (key, value) in map {
             let value = serde_json::to_value(value)?;
-            draft.set(key, &value, &self.named).map_err(|m| anyhow::anyhow!("{key}: {m}"))?;
+            draft.set(key, &value, &self.named).map_err(|m| anyhow!("{key}: {m}"))?;
         }
-        let (mut map, recipe) = draft.finish().map_err(anyhow::Error::msg)?;
+        let (mut map, recipe) = draft.finish().map_err(Error::msg)?;
         let runs = run.map(|run| RunRecipe { run, ..recipe });
         if runs.is_some() {
             map.split.get_or_insert(Split::Same);
@@ -301,18 +293,14 @@ impl Study {
     }
 
     fn check_views(&self, datasets: &[&str], plans: &[Plan]) -> Result<()> {
-        let at = |path: &str| format!("line {}: {path}", line_of(&self.text, path));
-        let known = Known::of(plans, &self.measures)?;
-        if let Err(Mistake { path, message }) = check(&self.views, &known)? {
-            bail!("{}: {message}", at(&path));
-        }
+        check(&self.views, &Known::of(&self.text, plans, &self.measures)?)?;
         for (place, picture) in self.views.pictures.iter().enumerate() {
             for (map, factors) in picture.maps.iter().enumerate() {
                 let path = format!("views.pictures.{place}.maps.{map}");
                 datasets
                     .iter()
                     .try_for_each(|dataset| self.pictured(dataset, factors, picture.run).map(drop))
-                    .with_context(|| at(&path))?;
+                    .with_context(|| format!("line {}: {path}", line_of(&self.text, &path)))?;
             }
         }
         Ok(())
@@ -348,13 +336,20 @@ impl Entry {
 /// The text of a file, to say where in it something stands.
 struct Source<'a>(&'a str);
 
+/// Keys as they stand in a file.
+type Keys = BTreeMap<String, Spanned<toml::Value>>;
+
 impl Source<'_> {
     fn line(&self, offset: usize) -> usize {
-        1 + self.0.bytes().take(offset).filter(|&byte| byte == b'\n').count()
+        line_at(self.0, offset)
+    }
+
+    fn mistake(&self, offset: usize, key: &str, message: &str) -> Error {
+        anyhow!("line {}: {key}: {message}", self.line(offset))
     }
 
     /// Values of factors, one each.
-    fn base(&self, table: BTreeMap<String, Spanned<toml::Value>>) -> Result<Factors> {
+    fn base(&self, table: Keys) -> Result<Factors> {
         let factors = self.factors(table, "base")?;
         for (key, (values, line)) in &factors {
             if values.len() > 1 {
@@ -367,79 +362,68 @@ impl Source<'_> {
         Ok(factors)
     }
 
-    fn factors(
-        &self,
-        table: BTreeMap<String, Spanned<toml::Value>>,
-        place: &str,
-    ) -> Result<Factors> {
+    fn factors(&self, table: Keys, place: &str) -> Result<Factors> {
         let mut factors = Factors::new();
         for (key, value) in table {
-            let line = self.line(value.span().start);
-            if !is_factor(&key) {
-                // The message says what there is.
-                let mut draft = Draft::new("", 0).map_err(anyhow::Error::msg)?;
-                if let Err(message) = draft.set(&key, &Json::Null, &[]) {
-                    bail!("line {line}: {place}.{key}: {message}");
-                }
-            }
-            let values = listed(&key, value.into_inner())
-                .map_err(|message| anyhow::anyhow!("line {line}: {place}.{key}: {message}"))?;
-            factors.insert(key, (values, line));
+            let start = value.span().start;
+            let values = match is_factor(&key) {
+                true => listed(&key, value.into_inner()),
+                // Setting it says what there is.
+                false => Draft::new("", 0)
+                    .and_then(|mut draft| draft.set(&key, &Json::Null, &[]))
+                    .map(|()| Vec::new()),
+            };
+            let values = values
+                .map_err(|message| self.mistake(start, &format!("{place}.{key}"), &message))?;
+            factors.insert(key, (values, self.line(start)));
         }
         Ok(factors)
     }
 
-    fn entries(
+    /// What `read` makes of a key that is no factor, if it stands there.
+    fn own<T>(
         &self,
-        tables: Vec<BTreeMap<String, Spanned<toml::Value>>>,
-        place: &str,
-    ) -> Result<Vec<Entry>> {
+        table: &mut Keys,
+        key: [&str; 2],
+        expected: &str,
+        read: impl Fn(&toml::Value) -> Option<T>,
+    ) -> Result<Option<T>> {
+        let Some(value) = table.remove(key[1]) else { return Ok(None) };
+        let (found, line) = (value.get_ref(), self.line(value.span().start));
+        let message = || format!("line {line}: {} is {found}, expected {expected}", key.join("."));
+        read(found).map(Some).with_context(message)
+    }
+
+    fn entries(&self, tables: Vec<Keys>, place: &str) -> Result<Vec<Entry>> {
         let mut entries: Vec<Entry> = Vec::new();
         for mut table in tables {
             let starts = table.values().map(|value| value.span().start);
             let line = self.line(starts.min().unwrap_or(0));
-            let mut count = |key: &str, least: u32, default: u32| -> Result<u32> {
-                let Some(value) = table.remove(key) else { return Ok(default) };
-                let line = self.line(value.span().start);
-                let number = value.get_ref().as_integer().and_then(|n| u32::try_from(n).ok());
-                match number {
-                    Some(number) if number >= least && (number as usize) <= MAX_ROWS => Ok(number),
-                    _ => bail!(
-                        "line {line}: {place}.{key} is {}, expected a whole number from {least} to {MAX_ROWS}",
-                        value.get_ref()
-                    ),
-                }
+            let mut count = |key: &str, least: usize| {
+                let expected = format!("a whole number from {least} to {MAX_ROWS}");
+                self.own(&mut table, [place, key], &expected, |value| {
+                    let number = usize::try_from(value.as_integer()?).ok()?;
+                    (least..=MAX_ROWS).contains(&number).then_some(number as u32)
+                })
             };
-            let (draws, runs) = (count("draws", 1, 1)?, count("runs", 0, 0)?);
-            let name = match table.remove("name") {
-                None => None,
-                Some(name) => {
-                    let line = self.line(name.span().start);
-                    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '-';
-                    match name.get_ref().as_str() {
-                        Some(name) if !name.is_empty() && name.chars().all(is_word) => {
-                            Some(name.to_owned())
-                        }
-                        _ => bail!(
-                            "line {line}: {place}.name is {}, expected letters, digits and hyphens in quotes",
-                            name.get_ref()
-                        ),
-                    }
-                }
-            };
-            if name.is_some() && entries.iter().any(|entry| entry.name == name) {
-                bail!("line {line}: {place}: the name {} is used twice", name.unwrap_or_default());
+            let (draws, runs) = (count("draws", 1)?.unwrap_or(1), count("runs", 0)?.unwrap_or(0));
+            let expected = "letters, digits and hyphens in quotes";
+            let name = self.own(&mut table, [place, "name"], expected, |value| {
+                let is_word = |c: char| c.is_ascii_alphanumeric() || c == '-';
+                let name = value.as_str().filter(|name| !name.is_empty())?;
+                name.chars().all(is_word).then(|| name.to_owned())
+            })?;
+            if let Some(name) = &name
+                && entries.iter().any(|entry| entry.name.as_ref() == Some(name))
+            {
+                bail!("line {line}: {place}: the name {name} is used twice");
             }
-            let datasets = match table.remove("datasets") {
-                None => Vec::new(),
-                Some(datasets) => {
-                    let line = self.line(datasets.span().start);
-                    datasets.into_inner().try_into().map_err(|_| {
-                        anyhow::anyhow!("line {line}: {place}.datasets: expected a list of names")
-                    })?
-                }
-            };
+            let datasets =
+                self.own(&mut table, [place, "datasets"], "a list of names", |value| {
+                    value.clone().try_into().ok()
+                })?;
             let factors = self.factors(table, place)?;
+            let datasets = datasets.unwrap_or_default();
             entries.push(Entry { name, datasets, draws, runs, factors, line });
         }
         Ok(entries)
@@ -482,20 +466,20 @@ fn steps(range: &serde_json::Map<String, Json>) -> Result<Vec<Json>, String> {
 }
 
 /// Words of a file may be as long as the file; messages that repeat them are not.
-fn short(error: anyhow::Error) -> anyhow::Error {
+fn short(error: Error) -> Error {
     let message = format!("{error:#}");
     match message.char_indices().nth(LONGEST_MESSAGE) {
-        Some((end, _)) => anyhow::anyhow!("{} …", &message[..end]),
+        Some((end, _)) => anyhow!("{} …", &message[..end]),
         None => error,
     }
 }
 
 /// A TOML error with its line, without the line's text, which may be long.
-fn toml_error(text: &str, error: &toml::de::Error) -> anyhow::Error {
+fn toml_error(text: &str, error: &toml::de::Error) -> Error {
     let message = error.message();
     match error.span() {
-        Some(span) => anyhow::anyhow!("line {}: {message}", Source(text).line(span.start)),
-        None => anyhow::anyhow!("{message}"),
+        Some(span) => anyhow!("line {}: {message}", Source(text).line(span.start)),
+        None => anyhow!("{message}"),
     }
 }
 
@@ -576,19 +560,6 @@ name = "b"
         }
     }
 
-    #[test]
-    fn views_name_what_is_there() {
-        let chart = "[[views.charts]]\nname = \"c\"\nx = { column = \"size_percent\" }\ny = { column = \"log_likelihod\" }\n";
-        let message = match Study::parse(&format!("{SMALL}{chart}")) {
-            Ok(_) => panic!("accepted"),
-            Err(error) => format!("{error:#}"),
-        };
-        assert!(
-            message.contains("log_likelihod") && message.contains("log_likelihood"),
-            "{message}"
-        );
-    }
-
     /// Every name that a view can get wrong is told with its line, and what there is instead.
     #[test]
     fn mistakes_in_views_are_named_with_their_line() {
@@ -634,6 +605,7 @@ y = "weighted"
             ("kept = [\"weighted\"]", "kept = [\"wheighted\"]", 4, "views.summary.kept"),
             ("name = \"factor\"", "name = \"map_points\"", 6, "views.factors.0.name"),
             ("x = \"map_points\"", "x = \"points\"", 7, "\"points\", expected"),
+            ("hood\"\nthan", "hod\"\nthan", 8, "\"log_likelihod\", expected one of: "),
             ("than = \"gbs\"", "than = \"gbs+best\"", 9, "no map \"gbs+best\""),
             ("\"gbs\"]]", "\"rdn\"]]", 12, "\"rdn\", expected one of: all, gbs"),
             ("of = \"filters\"\ny", "of = \"filter\"\ny", 14, "views.tests.1.of"),
@@ -658,22 +630,5 @@ y = "weighted"
             let line = format!("line {}: views.", lines + line);
             assert!(message.starts_with(&line) && message.contains(named), "{wrong}: {message}");
         }
-    }
-
-    /// What comes with the program can be read, whatever data set is at hand.
-    #[test]
-    fn the_experiments_are_studies() {
-        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../experiments");
-        let mut read = 0;
-        for folder in [root.to_owned(), format!("{root}/examples")] {
-            for entry in std::fs::read_dir(folder).unwrap() {
-                let path = entry.unwrap().path();
-                if path.extension().is_some_and(|ending| ending == "toml") {
-                    Study::read(&path).unwrap();
-                    read += 1;
-                }
-            }
-        }
-        assert!(read >= 13, "{read}");
     }
 }

@@ -110,13 +110,11 @@ pub struct Chart {
     pub kind: ChartKind,
     /// The horizontal axis; several columns make a curve each. Without it, the setting with the most
     /// values, numbers first.
-    #[serde(default)]
     pub x: Option<Axis>,
     /// The vertical axis, or the colour; several columns make a panel each.
     pub y: Axis,
     /// Columns whose values make a curve, or a row of cells; `map` where they are not given, or without `x`
     /// the setting with the next most values.
-    #[serde(default)]
     pub curves: Option<Vec<String>>,
     /// Columns whose values make a panel.
     #[serde(default)]
@@ -126,7 +124,6 @@ pub struct Chart {
     pub parts: Vec<Part>,
     /// What makes open symbols: of a column of yes or no, points where some runs say yes, with their
     /// number; of a setting (`size_by`), points that have one, with its value.
-    #[serde(default)]
     pub marks: Option<String>,
     /// What stands beneath, before what is known of data, blocks and settings.
     #[serde(default)]
@@ -152,13 +149,11 @@ pub struct Axis {
     #[serde(deserialize_with = "one_or_many")]
     pub column: Vec<String>,
     /// What it shows, with its unit; where it is not given, what is known of the column.
-    #[serde(default)]
     pub label: Option<String>,
     /// How values are laid out; without `x` and for `places`, as its values need it.
     #[serde(default)]
     pub scale: Scale,
     /// What values are seen against; they have no interval then.
-    #[serde(default)]
     pub relative: Option<Relative>,
 }
 
@@ -250,7 +245,6 @@ pub struct Picture {
     /// The maps, a panel each: factors as in `[base]`, one value each.
     pub maps: Vec<toml::Table>,
     /// Number of a run on each map whose path is shown, and its error over time in a chart of its own.
-    #[serde(default)]
     pub run: Option<u32>,
     /// What stands beneath, before what is known of the data.
     #[serde(default)]

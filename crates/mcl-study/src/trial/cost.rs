@@ -27,14 +27,9 @@ const INITIAL: f64 = 1e-6;
 const FIELD: f64 = 3e-6;
 
 impl Costs {
-    /// On data of so many points, without measurements.
-    pub fn built_in(points: usize) -> Self {
-        Costs { points: points as f64, measured: HashMap::new() }
-    }
-
     /// On data of so many points, scaled by what trials of a study took that are done.
     pub fn measured(points: usize, trials: &[Trial], parts: &Parts) -> Self {
-        let costs = Costs::built_in(points);
+        let costs = Costs { points: points as f64, measured: HashMap::new() };
         let of_names: HashMap<String, &Trial> =
             trials.iter().map(|trial| (trial.to_string(), trial)).collect();
         let mut sums: HashMap<String, [f64; 2]> = HashMap::new();

@@ -79,7 +79,10 @@ impl StudyData {
         StudyData { source, divisions: Mutex::default() }
     }
 
-    /// Largest reading that counts (m), where there is a limit.
+    /// The log.
+    ///
+    /// # Errors
+    /// When it is a point cloud.
     pub fn log(&self) -> Result<&LogSource> {
         self.source.log()
     }
@@ -104,14 +107,12 @@ impl StudyData {
             DataSource::Log(log) => {
                 let scans = divide(&log.recording, split, fold.unwrap_or(0))?;
                 let is_whole = scans.building.len() == log.recording.scans.len();
-                let building = match is_whole {
+                let (building, held_out) = match is_whole {
                     // Says more of what is wrong with a log that has no points at all.
-                    true => PointSet::new(log.points()?)?,
-                    false => points_of(log, &scans.building)?,
-                };
-                let held_out = match is_whole {
-                    true => None,
-                    false => Some(points_of(log, &scans.rating)?),
+                    true => (PointSet::new(log.points()?)?, None),
+                    false => {
+                        (points_of(log, &scans.building)?, Some(points_of(log, &scans.rating)?))
+                    }
                 };
                 let division = Division { building, held_out, scans, reference: OnceLock::new() };
                 return Ok(AnyDivision::Planar(Arc::new(division)));

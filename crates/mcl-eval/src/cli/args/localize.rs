@@ -19,9 +19,12 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
         row("--particles", |s| s.particles.to_string()),
         row("--beams", |s| s.beams.to_string()),
         row("--sigma-hit", |s| s.sigma_hit.to_string()),
-        row("--z-rand", |s| s.z_rand.to_string()),
-        row("--beam-floor", |s| s.beam_floor.to_string()),
-        row("  least/largest of a beam", |s| format!("{:.2}", s.relative_floor())),
+        row("--z-rand", |s| match s.beam_floor {
+            None => s.z_rand.to_string(),
+            Some(_) => "by the floor".into(),
+        }),
+        row("--beam-floor", |s| s.beam_floor.map_or("by z-rand".into(), |f| f.to_string())),
+        row("  (least of largest)", |s| format!("{:.2}", s.relative_floor())),
         row("--outlier-fraction", |s| s.outlier_fraction.to_string()),
         row("--max-distance", |s| s.max_distance.to_string()),
         row("--alpha", |s| s.alpha.map(|a| a.to_string()).join(",")),
@@ -77,12 +80,12 @@ pub struct LocalizeArgs {
     #[arg(long, value_name = "M")]
     pub sigma_hit: Option<f64>,
     /// Probability of a random measurement (table 6.3).
-    #[arg(long, value_name = "P")]
+    #[arg(long, value_name = "P", conflicts_with = "beam_floor")]
     pub z_rand: Option<f64>,
-    /// Least likelihood of a beam as a fraction of the largest (CARMEN).
+    /// The same said as CARMEN says it: least likelihood of a beam as a fraction of the largest.
     #[arg(long, value_name = "F")]
     pub beam_floor: Option<f64>,
-    /// Leave out beams that are at the floor for more than this share of the particles (CARMEN).
+    /// Leave out beams that end more than 3·σ_hit off the map for more than this share of the particles.
     #[arg(long, value_name = "F")]
     pub outlier_fraction: Option<f64>,
     /// Distances to the map are cut at this many metres.

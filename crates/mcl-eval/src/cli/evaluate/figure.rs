@@ -7,8 +7,7 @@ use mcl_core::Stamp;
 
 use super::Evaluated;
 use mcl_figures::{
-    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Dash, Interval, Scale,
-    draw_curve_file,
+    AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, Dash, draw_curve_file,
 };
 
 /// Draws translation and heading errors of all estimates over the time since the first pose.
@@ -17,13 +16,13 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
     let first = stamps.min().copied().unwrap_or(Stamp::from_nanoseconds(0));
     let panel = |label: &str, values: fn(&Evaluated) -> Vec<f64>| CurvePanel {
         title: String::new(),
-        x: axis("time since the first pose [s]"),
-        y: axis(label),
+        x: AxisSpec::linear("time since the first pose [s]"),
+        y: AxisSpec::linear(label),
         curves: estimates
             .iter()
             .enumerate()
             .map(|(index, estimate)| Curve {
-                label: estimate.row.label(),
+                label: estimate.row.of.label(),
                 style: style(index),
                 points: points(&estimate.stamps, first, &values(estimate)),
             })
@@ -36,17 +35,12 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
                 estimate.samples.heading.iter().map(|angle| angle.to_degrees()).collect()
             }),
         ],
-        interval: Interval::Bars,
         caption: vec![format!(
             "Error against {reference} of poses matched by stamp. The first pose is at {first} s."
         )],
     };
     draw_curve_file(path, &figure)?;
     Ok(())
-}
-
-fn axis(label: &str) -> AxisSpec {
-    AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None }
 }
 
 /// Colours first, then dashes.
@@ -57,17 +51,9 @@ fn style(index: usize) -> CurveStyle {
 
 /// In order of time, which is not always that of the log.
 fn points(stamps: &[Stamp], first: Stamp, values: &[f64]) -> Vec<CurvePoint> {
-    let mut points: Vec<CurvePoint> = stamps
-        .iter()
-        .zip(values)
-        .map(|(stamp, &mean)| CurvePoint {
-            x: stamp.seconds_since(first),
-            mean,
-            low: f64::NAN,
-            high: f64::NAN,
-            mark: None,
-        })
-        .collect();
+    let places = stamps.iter().map(|stamp| stamp.seconds_since(first));
+    let mut points: Vec<CurvePoint> =
+        places.zip(values).map(|(x, &mean)| CurvePoint::bare(x, mean)).collect();
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
     points
 }

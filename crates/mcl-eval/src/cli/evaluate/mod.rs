@@ -18,7 +18,7 @@ use super::errors::{ErrorFigures, ErrorSamples, Figures};
 use super::output::{input_files, prepare, print, write_rows};
 use crate::progress::tell;
 use mcl_figures::check_figure_ending;
-use trajectory::Source;
+use trajectory::{Named, Source};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
@@ -27,9 +27,8 @@ struct Evaluation<'a> {
 
 #[derive(Serialize)]
 struct Row {
-    file: String,
-    /// Topic of a bag; null for other files.
-    topic: Option<String>,
+    #[serde(flatten)]
+    of: Named,
     pairs: usize,
     /// Poses of either trajectory without a partner.
     unmatched: usize,
@@ -38,7 +37,8 @@ struct Row {
     #[serde(flatten)]
     errors: ErrorFigures,
     axes: Axes,
-    ate: AteFigures,
+    /// Of the distances between positions, in metres.
+    ate: Figures,
     rpe: Vec<RpeFigures>,
     /// The rigid motion of `--align`; null without.
     reference_from_estimate: Option<Pose2>,
@@ -62,15 +62,6 @@ struct AxisFigures {
     std: f64,
     rmse: f64,
     /// Largest magnitude.
-    max: f64,
-}
-
-/// Of the distances between positions, in metres.
-#[derive(Serialize)]
-struct AteFigures {
-    rmse: f64,
-    mean: f64,
-    median: f64,
     max: f64,
 }
 
@@ -122,13 +113,13 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
     let mut estimates = Vec::new();
     for source in &sources {
         let estimate = evaluate(&reference, source, &metric, args)
-            .with_context(|| format!("{} against {}", source.label(), reference.label()))?;
+            .with_context(|| format!("{} against {}", source.of.label(), reference.of.label()))?;
         let row = &estimate.row;
         if row.unmatched > 0 {
             tell!(
                 "warning: {}: {} of {} poses, and {} of the reference's {}, match none of the other \
                  within {} s: the errors are those of {} pairs",
-                source.label(),
+                source.of.label(),
                 row.unmatched_estimate,
                 source.trajectory.len(),
                 row.unmatched_reference,
@@ -141,13 +132,14 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
         estimates.push(estimate);
     }
     if let Some(path) = &args.errors {
-        let labels: Vec<String> = estimates.iter().map(|estimate| estimate.row.label()).collect();
+        let labels: Vec<String> =
+            estimates.iter().map(|estimate| estimate.row.of.label()).collect();
         let rows: Vec<ErrorRow<'_>> =
             estimates.iter().zip(&labels).flat_map(|(e, label)| e.rows(label)).collect();
-        write_rows(path, &rows).with_context(|| format!("cannot write {}", path.display()))?;
+        write_rows(path, &rows)?;
     }
     if let Some(path) = &args.plot {
-        figure::draw(path, &reference.label(), &estimates)?;
+        figure::draw(path, &reference.of.label(), &estimates)?;
     }
     let rows = estimates.iter().map(|estimate| &estimate.row).collect();
     print(args.json, &Evaluation { estimates: rows }, |found| text::text(&found.estimates))?;
@@ -175,11 +167,9 @@ fn evaluate(
     };
     let errors = pose_errors(reference.poses(), &aligned)?;
     let samples = ErrorSamples::of(reference.poses(), &aligned, metric)?;
-    let Summary { rmse, mean, median, max, .. } = Summary::of(&absolute.translation)?;
     let relative = |&distance: &f64| relative_errors(reference.poses(), estimate.poses(), distance);
     let row = Row {
-        file: source.file.clone(),
-        topic: source.topic.clone(),
+        of: source.of.clone(),
         pairs: matched.estimate.len(),
         unmatched: matched.unmatched_reference + matched.unmatched_estimate,
         unmatched_reference: matched.unmatched_reference,
@@ -192,7 +182,7 @@ fn evaluate(
             longitudinal: AxisFigures::of(&errors, |error| error.longitudinal)?,
             lateral: AxisFigures::of(&errors, |error| error.lateral)?,
         },
-        ate: AteFigures { rmse, mean, median, max },
+        ate: Figures::of(&absolute.translation)?,
         rpe: args.rpe_distances.iter().map(relative).collect::<Result<_, _>>()?,
         reference_from_estimate: (alignment != Alignment::None).then_some(motion),
     };
@@ -225,16 +215,6 @@ impl AxisFigures {
         let samples: Vec<f64> = errors.iter().map(axis).collect();
         let Summary { mean, std, rmse, min, max, .. } = Summary::of(&samples)?;
         Ok(AxisFigures { mean, std, rmse, max: max.abs().max(min.abs()) })
-    }
-}
-
-impl Row {
-    /// The file, and the topic of a bag.
-    fn label(&self) -> String {
-        match &self.topic {
-            Some(topic) => format!("{} {topic}", self.file),
-            None => self.file.clone(),
-        }
     }
 }
 

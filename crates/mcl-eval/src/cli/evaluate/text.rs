@@ -28,7 +28,7 @@ fn comparison(rows: &[&Row]) -> String {
     lines[0].extend(rows[0].rpe.iter().map(|rpe| format!("RPE {} m", rpe.distance_m)));
     for row in rows {
         let mut line = vec![
-            row.label(),
+            row.of.label(),
             thousands(row.pairs),
             thousands(row.unmatched),
             format!("{:.4}", row.errors.weighted.mean),
@@ -60,7 +60,7 @@ fn comparison(rows: &[&Row]) -> String {
 fn row_text(row: &Row) -> String {
     let mut text = format!(
         "{}: {} pairs, {} poses unmatched\n",
-        row.label(),
+        row.of.label(),
         thousands(row.pairs),
         thousands(row.unmatched)
     );

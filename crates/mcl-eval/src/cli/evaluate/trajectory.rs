@@ -10,6 +10,7 @@ use mcl_datasets::bag::PoseRole;
 use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
 use mcl_datasets::registry::Registry;
 use mcl_metrics::tum::{self, NonPlanar};
+use serde::Serialize;
 
 use crate::cli::Outcome;
 use crate::cli::args::{EvaluateArgs, Frame, Global};
@@ -24,22 +25,34 @@ const SNIFFED_BYTES: u64 = 1 << 16;
 
 /// A trajectory and where it is from.
 pub struct Source {
-    /// The file, as the user named it.
-    pub file: String,
-    /// Its topic, of a bag.
-    pub topic: Option<String>,
+    pub of: Named,
     pub trajectory: Trajectory,
     /// Whether all that the file says was read, and is in the trajectory.
     pub is_complete: bool,
 }
 
-impl Source {
+/// Where a trajectory is from.
+#[derive(Clone, Serialize)]
+pub struct Named {
+    /// The file, as the user named it.
+    file: String,
+    /// Topic of a bag; null for other files.
+    topic: Option<String>,
+}
+
+impl Named {
     /// The file, and the topic of a bag.
     pub fn label(&self) -> String {
         match &self.topic {
             Some(topic) => format!("{} {topic}", self.file),
             None => self.file.clone(),
         }
+    }
+}
+
+impl Source {
+    fn new(file: &str, topic: Option<String>, trajectory: Trajectory, is_complete: bool) -> Self {
+        Source { of: Named { file: file.to_owned(), topic }, trajectory, is_complete }
     }
 }
 
@@ -149,7 +162,7 @@ fn first_line(path: &Path) -> io::Result<Vec<u8>> {
 fn tum_file(file: &str, args: &EvaluateArgs) -> Result<Source> {
     let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
     let trajectory = tum::read_file(file, non_planar)?.trajectory;
-    Ok(Source { file: file.to_owned(), topic: None, trajectory, is_complete: true })
+    Ok(Source::new(file, None, trajectory, true))
 }
 
 /// The laser poses written in a CARMEN log: as a reference only where they are corrected; as an
@@ -180,7 +193,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
         );
     }
     let is_complete = tell_losses(file, &source) == Outcome::Done && unstamped == 0;
-    Ok(Source { file: file.to_owned(), topic: None, trajectory, is_complete })
+    Ok(Source::new(file, None, trajectory, is_complete))
 }
 
 /// The poses of a bag's topic; of its laser, unless asked otherwise.
@@ -224,5 +237,5 @@ fn bag(
     if !global.quiet {
         tell!("note: {note}");
     }
-    Ok(Source { file: file.to_owned(), topic: Some(name), trajectory, is_complete })
+    Ok(Source::new(file, Some(name), trajectory, is_complete))
 }

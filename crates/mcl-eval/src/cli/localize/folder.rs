@@ -15,6 +15,7 @@ use crate::cli::errors::ErrorSamples;
 use crate::cli::output::write_rows;
 use crate::progress::tell;
 use mcl_study::data::source::{self, LogSource};
+use mcl_study::store::results::save;
 
 /// Where results go: `run-NNN.tum` and `run-NNN.csv` as each run ends, then `reference.tum` and
 /// `summary.json`. Every file is whole or not there.
@@ -160,9 +161,7 @@ impl Folder {
     ) -> Result<Outcome> {
         self.write_trajectory("reference.tum", &recording.reference())?;
         let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
-        let path = self.path.join("summary.json");
-        files::write_atomically(&path, text.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        save(&self.path.join("summary.json"), text.as_bytes())?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
         if unstamped > 0 {
             tell!(

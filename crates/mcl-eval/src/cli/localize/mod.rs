@@ -7,8 +7,6 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use clap::CommandFactory;
-use clap::error::ErrorKind;
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
@@ -19,9 +17,9 @@ use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
 
 use super::Outcome;
-use super::args::{Cli, Global, Initial, LocalizeArgs};
+use super::args::{Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
-use super::output::{input_files, prepare, print, tell_losses};
+use super::output::{input_files, prepare, print, refuse, tell_losses};
 use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
@@ -122,11 +120,6 @@ fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
     Ok(prepare(outputs, inputs)?)
 }
 
-/// A usage error.
-fn refuse(message: &str) -> ! {
-    Cli::command().error(ErrorKind::ValueValidation, message).exit()
-}
-
 /// Readers tell a bag by the ending of its name.
 fn check_replay_name(args: &LocalizeArgs) {
     let Some(path) = &args.replay else { return };
@@ -152,7 +145,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         alpha: args.alpha.unwrap_or(preset.alpha),
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
         z_rand: args.z_rand.unwrap_or(preset.z_rand),
-        beam_floor: args.beam_floor.unwrap_or(preset.beam_floor),
+        // Whichever of the two ways is asked for.
+        beam_floor: args.beam_floor.or(preset.beam_floor.filter(|_| args.z_rand.is_none())),
         outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
         max_distance: args.max_distance.unwrap_or(preset.max_distance),
         max_range,
