@@ -225,8 +225,8 @@ fn check_trials(region: &Region, table: &Table, known: &Known<'_>) -> Result<(),
             let first = found.entry(of).or_insert_with(|| text.clone());
             if *first != text {
                 return Err(format!(
-                    "its trials vary {name}, too ({first} and {text}), expected nothing but {x}, {y}, map \
-                     and size; an entry for each value can be drawn"
+                    "its trials vary {name}, too ({first} and {text}), expected only {x}, {y}, map and \
+                     size; give each of its values an entry and a region"
                 ));
             }
         }
@@ -382,7 +382,7 @@ y = "sigma_hit"
             ("\"beam_floor\"", "\"map\"", 15, "a setting that maps of all kinds have"),
             ("\"beam_floor\"", "\"sigma_hit\"", 16, "another setting than x"),
             ("\"floor\"", "\"a/b\"", 13, "no name of a file"),
-            ("draws", "z_rand = [0.1, 0.5]\ndraws", 15, "vary z_rand, too (0.1 and 0.5)"),
+            ("draws", "max_distance = [1, 2]\ndraws", 15, "vary max_distance, too (1 and 2)"),
             ("draws", "split = [\"same\", \"alternate\"]\ndraws", 15, "vary split, too"),
             (", \"rnd\"", "", 14, "no runs on maps rnd of sizes in percent"),
             ("runs = 1", "runs = 0", 15, "setting \"beam_floor\""),
