@@ -133,7 +133,7 @@ impl<'a> Sampled<'a> {
         let places = ["map", "size_percent"].map(|setting| groups.place(setting));
         let [Some(map), Some(size)] = places else { return Ok(Vec::new()) };
         let by: Vec<usize> = by.iter().filter_map(|setting| groups.place(setting)).collect();
-        let mut parts: Vec<(Vec<Vec<Value>>, Vec<&Group<'a>>, Vec<Cell<'a>>)> = Vec::new();
+        let mut parts: Vec<(Vec<Vec<Value>>, Vec<Cell<'a>>)> = Vec::new();
         for group in &groups.all {
             let kind = kinds().find(|kind| *kind == group.text(map));
             let is_asked = entry.is_none_or(|entry| group.entries.contains(entry));
@@ -144,28 +144,18 @@ impl<'a> Sampled<'a> {
             }
             let cell = Cell { kind, percent, group: group.clone() };
             let values: Vec<_> = by.iter().map(|&place| group.values(place).to_vec()).collect();
-            match parts.iter_mut().find(|(known, ..)| order(known, &values).is_eq()) {
-                Some((_, groups, cells)) => {
-                    groups.push(group);
-                    cells.push(cell);
-                }
-                None => parts.push((values, vec![group], vec![cell])),
+            match parts.iter_mut().find(|(known, _)| order(known, &values).is_eq()) {
+                Some((_, cells)) => cells.push(cell),
+                None => parts.push((values, vec![cell])),
             }
         }
-        parts.retain(|(.., cells)| kinds().all(|kind| cells.iter().any(|c| c.kind == kind)));
+        parts.retain(|(_, cells)| kinds().all(|kind| cells.iter().any(|c| c.kind == kind)));
         let mut found = Vec::new();
-        for (values, of_part, mut cells) in parts {
+        for (values, mut cells) in parts {
             cells.sort_by(|a, b| a.kind.cmp(b.kind).then(a.percent.total_cmp(&b.percent)));
-            // Only grids have an offset.
-            let is_grid = |group: &&&Group| group.text(map).starts_with("gbs");
-            let grids: Vec<&Group> = of_part.iter().filter(is_grid).copied().collect();
-            let of_grids = groups.varying(&grids);
+            let of_part: Vec<&Group> = cells.iter().map(|cell| &cell.group).collect();
             let mut varied = groups.varying(&of_part);
-            varied.retain(|place| match groups.settings[*place].name.as_str() {
-                "map" | "size_percent" => false,
-                "offset" => of_grids.contains(place),
-                _ => true,
-            });
+            varied.retain(|place| ![map, size].contains(place));
             if !varied.is_empty() {
                 let names = varied.iter().map(|place| groups.settings[*place].name.as_str());
                 bail!("it varies {}", list(&names.collect::<Vec<_>>()));

@@ -75,10 +75,9 @@ pub fn regions(results: &Results) -> Result<Vec<Verdicts<'_>>> {
 impl Verdicts<'_> {
     /// A row per combination and claim.
     pub fn to_table(&self) -> Table {
-        const COLUMNS: [&str; 9] =
-            ["claim", "verdict", "p", "effect", "low", "high", "blocks", "effect_of", "measured"];
-        let mut table =
-            Table::new([&self.view.x, &self.view.y].map(String::as_str).into_iter().chain(COLUMNS));
+        const COLUMNS: &str = "claim verdict p effect low high blocks effect_of measured";
+        let settings = [self.view.x.as_str(), &self.view.y];
+        let mut table = Table::new(settings.into_iter().chain(COLUMNS.split(' ')));
         for (at, claims) in &self.cells {
             for claim in claims {
                 let settings = [0, 1].map(|axis| match &self.values[axis][at[axis]][..] {

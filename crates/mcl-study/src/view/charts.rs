@@ -86,7 +86,7 @@ impl Drawing<'_, '_> {
         let mut panels = Vec::new();
         let mut on_all_points = OnAllPoints::new();
         for (number, part) in parts.iter().enumerate() {
-            for values in self.values_of(&self.layout.panels) {
+            for values in self.estimates.groups.combinations(&self.shown, &self.layout.panels) {
                 for y in &self.chart.y.column {
                     let panel = self.panel(number, part, &values, y, &mut on_all_points)?;
                     panels.extend((!panel.points.is_empty()).then_some(panel));
@@ -112,17 +112,6 @@ impl Drawing<'_, '_> {
         measures.iter().flat_map(|measure| measure.columns).any(is_shown)
     }
 
-    /// Combinations of values of settings among the groups, ascending.
-    fn values_of(&self, places: &[usize]) -> Vec<Vec<Vec<Value>>> {
-        let values = |group: &&Group<'_>| -> Vec<Vec<Value>> {
-            places.iter().map(|&place| group.values(place).to_vec()).collect()
-        };
-        let mut all: Vec<Vec<Vec<Value>>> = self.shown.iter().map(values).collect();
-        all.sort_by(|a, b| self.estimates.groups.order(a, b));
-        all.dedup_by(|a, b| order(a, b).is_eq());
-        all
-    }
-
     fn panel(
         &self,
         number: usize,
@@ -139,7 +128,7 @@ impl Drawing<'_, '_> {
             .copied()
             .collect();
         let (mut labels, mut points) = (Vec::new(), Vec::new());
-        for curve in self.values_of(&self.layout.curves) {
+        for curve in self.estimates.groups.combinations(&self.shown, &self.layout.curves) {
             for (place, x) in self.layout.x.iter().enumerate() {
                 let mut found = Vec::new();
                 for &group in &own {

@@ -4,10 +4,11 @@ use anyhow::Result;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm, paired, two_sample};
 
 use crate::store::results::Results;
-use crate::study::settings::PRESET;
+use crate::study::settings::{PRESET, text_of};
 use crate::study::views::{TestKind, TestView};
 use crate::table::{Table, Value};
-use crate::view::groups::{Group, Groups, same_values};
+use crate::view::groups::{Group, Groups};
+use crate::view::layout::distinct;
 use crate::view::summary::columns_of;
 
 /// A comparison of two groups of rows.
@@ -74,24 +75,9 @@ pub fn tests(results: &Results) -> Result<Table> {
         views.iter().any(|view| view.column != groups.settings[place].name)
     });
     let names = columns.iter().map(|(_, column)| column.as_str());
-    const TESTED: [&str; 15] = [
-        "y",
-        "column",
-        "a",
-        "b",
-        "test",
-        "kind",
-        "effect",
-        "effect_low",
-        "effect_high",
-        "blocks",
-        "t",
-        "df",
-        "p",
-        "p_holm",
-        "note",
-    ];
-    let mut table = Table::new(names.chain(TESTED));
+    const TESTED: &str =
+        "y column a b test kind effect effect_low effect_high blocks t df p p_holm note";
+    let mut table = Table::new(names.chain(TESTED.split(' ')));
     for view in views {
         let Some(place) = groups.place(&view.column) else { continue };
         let mut free = vec![place];
@@ -134,13 +120,8 @@ fn pairs(groups: &Groups<'_>, view: &TestView, place: usize) -> Vec<[String; 2]>
     if !view.pairs.is_empty() {
         return view.pairs.clone();
     }
-    let mut values: Vec<Vec<Value>> = Vec::new();
-    for group in groups.of_entries(&view.of) {
-        if !values.iter().any(|known| same_values(known, group.values(place))) {
-            values.push(group.values(place).to_vec());
-        }
-    }
-    let values: Vec<String> = values.iter().map(|v| crate::study::settings::text_of(v)).collect();
+    let shown: Vec<&Group<'_>> = groups.of_entries(&view.of).collect();
+    let values: Vec<String> = distinct(groups, &shown, place).iter().map(|v| text_of(v)).collect();
     let later = |at: usize| values[at + 1..].iter().map(move |b| (at, b));
     let pairs = (0..values.len()).flat_map(later);
     pairs.map(|(a, b)| [values[a].clone(), b.clone()]).collect()

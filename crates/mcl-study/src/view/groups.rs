@@ -77,8 +77,18 @@ impl<'r> Groups<'r> {
     }
 
     /// The order of settings: by the first in which they differ, names as the study's file lists them.
-    pub fn order(&self, a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
+    fn order(&self, a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
         order_by(&self.names, a, b)
+    }
+
+    /// The values that some groups have of some settings, each combination once and in order.
+    pub fn combinations(&self, of: &[&Group<'_>], places: &[usize]) -> Vec<Vec<Vec<Value>>> {
+        let values =
+            |group: &&Group<'_>| places.iter().map(|&at| group.values(at).to_vec()).collect();
+        let mut all: Vec<Vec<Vec<Value>>> = of.iter().map(values).collect();
+        all.sort_by(|a, b| self.order(a, b));
+        all.dedup_by(|a, b| order(a, b).is_eq());
+        all
     }
 
     /// Place of a setting among the settings.

@@ -6,7 +6,7 @@ use crate::study::check::placeholders;
 use crate::study::settings::{SIGMA, SIZE};
 use crate::study::views::{Chart, Scale};
 use crate::table::Value;
-use crate::view::groups::{Group, Groups, order, same_values};
+use crate::view::groups::{Group, Groups, order};
 
 /// Settings of a chart by what they make, as places among the settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -124,10 +124,7 @@ fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option
 
 /// The values of a setting, each once, names as the study lists them and numbers ascending.
 pub fn distinct(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Vec<Vec<Value>> {
-    let mut values: Vec<Vec<Value>> = shown.iter().map(|g| g.values(place).to_vec()).collect();
-    values.sort_by(|a, b| groups.order(std::slice::from_ref(a), std::slice::from_ref(b)));
-    values.dedup_by(|a, b| same_values(a, b));
-    values
+    groups.combinations(shown, &[place]).into_iter().flatten().collect()
 }
 
 /// Whether a setting is one number in all groups that have it.

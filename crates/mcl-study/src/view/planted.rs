@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use crate::data::facts::DataFacts;
 use crate::store::results::Results;
 use crate::study::definition::Study;
-use crate::study::plan::ENTRIES;
 use crate::table::{Row, Table, Value};
 
 /// What is measured of a recipe.
@@ -15,23 +14,15 @@ pub type Measured = Vec<(&'static str, Value)>;
 pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured) -> Results {
     let study = Study::parse(text).unwrap();
     let plan = study.plan(dataset).unwrap();
-    let mut entries = plan.identities(&study.measures).unwrap().into_iter().map(|found| found.1);
     let columns = plan.columns(&study.measures).unwrap();
     let mut table = Table::new(columns.clone());
-    for trial in &plan.trials {
-        let runs: Vec<_> = trial.runs.iter().map(|run| run.cells().unwrap()).collect();
-        for run in if runs.is_empty() { vec![Vec::new()] } else { runs } {
-            let mut cells = [trial.map.cells(), run].concat();
-            cells.push((ENTRIES.to_owned(), entries.next().unwrap().into()));
-            let recipe = Table::of_cells([cells.clone()]);
-            let measured = measure(&recipe.rows().next().unwrap());
-            cells.extend(measured.into_iter().map(|(column, value)| (column.to_owned(), value)));
-            let value = |column: &String| {
-                let found = cells.iter().find(|(name, _)| name == column);
-                found.map_or(Value::Empty, |(_, value)| value.clone())
-            };
-            table.push(columns.iter().map(value).collect());
-        }
+    for recipe in plan.recipes().unwrap().rows() {
+        let measured = measure(&recipe);
+        let value = |column: &String| {
+            let found = measured.iter().find(|(name, _)| name == column);
+            found.map_or_else(|| recipe.get(column).clone(), |(_, value)| value.clone())
+        };
+        table.push(columns.iter().map(value).collect());
     }
     table.sort();
     let facts = DataFacts {

@@ -102,7 +102,7 @@ fn rank<'g, 'r>(
         .collect();
     let mut settings: Vec<(Vec<Vec<Value>>, &'g Group<'r>)> = Vec::new();
     for (groups, of_entry) in &parts {
-        settings.extend(of_entry.iter().map(|group| (part_of(groups, group, false), *group)));
+        settings.extend(of_entry.iter().map(|group| (of_run(groups, group), *group)));
     }
     settings.sort_by(|a, b| order(&a.0, &b.0));
     settings.dedup_by(|a, b| order(&a.0, &b.0).is_eq());
@@ -111,7 +111,7 @@ fn rank<'g, 'r>(
         let mut datasets = Vec::new();
         for (groups, of_entry) in &parts {
             let name = &groups.results.facts.name;
-            let is_same = |g: &&&Group<'r>| order(&part_of(groups, g, false), &setting).is_eq();
+            let is_same = |g: &&&Group<'r>| order(&of_run(groups, g), &setting).is_eq();
             let own: Vec<&Group<'r>> = of_entry.iter().filter(is_same).copied().collect();
             let has_say = !except.contains(name);
             let mut logarithms = Vec::new();
@@ -123,7 +123,7 @@ fn rank<'g, 'r>(
                 }
                 logarithms.push(mean.ln());
             }
-            if logarithms.len() < maps_of(groups, of_entry) {
+            if logarithms.len() < groups.combinations(of_entry, &places(groups, true)).len() {
                 if has_say {
                     continue 'settings;
                 }
@@ -155,19 +155,15 @@ fn rank<'g, 'r>(
     Ok(ranked)
 }
 
-/// Settings of the map, or of the run.
-fn part_of(groups: &Groups<'_>, group: &Group<'_>, of_map: bool) -> Vec<Vec<Value>> {
-    let places =
-        (0..groups.settings.len()).filter(|&place| groups.settings[place].of_map == of_map);
-    places.map(|place| group.values(place).to_vec()).collect()
+/// Places of the settings of the map, or of the run.
+fn places(groups: &Groups<'_>, of_map: bool) -> Vec<usize> {
+    let settings = groups.settings.iter().enumerate();
+    settings.filter(|(_, setting)| setting.of_map == of_map).map(|(place, _)| place).collect()
 }
 
-/// On how many maps an entry's settings are run.
-fn maps_of(groups: &Groups<'_>, of_entry: &[&Group<'_>]) -> usize {
-    let mut maps: Vec<_> = of_entry.iter().map(|group| part_of(groups, group, true)).collect();
-    maps.sort_by(|a, b| order(a, b));
-    maps.dedup_by(|a, b| order(a, b).is_eq());
-    maps.len()
+/// Settings of the run.
+fn of_run(groups: &Groups<'_>, group: &Group<'_>) -> Vec<Vec<Value>> {
+    places(groups, false).into_iter().map(|place| group.values(place).to_vec()).collect()
 }
 
 #[cfg(test)]
