@@ -162,6 +162,7 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
         file(&path("name"), &chart.name, &shown)?;
         check_chart(chart, &path, &factors, known)?;
     }
+    let mut tables: Vec<Table> = Vec::new();
     for (place, region) in views.regions.iter().enumerate() {
         let path = |key: &str| format!("views.regions.{place}.{key}");
         file(&path("name"), &region.name, &region.name)?;
@@ -176,8 +177,11 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
         if region.x == region.y {
             return Err(known.mistake(&path("y"), "expected another setting than x"));
         }
-        for plan in known.plans {
-            check_trials(region, &plan.recipes()?, known)
+        if tables.is_empty() {
+            tables = known.plans.iter().map(Plan::recipes).collect::<Result<_>>()?;
+        }
+        for table in &tables {
+            check_trials(region, table, known)
                 .map_err(|message| known.mistake(&path("of"), &message))?;
         }
     }
