@@ -58,6 +58,7 @@ fn with_poses(
             ranges: (0..geometry.beams).map(|i| 0.1 + (i as f64) / 7.0).collect(),
             map_from_laser,
             odometry,
+            sweep: Default::default(),
         })
         .collect();
     Recording { scans, robot_from_laser }
@@ -262,6 +263,7 @@ fn any_scan() -> impl Strategy<Value = LaserScan> {
             ranges,
             map_from_laser: Some(reference),
             odometry: Some(odometry),
+            sweep: Default::default(),
         },
     )
 }

@@ -58,6 +58,7 @@ pub struct StepReport {
 ///     ranges: vec![1.6, 3.0],
 ///     map_from_laser: None,
 ///     odometry: None,
+///     sweep: Default::default(),
 /// };
 /// let mut report = filter.step(&Pose2::new(0.5, 0.0, 0.0), &scan)?;
 /// for _ in 0..20 {

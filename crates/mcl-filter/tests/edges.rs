@@ -108,6 +108,7 @@ fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
                 ranges,
                 map_from_laser: None,
                 odometry,
+                sweep: Default::default(),
             };
             scans.into_iter().map(scan).collect()
         })
@@ -190,6 +191,7 @@ fn a_million_particles_agree_with_ten_thousand() {
         ranges,
         map_from_laser: None,
         odometry: Some(Pose2::IDENTITY),
+        sweep: Default::default(),
     };
     let recording = Recording {
         scans: vec![scan(vec![3.0; 12]), scan(vec![2.9; 12]), scan(vec![f64::NAN; 12])],

@@ -115,6 +115,7 @@ fn scan(ranges: [f64; 6]) -> LaserScan {
         ranges: ranges.to_vec(),
         map_from_laser: None,
         odometry: None,
+        sweep: Default::default(),
     }
 }
 

@@ -69,6 +69,7 @@ fn drive(robot_from_laser: Pose2) -> Recording {
             ranges: (0..36).map(|i| range(map_from_laser, geometry.angle(i))).collect(),
             map_from_laser: Some(map_from_laser),
             odometry: before.map(|before: Pose2| before.between(&map_from_laser)),
+            sweep: Default::default(),
         });
         before = Some(map_from_laser);
     }

@@ -53,6 +53,7 @@ fn scan(ranges: [f64; 4]) -> LaserScan {
         ranges: ranges.to_vec(),
         map_from_laser: None,
         odometry: None,
+        sweep: Default::default(),
     }
 }
 

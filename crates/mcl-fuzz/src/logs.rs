@@ -116,6 +116,7 @@ pub fn cdr(bytes: &[u8]) {
         ranges: vec![1.0, 2.0, 3.0],
         map_from_laser: None,
         odometry: None,
+        sweep: Default::default(),
     };
     let second = Stamp::from_nanoseconds(1_000_000_000);
     let scan = planar::laser_scan(&scan, second, "laser", (0.0, 10.0)).into_bytes();

@@ -399,6 +399,7 @@ pub(super) fn choose<'a>(
             .or_else(|error| left_open(error, "odometry"))?,
     };
     let found = match options.reference {
+        _ if options.reference_track.is_some() => None,
         ReferencePoses::None => None,
         ReferencePoses::Auto => reference_topic(content, asked.reference.as_deref())
             .or_else(|error| left_open(error, "reference"))?,

@@ -20,6 +20,8 @@ pub struct Log {
     /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
     /// it where the poses of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
+    /// The reference that was used, and whose poses it has; `None` without one.
+    pub reference: Option<String>,
     /// How a bag was read, a line each: its topics, the mount of the laser.
     pub notes: Vec<String>,
     /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside

@@ -323,6 +323,7 @@ mod tests {
                 ranges: (0..300).map(|_| 0.5 * longest + uniform(0.99 * longest)).collect(),
                 map_from_laser: None,
                 odometry: None,
+                sweep: Default::default(),
             };
             let mut endpoints = ScanEndpoints::default();
             endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, longest).unwrap();
