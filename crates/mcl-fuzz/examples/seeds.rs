@@ -318,6 +318,8 @@ fn results(study: &str) -> Result<(String, String)> {
         recording: piece(12, 30)?,
         kind: None,
         report: ReadReport::default(),
+        reference: None,
+        survey: None,
         notes: Vec::new(),
         assumptions: Vec::new(),
         max_range: 10.0,

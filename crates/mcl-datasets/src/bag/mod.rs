@@ -87,6 +87,7 @@ pub(crate) mod poses;
 pub(crate) mod recording;
 pub mod schema;
 mod slice;
+pub(crate) mod survey;
 pub(crate) mod topics;
 pub(crate) mod track;
 pub mod types;
@@ -103,6 +104,7 @@ pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
+pub use survey::{Choice, Survey, TopicFacts};
 use topics::{Content, Purpose};
 pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
 pub use writer::{

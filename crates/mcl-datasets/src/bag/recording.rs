@@ -11,6 +11,7 @@ use super::messages::{PoseMessage, ScanMessage};
 use super::moment::{Moment, Stretches};
 use super::motion::{Motion, Mount};
 use super::slice;
+use super::survey::Survey;
 use super::topics::{
     Chosen, Content, Kind, Pair, Purpose, choose, possible_references, transform_topics,
 };
@@ -302,6 +303,7 @@ impl Assembly<'_> {
             front_laser_offset: None,
             reference: used,
             notes: self.notes,
+            survey: Some(Survey::of(self.content, self.options)),
             assumptions: self.assumptions,
         })
     }

@@ -394,6 +394,7 @@ impl Pass {
             report: self.report,
             front_laser_offset: self.front_laser_offset,
             notes,
+            survey: None,
             assumptions,
         })
     }

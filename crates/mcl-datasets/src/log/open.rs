@@ -10,6 +10,7 @@ use crate::bag::clouds::{self, BagCloud, CloudOptions};
 use crate::bag::error::BagError;
 use crate::bag::poses::{self, PoseTopic};
 use crate::bag::recording::{self, purpose};
+use crate::bag::survey::Survey;
 use crate::bag::topics::{Content, PoseRole, Purpose};
 use crate::carmen;
 use crate::carmen::ScanKind;
@@ -124,6 +125,17 @@ pub fn is_bag(path: &Path) -> Result<bool, LogError> {
 /// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
 pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
     poses::poses(&content(path, Purpose::Scans)?, topic, role).map_err(at(path))
+}
+
+/// What is in a bag, a file or a folder, however little of it could be read as a log; `None` for what is no bag.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened or is damaged before its first message.
+pub fn survey(path: &Path, options: &ReadOptions) -> Result<Option<Survey>, LogError> {
+    if !is_bag(path)? {
+        return Ok(None);
+    }
+    Ok(Some(Survey::of(&content(path, Purpose::Topics)?, options)))
 }
 
 /// Reads the point clouds of one topic of a bag, a file or a folder.

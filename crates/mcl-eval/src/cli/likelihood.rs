@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::LikelihoodArgs;
-use super::output::{print, tell_data_losses};
+use super::output::{print, reference_of_data, tell_data_losses};
 use mcl_core::text::thousands;
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::DataSource;
@@ -18,23 +18,28 @@ struct Likelihood {
     map_points: usize,
     log_likelihood: f64,
     log_likelihood_per_point: f64,
+    /// The reference that places the points of a log, and whose poses it has.
+    reference: Option<String>,
 }
 
 pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
     let name = &args.data.log.log;
     let source = DataSource::open(name, &args.data.options(), false)?;
-    let likelihood = match source.points()? {
+    let mut likelihood = match source.points()? {
         Points::Planar(points) => likelihood(points, args)?,
         Points::Spatial(points) => likelihood(points, args)?,
     };
+    likelihood.reference = reference_of_data(&source);
     print(args.json, &likelihood, |found| {
+        let told = found.reference.as_ref().map(|reference| format!("\nreference: {reference}"));
         format!(
-            "{} points under a map of {}, σ = {} m:\nlog-likelihood {:.6} nats per point, {:.3} in all",
+            "{} points under a map of {}, σ = {} m:\nlog-likelihood {:.6} nats per point, {:.3} in all{}",
             thousands(found.points),
             thousands(found.map_points),
             args.sigma,
             found.log_likelihood_per_point,
-            found.log_likelihood
+            found.log_likelihood,
+            told.unwrap_or_default()
         )
     })?;
     Ok(tell_data_losses(name, &source))
@@ -50,5 +55,6 @@ fn likelihood<const D: usize>(points: Vec<Point<D>>, args: &LikelihoodArgs) -> R
         map_points: map.len(),
         log_likelihood: found.total,
         log_likelihood_per_point: found.per_point,
+        reference: None,
     })
 }

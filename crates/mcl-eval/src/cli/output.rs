@@ -13,6 +13,7 @@ use mcl_core::files::{self, Unwritable, write_atomically, write_with};
 use mcl_datasets::carmen;
 use mcl_datasets::log::ReadReport;
 use mcl_datasets::registry::Registry;
+use mcl_filter::Bridge;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
@@ -126,6 +127,30 @@ fn tell_of(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
     }
     tell!("warning: {name}: {report}");
     Outcome::Incomplete
+}
+
+/// Says on stderr which steps the odometry does not know, and how the filter gets over them.
+pub fn tell_bridged(name: &str, bridge: &Bridge) -> Outcome {
+    let Bridge { scans, steps, reach } = bridge;
+    let Some(first) = scans.first() else { return Outcome::Done };
+    tell!(
+        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the particles are spread by {reach:.2} m and 60°, so that they cover what the robot may have done",
+        scans.len()
+    );
+    Outcome::Incomplete
+}
+
+/// The reference of a log, and whose poses it has.
+pub fn reference_of(source: &LogSource) -> &str {
+    source.reference.as_deref().unwrap_or("none")
+}
+
+/// [`reference_of`], for a result as JSON: null without one, and of a point cloud.
+pub fn reference_of_data(source: &DataSource) -> Option<String> {
+    match source {
+        DataSource::Log(log) => log.reference.clone(),
+        DataSource::Cloud(_) => None,
+    }
 }
 
 /// A usage error that the parser of arguments cannot see.

@@ -85,7 +85,7 @@ pub struct LocalizeArgs {
     /// Folder for trajectories, error rows and a summary.
     #[arg(long, short, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Record the first run (run 0) as a ROS 2 bag, to be looked at: map, scans, particles, estimate,
+    /// Record the first run (run 0) as a ROS 2 bag (MCAP), to be looked at: map, scans, particles, estimate,
     /// reference and errors.
     #[arg(long, value_name = "OUT.mcap")]
     pub replay: Option<PathBuf>,
