@@ -4,15 +4,15 @@ use anyhow::{Context, Result, bail};
 use mcl_core::files::write_with;
 use mcl_core::{LaserScan, PointMap};
 use mcl_datasets::bag;
-use mcl_maps::files::{
-    Encoding, check_writable, is_grid, read_grid, read_map, write_grid, write_map,
-};
+use mcl_maps::files::{Encoding, check_writable, is_grid, read_grid, write_grid, write_map};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{input_files, prepare, print, reference_of, tell_losses, write_carmen};
+use super::output::{
+    input_files, open_map, prepare, print, reference_of, tell_losses, write_carmen,
+};
 use crate::progress::tell;
 use mcl_core::text::thousands;
 use mcl_study::data::source::LogSource;
@@ -94,7 +94,7 @@ fn map(args: &ConvertArgs) -> Result<Outcome> {
 }
 
 fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
-    read_map(&args.input)
+    open_map(Path::new(&args.input))
         .with_context(|| format!("{} is the ending of a map", args.output.display()))
 }
 

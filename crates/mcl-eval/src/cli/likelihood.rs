@@ -1,12 +1,11 @@
 use anyhow::Result;
 use mcl_core::Point;
-use mcl_maps::files::read_map;
 use mcl_maps::{PointSet, mixture_log_likelihood};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::LikelihoodArgs;
-use super::output::{print, reference_of_data, tell_data_losses};
+use super::output::{open_map, print, reference_of_data, tell_data_losses};
 use mcl_core::text::thousands;
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::DataSource;
@@ -46,7 +45,7 @@ pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
 }
 
 fn likelihood<const D: usize>(points: Vec<Point<D>>, args: &LikelihoodArgs) -> Result<Likelihood> {
-    let map = read_map::<D>(&args.map)?;
+    let map = open_map::<D>(&args.map)?;
     let data = PointSet::new(points)?;
     let found = mixture_log_likelihood(&data, &map, args.sigma)?;
     Ok(Likelihood {

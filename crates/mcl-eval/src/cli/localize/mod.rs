@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::Outcome;
 use super::args::{Cli, Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
-use super::output::{input_files, prepare, print, tell_bridged, tell_losses};
+use super::output::{input_files, open_map, prepare, print, tell_bridged, tell_losses};
 use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
@@ -48,7 +48,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let mut inputs = input_files(args.log.named());
     inputs.push(args.map.clone());
     check_replaced(args, &inputs)?;
-    let map = mcl_maps::files::read_map(&args.map)?;
+    let map = open_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
     let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
