@@ -187,7 +187,8 @@ fn what_a_log_cannot_hold_is_refused_before_writing() {
         assert!(
             error.to_string().contains("expected")
                 || error.to_string().contains("needs")
-                || error.to_string().contains("for all scans or none"),
+                || error.to_string().contains("for all scans or none")
+                || error.to_string().contains("--no-deskew"),
             "{error}"
         );
         error
@@ -228,6 +229,10 @@ fn what_a_log_cannot_hold_is_refused_before_writing() {
             log.scans[1].ranges.pop();
         }),
         WriteError::Readings { scan: 1, readings: 179, beams: 180 }
+    ));
+    assert!(matches!(
+        refused(&|log| log.scans[1].sweep.directions = Some(vec![0.0; 180])),
+        WriteError::Uneven { scan: 1 }
     ));
     assert!(matches!(
         refused(&|log| log.scans[1].stamp = Some(Stamp::from_nanoseconds(-1))),

@@ -90,8 +90,12 @@ struct Commands {
 
 impl Commands {
     fn of(source: &LogSource) -> Self {
-        const NONE: &str = "no reference (--reference-topic or --reference FILE says one; --reference recorded \
-                            takes the poses of a raw log)";
+        let none = match source.survey {
+            Some(_) => "no reference (--reference-topic or --reference FILE says one)",
+            None => {
+                "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
+            }
+        };
         let reference = source.reference.as_deref();
         let localize = match (bridge(source), reference) {
             (Err(error), _) => told_once(&error),
@@ -109,7 +113,7 @@ impl Commands {
                 }
             }
         };
-        Commands { map: reference.map_or(NONE.to_owned(), |name| format!("by {name}")), localize }
+        Commands { map: reference.map_or(none.to_owned(), |name| format!("by {name}")), localize }
     }
 }
 
@@ -218,7 +222,8 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
         points,
         bounds: bounds.map(|Bounds { min, max }| [min[0], min[1], max[0], max[1]]),
         duration_s: recording.duration_s(),
-        path_length_m: recording.path_length_m(),
+        // A sum of nothing is -0.
+        path_length_m: recording.path_length_m() + 0.0,
         beams_used_per_scan: points as f64 / recording.scans.len() as f64,
         ignored_records: source.report.ignored,
         skipped_records: source.report.skipped,

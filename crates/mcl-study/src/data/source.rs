@@ -305,10 +305,22 @@ impl LogSource {
             if self.recording.scans.iter().all(|scan| scan.map_from_laser.is_some()) {
                 return self.name.clone();
             }
-            format!(
-                "{}: if its laser poses are ground truth all the same, say --reference recorded",
-                self.name
-            )
+            let name = &self.name;
+            let Some(survey) = &self.survey else {
+                return format!(
+                    "{name}: if its laser poses are ground truth all the same, say --reference recorded; --reference FILE takes them from elsewhere"
+                );
+            };
+            let of_reference = survey.choices.iter().find(|choice| choice.what == "reference");
+            let others = of_reference.map_or(String::new(), |choice| choice.others.join(", "));
+            match others.is_empty() {
+                true => format!(
+                    "{name}: the bag has no poses that could be the reference; --reference FILE takes them from elsewhere"
+                ),
+                false => format!(
+                    "{name}: nothing says which poses are ground truth; --reference-topic could take {others} (or two frames of transforms as /tf:map.base_link), and --reference FILE takes them from elsewhere"
+                ),
+            }
         })?;
         if points.is_empty() {
             bail!(
