@@ -37,7 +37,7 @@ pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
 pub use point_map::{MAX_COORDINATE, PointMap, check_finite};
 pub use pose::{Pose2, wrap_angle};
 pub use recording::{Bounds, Recording};
-pub use scan::{LaserScan, ScanGeometry, is_usable_range};
+pub use scan::{LaserScan, ScanGeometry, Sweep, is_usable_range};
 pub use seed::{Rng, Seed};
 pub use segment_map::{LineSegment, SegmentMap};
 pub use stamp::{ParseStampError, Stamp};

@@ -43,9 +43,29 @@ pub struct LaserScan {
     /// Raw odometry: the pose of this scan's laser in the frame of the laser at the previous scan.
     /// `None` for the first scan, and where the log has no odometry.
     pub odometry: Option<Pose2>,
+    /// How its beams were measured, where that was neither at once nor at even angles.
+    pub sweep: Sweep,
+}
+
+/// How the beams of a scan were measured, where that was neither at once nor at even angles.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Sweep {
+    /// Seconds from one beam to the next; 0 where the beams count as measured at once.
+    pub time_increment: f64,
+    /// Direction of each beam in radians, as many as there are readings: endpoints measured by a laser that
+    /// moved meanwhile, or that is tilted, as seen from the place of the laser at the stamp, in its plane.
+    /// `None` where the geometry of the scan says the directions.
+    pub directions: Option<Vec<f64>>,
 }
 
 impl LaserScan {
+    /// Direction of beam `i` in radians, in the laser's frame.
+    #[inline]
+    pub fn direction(&self, i: usize) -> f64 {
+        let own = self.sweep.directions.as_ref().and_then(|directions| directions.get(i));
+        own.copied().unwrap_or_else(|| self.geometry.angle(i))
+    }
+
     /// Endpoints of the usable readings in the map's frame, seen from `map_from_laser`, in beam
     /// order: `(x + r·cos(θ + a), y + r·sin(θ + a))`.
     pub fn endpoints(
@@ -58,7 +78,7 @@ impl LaserScan {
             .enumerate()
             .filter(move |&(_, &range)| is_usable_range(range, max_range))
             .map(move |(i, &range)| {
-                let (sin, cos) = (map_from_laser.theta + self.geometry.angle(i)).sin_cos();
+                let (sin, cos) = (map_from_laser.theta + self.direction(i)).sin_cos();
                 [map_from_laser.x + range * cos, map_from_laser.y + range * sin]
             })
     }

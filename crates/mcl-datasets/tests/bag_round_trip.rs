@@ -7,7 +7,7 @@ use std::io::Cursor;
 use std::path::PathBuf;
 
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Seed, Stamp, wrap_angle};
-use mcl_datasets::bag::{self, WriteBagError};
+use mcl_datasets::bag::{self, Format, WriteBagError};
 use mcl_datasets::log::{ReadOptions, read_log};
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 
@@ -60,6 +60,51 @@ fn the_simulated_office() {
     assert!(found.has_reference() && found.has_odometry());
 }
 
+/// What is written in each format says the same; where that format cannot, it is refused.
+fn assert_all_formats(recording: &Recording) {
+    let expected = round_trip(recording);
+    for format in [Format::Ros1, Format::Database] {
+        let write = || {
+            bag::write_as(recording, format, Cursor::new(Vec::new()))
+                .map(Cursor::into_inner)
+                .unwrap()
+        };
+        let bytes = write();
+        assert_eq!(bytes, write(), "{format:?}: the same bytes each time");
+        let log = bag::read(&*bytes, &ReadOptions::default()).unwrap();
+        assert!(log.report.is_complete(), "{format:?}: {}", log.report);
+        assert!(log.recording == expected, "{format:?}");
+    }
+}
+
+#[test]
+fn every_format_holds_the_same_recording() {
+    let settings = OfficeSettings::default();
+    let mut recording = simulate(&settings, Seed::new(1)).unwrap();
+    assert_all_formats(&recording);
+    // Time between beams, and no reference.
+    for scan in &mut recording.scans {
+        scan.sweep.time_increment = f64::from(1e-4_f32);
+        scan.map_from_laser = None;
+    }
+    let bytes = bag::write_as(&recording, Format::Ros1, Cursor::new(Vec::new())).unwrap();
+    let options = ReadOptions { no_deskew: true, ..ReadOptions::default() };
+    let found = bag::read(bytes.get_ref().as_slice(), &options).unwrap().recording;
+    assert_same(&found, &recording, 1e-12);
+    assert_eq!(found.scans[7].sweep, recording.scans[7].sweep);
+    let refused = |change: &dyn Fn(&mut Recording)| {
+        let mut changed = recording.clone();
+        change(&mut changed);
+        for format in [Format::Ros1, Format::Database] {
+            let error = bag::write_as(&changed, format, Cursor::new(Vec::new())).unwrap_err();
+            assert!(matches!(error, WriteBagError::Order { scan: 7 }), "{error}");
+            assert!(error.to_string().contains(".mcap"), "{error}");
+        }
+    };
+    refused(&|recording| recording.scans[7].stamp = None);
+    refused(&|recording| recording.scans[7].stamp = Some(Stamp::from_nanoseconds(1)));
+}
+
 #[test]
 #[cfg_attr(
     not(all(real_data = "intel-lab", real_data = "aces")),
@@ -73,6 +118,7 @@ fn the_real_logs() {
         let found = round_trip(&log.recording);
         assert_same(&found, &log.recording, 1e-12);
         assert_eq!(found.backward_stamps(), log.recording.backward_stamps());
+        assert_all_formats(&log.recording);
     }
 }
 
@@ -83,6 +129,7 @@ fn scan(stamp: Option<i64>, x: f64) -> LaserScan {
         ranges: vec![x, f64::INFINITY, 81.83],
         map_from_laser: Some(Pose2::new(x, -x, 0.5 * x)),
         odometry: Some(Pose2::new(0.5, 0.1 * x, 0.25)),
+        sweep: Default::default(),
     }
 }
 

@@ -74,7 +74,11 @@ fn other_kinds_are_ignored_and_counted_and_the_rest_is_silent() {
     assert_eq!(log.report.ignored, 9);
     let told =
         "ignored records: LASER3 1, NEFF 1, ODOMETRY 1, RLASER 1, ROBOTLASER2 1, SYNC 1, flaser 1";
-    assert_eq!(log.notes, [told]);
+    assert_eq!(log.notes[0], told);
+    for kind in ["RLASER", "ROBOTLASER2"] {
+        let told = format!("scans: --scan-topic {kind} reads those of the {kind} records instead");
+        assert!(log.notes.contains(&told), "{:?}", log.notes);
+    }
     assert!(log.report.is_complete(), "{}", log.report);
     assert_eq!(log.front_laser_offset, None);
 }

@@ -58,6 +58,7 @@ fn with_poses(
             ranges: (0..geometry.beams).map(|i| 0.1 + (i as f64) / 7.0).collect(),
             map_from_laser,
             odometry,
+            sweep: Default::default(),
         })
         .collect();
     Recording { scans, robot_from_laser }
@@ -186,7 +187,8 @@ fn what_a_log_cannot_hold_is_refused_before_writing() {
         assert!(
             error.to_string().contains("expected")
                 || error.to_string().contains("needs")
-                || error.to_string().contains("for all scans or none"),
+                || error.to_string().contains("for all scans or none")
+                || error.to_string().contains("--no-deskew"),
             "{error}"
         );
         error
@@ -229,6 +231,10 @@ fn what_a_log_cannot_hold_is_refused_before_writing() {
         WriteError::Readings { scan: 1, readings: 179, beams: 180 }
     ));
     assert!(matches!(
+        refused(&|log| log.scans[1].sweep.directions = Some(vec![0.0; 180])),
+        WriteError::Uneven { scan: 1 }
+    ));
+    assert!(matches!(
         refused(&|log| log.scans[1].stamp = Some(Stamp::from_nanoseconds(-1))),
         WriteError::NegativeStamp { scan: 1, .. }
     ));
@@ -262,6 +268,7 @@ fn any_scan() -> impl Strategy<Value = LaserScan> {
             ranges,
             map_from_laser: Some(reference),
             odometry: Some(odometry),
+            sweep: Default::default(),
         },
     )
 }

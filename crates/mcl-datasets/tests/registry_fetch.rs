@@ -38,6 +38,7 @@ fn read(path: &Path) -> Result<Facts, ReadLogError> {
             ranges,
             map_from_laser: Some(Pose2::IDENTITY),
             odometry: None,
+            sweep: Default::default(),
         });
     }
     Ok(Facts::of(&Recording { scans, robot_from_laser: Pose2::IDENTITY }, 10.0))

@@ -122,7 +122,10 @@ fn bad_bags_are_refused_with_the_reason() {
         (vec!["inspect", "office.mcap", "--scan-topic", "/odom"], vec!["/odom", "LaserScan"]),
         (vec!["inspect", "office.mcap", "--odom-topic", "/no"], vec!["no topic /no", "/scan ("]),
         (vec!["inspect", "office.log", "--scan-topic", "/scan"], vec!["office.log", "no topics"]),
-        (vec!["convert", "office.log", "office.bag"], vec!["office.bag", ".mcap", ".csv"]),
+        (
+            vec!["convert", "office.log", "office.txt"],
+            vec!["office.txt", ".mcap", ".db3", ".bag", ".csv"],
+        ),
         (vec!["convert", "office.log", "no/a.mcap"], vec!["no folder"]),
         (vec!["convert", "office.log", "a.csv"], vec!["a.csv is the ending of a map"]),
         (vec!["convert", "nowhere.log", "a.mcap"], vec!["nowhere.log", "no such file"]),

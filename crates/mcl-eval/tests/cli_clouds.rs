@@ -195,7 +195,7 @@ fn bags_are_read_for_their_clouds_where_they_have_no_scans_or_it_is_asked_for() 
     assert_eq!(inspected.status.code(), Some(3));
     let found: Value = serde_json::from_slice(&inspected.stdout).unwrap();
     assert_eq!(found["scans"], 1);
-    let text = said(&bench, &["inspect", "both.mcap", "--dimensions", "3"], 1);
+    let text = said(&bench, &["inspect", "both.mcap", "--dimensions", "3"], 3);
     assert!(text.contains("--cloud-topic") && text.contains("/other"), "{text}");
     let asked = ["inspect", "both.mcap", "--cloud-topic", "/lidar/points"];
     assert_eq!(json(&bench, &asked)["points"], 3);

@@ -233,8 +233,10 @@ fn grid_maps_are_written_read_and_localized_on() {
         let (_, stderr) = lab.ends(args, code);
         assert!(stderr.contains(expected), "{args:?}: {stderr}");
     }
-    fs::write(lab.path("map.yaml"), "image: ../map.pgm\nresolution: 1\n").unwrap();
+    let text = "image: ../elsewhere.pgm\nresolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n\
+                free_thresh: 0.2\n";
+    fs::write(lab.path("map.yaml"), text).unwrap();
     let (_, stderr) = lab.ends(&["convert", "map.yaml", "b.csv"], 1);
-    assert!(stderr.contains("neither absolute nor with \"..\""), "{stderr}");
+    assert!(stderr.contains("\"../elsewhere.pgm\", which leads elsewhere"), "{stderr}");
     assert!(!Path::new(&lab.path("b.csv")).exists());
 }

@@ -12,8 +12,8 @@ use crate::elements::{Clipped, symbol};
 use crate::error::FigureError;
 use crate::marks::{Taken, TextBox};
 use crate::page::{
-    Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
-    draw_lines, draw_remark, height, left_room, render_error,
+    Area, Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes,
+    draw_frame, draw_lines, draw_remark, height, left_room, render_error,
 };
 use crate::save::save_file;
 use crate::style::{CurveStyle, Dash, LINE, Marker, stroke};
@@ -21,14 +21,18 @@ use crate::text::{self, TEXT, fitted, wrap};
 use crate::units::{svg_units, units};
 
 const PANEL_HEIGHT: f64 = 235.0;
+/// Between panels side by side.
+const COLUMN_GAP: f64 = 10.0;
 /// Right of a panel, for half of its last tick label.
 const OVERHANG: f64 = 8.0;
 
-/// Curves in one or more panels above each other.
+/// Curves in one or more panels.
 #[derive(Debug, Clone)]
 pub struct CurveFigure {
-    /// The panels, from the top.
+    /// The panels, row by row.
     pub panels: Vec<CurvePanel>,
+    /// How many panels stand side by side; at least 1.
+    pub columns: usize,
     /// Paragraphs beneath: the data set, the settings, what the marks mean.
     pub caption: Vec<String>,
 }
@@ -194,8 +198,24 @@ fn draw_page(figure: &CurveFigure) -> Result<Page, DrawError> {
         .zip(&axes)
         .filter_map(|(panel, axes)| axes.as_ref().map(|[_, y]| left_room(y, &panel.y.label)));
     let left = rooms.fold(0.0, f64::max);
-    for (panel, axes) in figure.panels.iter().zip(axes) {
-        draw_panel(&mut page, panel, axes, left)?;
+    let columns = figure.columns.clamp(1, figure.panels.len());
+    let width = (INNER + COLUMN_GAP) / columns as f64 - COLUMN_GAP;
+    let plot = width - left - OVERHANG;
+    let panels: Vec<_> = figure.panels.iter().zip(axes).collect();
+    for row in panels.chunks(columns) {
+        let titles: Vec<_> =
+            row.iter().map(|(panel, _)| wrap(&panel.title, &text::title(), plot)).collect();
+        let tallest = |heights: &mut dyn Iterator<Item = f64>| heights.fold(0.0, f64::max);
+        let above = tallest(&mut titles.iter().map(|title| height(title, &text::title())));
+        let below = tallest(&mut row.iter().map(|(panel, _)| bottom_room(&panel.x.label)));
+        let (above, area) = (page.take(above + TITLE_GAP), page.take(PANEL_HEIGHT + below));
+        for (column, ((panel, axes), title)) in row.iter().zip(titles).enumerate() {
+            let from = column as f64 * (width + COLUMN_GAP);
+            let beyond = INNER - from - width;
+            draw_lines(&above.margin(0, 0, units(from + left), 0), &title, &text::title())?;
+            let area = area.margin(0, 0, units(from), units(beyond + OVERHANG));
+            draw_panel(&page, &area, panel, axes.clone(), [left, plot])?;
+        }
         page.take(10.0);
     }
     page.caption(&figure.caption)?;
@@ -217,18 +237,14 @@ fn left_out(figure: &CurveFigure) -> Option<String> {
     })
 }
 
+/// Draws a panel; `left` of its plot of this `width` stand the labels.
 fn draw_panel(
-    page: &mut Page,
+    page: &Page,
+    area: &Area,
     panel: &CurvePanel,
     axes: Option<[Axis; 2]>,
-    left: f64,
+    [left, width]: [f64; 2],
 ) -> Result<(), DrawError> {
-    let width = INNER - left - OVERHANG;
-    let title = wrap(&panel.title, &text::title(), width);
-    let above = page.take(height(&title, &text::title()) + TITLE_GAP);
-    draw_lines(&above.margin(0, 0, units(left), 0), &title, &text::title())?;
-    let area =
-        page.take(PANEL_HEIGHT + bottom_room(&panel.x.label)).margin(0, 0, 0, units(OVERHANG));
     let empty = axes.is_none();
     let [x, y] = axes.unwrap_or_else(|| {
         [&panel.x, &panel.y]
@@ -236,7 +252,7 @@ fn draw_panel(
             .map(|axis| axis.with_ticks(PANEL_HEIGHT, along_y))
     });
     let axes = [x.with_ticks(width, along_x), y];
-    let mut chart = draw_axes(&area, left, axes, [&panel.x.label, &panel.y.label], true)?;
+    let mut chart = draw_axes(area, left, axes, [&panel.x.label, &panel.y.label], true)?;
     if empty {
         draw_frame(&chart)?;
         return draw_remark(&chart, "no data here");

@@ -133,6 +133,7 @@ fn curve_figure(curves: Vec<Vec<CurvePoint>>) -> CurveFigure {
         points,
     });
     CurveFigure {
+        columns: 1,
         panels: vec![CurvePanel {
             title: "all sizes".into(),
             x: AxisSpec::linear("map size [%]"),

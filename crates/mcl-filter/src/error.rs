@@ -89,14 +89,19 @@ pub enum FilterError {
         /// The increment found.
         increment: Pose2,
     },
-    /// A scan is used, but the motion towards it is not known.
+    /// The motion of the robot is not known on so many steps that they cannot be bridged.
     #[error(
-        "scan {scan} has no odometry increment: the filter cannot follow the robot from the scan \
-         before (this log has no odometry, or lost some of it)"
+        "scan {scan} has no odometry increment, nor have {unknown} of {steps} steps: the filter cannot \
+         follow the robot (this log has no odometry, or lost most of it; a quarter of the steps may be \
+         without)"
     )]
     MissingOdometry {
-        /// Index of the scan in log order, from 0.
+        /// Index of the first scan without, in log order, from 0.
         scan: usize,
+        /// Number of steps without.
+        unknown: usize,
+        /// Number of all steps.
+        steps: usize,
     },
     /// As many increments as scans are needed.
     #[error("{increments} odometry increments for {scans} scans, expected one per scan")]

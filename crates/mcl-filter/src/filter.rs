@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed};
+use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed, wrap_angle};
 use rand::seq::SliceRandom;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -10,6 +10,10 @@ use crate::particles::{PARTICLES, effective_sample_size};
 use crate::proposal::{Noise, NoiseProposal};
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
 use crate::{CheckedSettings, Estimate, FilterError, FilterSettings, Particles, Proposal};
+
+/// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
+/// 128.
+const BRIDGE_STAGES: i32 = 8;
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +62,7 @@ pub struct StepReport {
 ///     ranges: vec![1.6, 3.0],
 ///     map_from_laser: None,
 ///     odometry: None,
+///     sweep: Default::default(),
 /// };
 /// let mut report = filter.step(&Pose2::new(0.5, 0.0, 0.0), &scan)?;
 /// for _ in 0..20 {
@@ -203,6 +208,59 @@ impl<'a> ParticleFilter<'a> {
             Proposal::Adaptive => self.predict_for_adaptation(motion, &mut rng),
         }
         self.particles.check_places()
+    }
+
+    /// Takes the place of a motion that nobody knows, before the scan at its end: the particles are spread by
+    /// independent Gaussian noise of these standard deviations on x and y (m) and on the heading (rad). So few of
+    /// them would be where the robot is that they are then drawn towards the scan: resampled by its likelihood,
+    /// at first to a small power, and spread by half as much, again and again.
+    ///
+    /// # Errors
+    /// [`FilterError::NonFiniteParticle`], and those of [`update`](Self::update).
+    pub fn bridge(
+        &mut self,
+        scan: &LaserScan,
+        position: f64,
+        heading: f64,
+    ) -> Result<(), FilterError> {
+        // The last motion says nothing any more of where to draw particles from.
+        self.moved = None;
+        let values = self.settings.values();
+        let FilterSettings { beams, max_range, outlier_fraction, resampling, .. } = *values;
+        self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
+        let number = self.particles.len();
+        for stage in 0..BRIDGE_STAGES {
+            let scale = 0.5_f64.powi(stage);
+            let Particles { x, y, theta, .. } = &mut self.particles;
+            for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
+                let [along, across, turn]: Noise =
+                    std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+                *x += scale * position * along;
+                *y += scale * position * across;
+                *theta = wrap_angle(*theta + scale * heading * turn);
+            }
+            self.particles.check_places()?;
+            if self.buffers.endpoints.is_empty() {
+                break;
+            }
+            let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
+            for buffer in [log_likelihoods, sin, cos] {
+                buffer.clear();
+                buffer.resize(number, 0.0);
+            }
+            self.weigh(0..number, outlier_fraction);
+            let power = 0.5_f64.powi(BRIDGE_STAGES - stage);
+            let Buffers { weights, chosen, scratch, log_likelihoods, .. } = &mut self.buffers;
+            let particles = &mut self.particles;
+            for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
+                *log_weight += power * likelihood;
+            }
+            particles.normalize(weights)?;
+            resampling.draw(weights, &mut rng, scratch, chosen);
+            particles.choose(chosen, scratch);
+        }
+        Ok(())
     }
 
     /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,

@@ -24,7 +24,7 @@ mod settings;
 pub use error::FilterError;
 pub use estimate::Estimate;
 pub use filter::{ParticleFilter, StepReport};
-pub use localize::{Replay, Run, Step, localize, localize_with};
+pub use localize::{Bridge, Replay, Run, Step, localize, localize_with};
 pub use motion::{OdometryNoise, noisy_increments};
 pub use particles::{Particles, effective_sample_size};
 pub use sensor::MapDistances;

@@ -1,3 +1,5 @@
+use std::f64::consts::FRAC_PI_3;
+
 use mcl_core::memory::with_room;
 use mcl_core::{Pose2, Recording, Seed};
 
@@ -41,12 +43,12 @@ pub struct Step<'a> {
 /// Localizes the robot of a recording on a map: one run of the particle filter over the used scans.
 ///
 /// `initial_map_from_laser` is the pose of the laser at the first used scan, needed for
-/// [`InitialPose::Known`](crate::InitialPose::Known): its reference pose, or what a user gives.
+/// [`InitialPose::Known`](crate::InitialPose::Known): its reference pose, or what a user gives. A few steps
+/// without odometry are bridged ([`Bridge`]).
 ///
 /// # Errors
-/// [`FilterError::IncrementCount`] and [`FilterError::ScanList`] for a replay that does not fit
-/// together, [`FilterError::MissingOdometry`] or [`FilterError::NonFiniteOdometry`] with the scan
-/// concerned, and those of [`ParticleFilter`].
+/// Those of [`Bridge::over`], [`FilterError::NonFiniteOdometry`] with the scan concerned, and those of
+/// [`ParticleFilter`].
 pub fn localize(
     replay: &Replay<'_>,
     distances: &MapDistances,
@@ -71,7 +73,7 @@ pub fn localize_with<E: From<FilterError>>(
     mut observe: impl FnMut(Step<'_>) -> Result<(), E>,
 ) -> Result<Run, E> {
     let scans = &replay.recording.scans;
-    check_replay(replay)?;
+    let bridge = Bridge::over(replay)?;
     let robot_from_laser = replay.recording.robot_from_laser;
     let laser_from_robot = robot_from_laser.inverse();
     let map_from_robot = initial_map_from_laser.map(|pose| pose.compose(&laser_from_robot));
@@ -84,9 +86,13 @@ pub fn localize_with<E: From<FilterError>>(
     let mut previous = None;
     for &scan in replay.scans {
         if let Some(previous) = previous {
-            let motion = composed(replay.increments, previous + 1, scan)?;
+            let (motion, unknown) = composed(replay.increments, previous + 1, scan)?;
             // The increment of the laser, seen by the robot it is mounted on.
             filter.predict(&robot_from_laser.compose(&motion).compose(&laser_from_robot))?;
+            if unknown > 0 {
+                let times = (unknown as f64).sqrt();
+                filter.bridge(&scans[scan], times * bridge.reach, times * TURN)?;
+            }
         }
         let report = filter.update(&scans[scan])?;
         observe(Step { scan, report: &report, particles: filter.particles() })?;
@@ -112,15 +118,68 @@ fn check_replay(replay: &Replay<'_>) -> Result<(), FilterError> {
     Ok(())
 }
 
-/// The increments of scans `first..=last`, one after the other.
-fn composed(increments: &[Option<Pose2>], first: usize, last: usize) -> Result<Pose2, FilterError> {
+/// The largest share of steps without odometry that is bridged.
+const MOST_UNKNOWN: f64 = 0.25;
+/// The least that a robot may have moved on such a step (m).
+const LEAST_REACH: f64 = 0.25;
+/// Standard deviation of the heading after such a step (rad): half a turn is three of them.
+const TURN: f64 = FRAC_PI_3;
+
+/// Steps whose motion nobody knows, and how the filter bridges them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bridge {
+    /// The scans that these steps lead to.
+    pub scans: Vec<usize>,
+    /// Number of all steps.
+    pub steps: usize,
+    /// Standard deviation of the position along each axis after such a step (m): the longest step that is
+    /// known, at least 0.25 m. The heading has one of 60°.
+    pub reach: f64,
+}
+
+impl Bridge {
+    /// Finds the steps of a replay without odometry. Unknown motion is never taken as none: on a few steps the
+    /// particles are spread so far that they cover what the robot may have done.
+    ///
+    /// # Errors
+    /// [`FilterError::IncrementCount`] and [`FilterError::ScanList`]; [`FilterError::MissingOdometry`] where more
+    /// than a quarter of the steps are unknown.
+    pub fn over(replay: &Replay<'_>) -> Result<Self, FilterError> {
+        check_replay(replay)?;
+        let ends = replay.scans.first().zip(replay.scans.last());
+        let increments = match ends {
+            Some((&first, &last)) => &replay.increments[first + 1..=last.max(first)],
+            None => &[],
+        };
+        let first = ends.map_or(0, |(first, _)| first + 1);
+        let missing = increments.iter().enumerate().filter(|(_, increment)| increment.is_none());
+        let scans: Vec<usize> = missing.map(|(step, _)| first + step).collect();
+        let (unknown, steps) = (scans.len(), increments.len());
+        if unknown as f64 > MOST_UNKNOWN * steps as f64 {
+            return Err(FilterError::MissingOdometry { scan: scans[0], unknown, steps });
+        }
+        let lengths = increments.iter().flatten().map(|step| step.x.hypot(step.y));
+        Ok(Bridge { scans, steps, reach: lengths.fold(LEAST_REACH, f64::max) })
+    }
+}
+
+/// The increments of scans `first..=last` that are known, one after the other, and the number of others.
+fn composed(
+    increments: &[Option<Pose2>],
+    first: usize,
+    last: usize,
+) -> Result<(Pose2, usize), FilterError> {
     let mut motion = Pose2::IDENTITY;
+    let mut unknown = 0;
     for (scan, increment) in increments.iter().enumerate().take(last + 1).skip(first) {
-        let increment = increment.ok_or(FilterError::MissingOdometry { scan })?;
+        let Some(increment) = *increment else {
+            unknown += 1;
+            continue;
+        };
         if !increment.is_finite() {
             return Err(FilterError::NonFiniteOdometry { scan, increment });
         }
         motion = motion.compose(&increment);
     }
-    Ok(motion)
+    Ok((motion, unknown))
 }

@@ -43,7 +43,17 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
     (
         prop::sample::select(vec![0, 1, 2, 3, 17, 300]),
         length(),
-        prop::sample::select(vec![0.0, 5e-324, 1e-30, 0.5, 1.0, -0.1, 1.1, f64::NAN]),
+        prop::sample::select(vec![
+            None,
+            Some(0.0),
+            Some(5e-324),
+            Some(1e-30),
+            Some(0.5),
+            Some(1.0),
+            Some(-0.1),
+            Some(1.1),
+            Some(f64::NAN),
+        ]),
         length(),
         length(),
         prop::sample::select(vec![0.0, 0.05, 1e9, 1e300, -1.0, f64::NAN]),
@@ -122,6 +132,7 @@ fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
                 ranges,
                 map_from_laser: None,
                 odometry,
+                sweep: Default::default(),
             };
             scans.into_iter().map(scan).collect()
         })
@@ -204,6 +215,7 @@ fn a_million_particles_agree_with_ten_thousand() {
         ranges,
         map_from_laser: None,
         odometry: Some(Pose2::IDENTITY),
+        sweep: Default::default(),
     };
     let recording = Recording {
         scans: vec![scan(vec![3.0; 12]), scan(vec![2.9; 12]), scan(vec![f64::NAN; 12])],

@@ -36,6 +36,7 @@ fn intel() -> Recording {
                     ranges: numbers[1..=beams].to_vec(),
                     map_from_laser: Some(pose(1 + beams)),
                     odometry: before.zip(last_odometry).map(|(from, to)| from.between(&to)),
+                    sweep: Default::default(),
                 });
             }
             _ => {}

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use mcl_core::{PointMap, Pose2, Recording, ScanGeometry, Seed, Stamp};
-use mcl_datasets::bag::{self, Encoder, planar, types};
+use mcl_datasets::bag::{self, Encoder, Format, planar, types};
 use mcl_datasets::carmen;
 use mcl_datasets::container;
 use mcl_datasets::container::item::Item;
@@ -25,6 +25,9 @@ use mcl_study::run::run_study;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::division::StudyData;
 use serde_json::{Value, json};
+
+/// Where the first chunk of a bag of ROS 1 begins: after its first line and the record of 4096 bytes.
+const CHUNK_START: usize = 13 + 4096;
 
 struct Corpus(PathBuf);
 
@@ -64,6 +67,17 @@ fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {
     Ok(packed.finish()?)
 }
 
+/// A database with the smallest pages, so that it is no longer than what is fuzzed.
+fn small(database: &[u8]) -> Result<Vec<u8>> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("bag.db3");
+    std::fs::write(&path, database)?;
+    let connection = rusqlite::Connection::open(&path)?;
+    connection.execute_batch("PRAGMA page_size = 512; VACUUM;")?;
+    connection.close().map_err(|(_, error)| error)?;
+    Ok(std::fs::read(&path)?)
+}
+
 fn logs(corpus: &Corpus) -> Result<()> {
     let with_reference = piece(3, 4)?;
     let mut raw = with_reference.clone();
@@ -81,6 +95,29 @@ fn logs(corpus: &Corpus) -> Result<()> {
         let bag = bag::write(&recording, Cursor::new(Vec::new()))?.into_inner();
         corpus.add("log", &format!("{name}.mcap.gz"), gzip(&bag)?)?;
         corpus.add("mcap", name, &bag)?;
+        let mut swept = recording.clone();
+        swept.scans.iter_mut().for_each(|scan| scan.sweep.time_increment = 0.125);
+        for (kind, recording) in [("", &recording), ("-swept", &swept)] {
+            let ros1 =
+                bag::write_as(recording, Format::Ros1, Cursor::new(Vec::new()))?.into_inner();
+            corpus.add("ros1_bag", &format!("{name}{kind}"), &ros1)?;
+            // Between the lengths of the only chunk and its index.
+            let start = CHUNK_START
+                + ros1[CHUNK_START..].windows(4).position(|w| w == b"size").unwrap_or(0)
+                + 13;
+            let size =
+                ros1[start - 4..start].first_chunk().map_or(0, |size| u32::from_le_bytes(*size));
+            let records = &ros1[start..start + size as usize];
+            for packed in 0..3_u8 {
+                corpus.add(
+                    "ros1_chunk",
+                    &format!("{name}{kind}-{packed}"),
+                    [&[packed], records].concat(),
+                )?;
+            }
+            let database = bag::write_as(recording, Format::Database, Cursor::new(Vec::new()))?;
+            corpus.add("database", &format!("{name}{kind}"), small(database.get_ref())?)?;
+        }
         let mut records = Vec::new();
         container::mcap::read_stream(&*bag, |item| {
             collect(&mut records, item);
@@ -318,6 +355,8 @@ fn results(study: &str) -> Result<(String, String)> {
         recording: piece(12, 30)?,
         kind: None,
         report: ReadReport::default(),
+        reference: None,
+        survey: None,
         notes: Vec::new(),
         assumptions: Vec::new(),
         max_range: 10.0,

@@ -1,4 +1,4 @@
-//! MCAP files around the bytes of a fuzzer, so that framing and checksums do not stop it.
+//! Bags around the bytes of a fuzzer, so that framing and checksums do not stop it.
 
 use std::io::Write;
 
@@ -20,6 +20,26 @@ pub enum Compression {
     Zstd,
     /// LZ4 frames.
     Lz4,
+    /// Bzip2, of ROS 1 alone.
+    Bzip2,
+}
+
+/// These bytes packed, and what MCAP and ROS 1 call that.
+fn packed(records: &[u8], compression: Compression) -> (&'static str, &'static str, Vec<u8>) {
+    match compression {
+        Compression::None => ("", "none", records.to_vec()),
+        Compression::Zstd => ("zstd", "none", zstd::bulk::compress(records, 1).unwrap_or_default()),
+        Compression::Lz4 => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            let packed = encoder.write_all(records).ok().and_then(|()| encoder.finish().ok());
+            ("lz4", "lz4", packed.unwrap_or_default())
+        }
+        Compression::Bzip2 => {
+            let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), Default::default());
+            let packed = encoder.write_all(records).ok().and_then(|()| encoder.finish().ok());
+            ("", "bz2", packed.unwrap_or_default())
+        }
+    }
 }
 
 fn record(file: &mut Vec<u8>, opcode: u8, body: &[u8]) {
@@ -91,15 +111,7 @@ pub fn bag_of_one_message(topic: &str, type_name: &str, description: &str, data:
 
 /// A bag of one chunk with these records.
 pub fn chunked(records: &[u8], compression: Compression) -> Vec<u8> {
-    let (name, packed) = match compression {
-        Compression::None => ("", records.to_vec()),
-        Compression::Zstd => ("zstd", zstd::bulk::compress(records, 1).unwrap_or_default()),
-        Compression::Lz4 => {
-            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
-            let packed = encoder.write_all(records).ok().and_then(|()| encoder.finish().ok());
-            ("lz4", packed.unwrap_or_default())
-        }
-    };
+    let (name, _, packed) = packed(records, compression);
     file_of(|file| {
         let mut chunk = vec![0; 16];
         chunk.extend((records.len() as u64).to_le_bytes());
@@ -109,4 +121,26 @@ pub fn chunked(records: &[u8], compression: Compression) -> Vec<u8> {
         chunk.extend(&packed);
         record(file, CHUNK, &chunk);
     })
+}
+
+/// A bag of ROS 1 of one chunk with these records, and without an index.
+pub fn ros1_chunked(records: &[u8], compression: Compression) -> Vec<u8> {
+    let (_, name, packed) = packed(records, compression);
+    let blob = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
+    let header = |fields: &[(&str, &[u8])]| {
+        let field = |(name, value): &(&str, &[u8])| blob(&[name.as_bytes(), b"=", value].concat());
+        blob(&fields.iter().flat_map(field).collect::<Vec<u8>>())
+    };
+    let mut file = b"#ROSBAG V2.0\n".to_vec();
+    file.extend(header(&[
+        ("op", &[3]),
+        ("index_pos", &[0; 8]),
+        ("conn_count", &[0; 4]),
+        ("chunk_count", &[0; 4]),
+    ]));
+    file.extend(blob(b" "));
+    let size = (records.len() as u32).to_le_bytes();
+    file.extend(header(&[("op", &[5]), ("compression", name.as_bytes()), ("size", &size)]));
+    file.extend(blob(&packed));
+    file
 }

@@ -13,7 +13,7 @@ mod recording;
 mod results;
 mod trajectories;
 
-pub use framing::{Compression, bag_of_one_message, chunked};
+pub use framing::{Compression, bag_of_one_message, chunked, ros1_chunked};
 
 /// A reader under test.
 #[derive(Debug, Clone, Copy)]
@@ -25,11 +25,14 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 15] = [
+pub const TARGETS: [Target; 18] = [
     Target { name: "carmen", run: logs::carmen },
     Target { name: "log", run: logs::any_log },
     Target { name: "mcap", run: logs::mcap },
     Target { name: "mcap_chunk", run: logs::mcap_chunk },
+    Target { name: "ros1_bag", run: logs::ros1_bag },
+    Target { name: "ros1_chunk", run: logs::ros1_chunk },
+    Target { name: "database", run: logs::database },
     Target { name: "cdr", run: logs::cdr },
     Target { name: "bag_metadata", run: logs::bag_metadata },
     Target { name: "tum", run: trajectories::tum },

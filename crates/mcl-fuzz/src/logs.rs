@@ -1,4 +1,4 @@
-//! Logs: CARMEN, and MCAP from the whole file down to the message.
+//! Logs: CARMEN, and bags from the whole file down to the message.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use mcl_datasets::bag::{PoseRole, cdr, listed_files, planar, read, read_poses, t
 use mcl_datasets::carmen;
 use mcl_datasets::log::{ReadOptions, ReferencePoses, read_log_from};
 
-use crate::framing::{Compression, OneMessage, bag_of, chunked};
+use crate::framing::{Compression, OneMessage, bag_of, chunked, ros1_chunked};
 use crate::memory::{ANY_INPUT, bounded};
 use crate::recording;
 
@@ -81,6 +81,28 @@ pub fn mcap_chunk(bytes: &[u8]) {
     bag_file(&bag, PER_PACKED_BYTE.min(PER_BYTE_OF_BAG * (records.len() / bag.len() + 1)));
 }
 
+/// A bag of ROS 1, byte by byte.
+pub fn ros1_bag(bytes: &[u8]) {
+    bag_file(bytes, PER_PACKED_BYTE);
+}
+
+/// The records of a chunk of a bag of ROS 1, whose lengths are right; the first byte says how it is packed.
+pub fn ros1_chunk(bytes: &[u8]) {
+    let Some((&kind, records)) = bytes.split_first() else { return };
+    let compression = match kind % 3 {
+        0 => Compression::None,
+        1 => Compression::Bzip2,
+        _ => Compression::Lz4,
+    };
+    let bag = ros1_chunked(records, compression);
+    bag_file(&bag, PER_PACKED_BYTE.min(PER_BYTE_OF_BAG * (records.len() / bag.len() + 1)));
+}
+
+/// A database of rosbag2, page by page.
+pub fn database(bytes: &[u8]) {
+    bag_file(bytes, PER_PACKED_BYTE);
+}
+
 /// A description and a message: the first byte says its language and what the message is used as;
 /// then the text of the description up to a NUL, then the message with its head.
 pub fn cdr(bytes: &[u8]) {
@@ -116,6 +138,7 @@ pub fn cdr(bytes: &[u8]) {
         ranges: vec![1.0, 2.0, 3.0],
         map_from_laser: None,
         odometry: None,
+        sweep: Default::default(),
     };
     let second = Stamp::from_nanoseconds(1_000_000_000);
     let scan = planar::laser_scan(&scan, second, "laser", (0.0, 10.0)).into_bytes();

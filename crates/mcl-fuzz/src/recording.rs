@@ -28,6 +28,10 @@ fn is_sound(recording: &Recording) {
     for (index, scan) in recording.scans.iter().enumerate() {
         assert_eq!(scan.ranges.len(), scan.geometry.beams);
         assert!(scan.geometry.beams > 0);
+        if let Some(directions) = &scan.sweep.directions {
+            assert_eq!(directions.len(), scan.ranges.len());
+            assert!(directions.iter().all(|direction| direction.is_finite()), "scan {index}");
+        }
         let last = scan.geometry.angle(scan.geometry.beams - 1);
         assert!(scan.geometry.start_angle.is_finite() && last.is_finite(), "scan {index}");
         assert!(scan.map_from_laser.is_none_or(|pose| pose.is_finite()), "scan {index}");

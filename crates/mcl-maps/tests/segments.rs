@@ -52,6 +52,7 @@ fn scan(pose: Pose2, noise: f64, seed: u64) -> LaserScan {
         ranges: ranges.collect(),
         map_from_laser: Some(pose),
         odometry: None,
+        sweep: Default::default(),
     }
 }
 
@@ -173,8 +174,7 @@ proptest! {
             geometry,
             ranges: ranges.clone(),
             map_from_laser: Some(Pose2::new(far - 20.0, 0.1 * i as f64, 0.02 * i as f64)),
-            odometry: None,
-        });
+            odometry: None, sweep: Default::default(), });
         let log = Recording { scans: scans.collect(), robot_from_laser: Pose2::IDENTITY };
         let settings = SegmentSettings { tolerance, max_gap, min_length: 0.0, min_points: 3 };
         match line_segments(&log, MAX_RANGE, &settings) {

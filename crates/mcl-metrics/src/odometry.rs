@@ -72,6 +72,7 @@ mod tests {
             ranges: vec![1.0],
             map_from_laser: Some(pose),
             odometry,
+            sweep: Default::default(),
         };
         let mut pose = Pose2::new(3.0, -2.0, 2.5);
         let mut scans = vec![scan(pose, None)];

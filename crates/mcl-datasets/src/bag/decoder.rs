@@ -265,7 +265,7 @@ pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> M
 }
 
 /// The layout of a standard type, for a topic without a description.
-fn standard(topic: &Topic) -> Option<Result<MessageSchema, SchemaError>> {
+pub(super) fn standard(topic: &Topic) -> Option<Result<MessageSchema, SchemaError>> {
     let kind = types::named(&plain_name(topic.type_name()))?;
     let (language, text) = match topic.encoding.as_str() {
         "ros1" => ("ros1msg", kind.description_of_ros1()),

@@ -25,7 +25,12 @@
 //!   topic is. [`crate::log::ReadOptions`] says otherwise.
 //! * **The mount** of the laser is the chain of transforms from the robot's frame to the scan's, seen from
 //!   above; one that sways is taken as it is at each scan. A laser mounted upside down has its directions
-//!   turned over. Without such a chain the laser is taken to be at the robot's origin.
+//!   turned over; of one that is tilted by 3° or more, the endpoints are projected into the plane. Without
+//!   such a chain the laser is taken to be at the robot's origin.
+//! * **Motion during a scan**: where a scan says how long it takes (`time_increment`), each beam is placed
+//!   where the laser was when it was measured, by the odometry, or else by the reference, as seen from where
+//!   it was at the stamp ([`Sweep`](mcl_core::Sweep)). Readings measured where neither tells of a pose are
+//!   left out. [`ReadOptions::no_deskew`](crate::log::ReadOptions::no_deskew) takes scans as measured at once.
 //! * **Odometry** at the time of a scan lies between its two neighbours: on the line between the
 //!   positions, on the shorter arc between the headings. `/tf` tells the same poses, and is used before
 //!   the first and after the last message of the topic, or without one. Nothing is extrapolated, nor
@@ -64,6 +69,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod beams;
 pub mod cdr;
 pub(crate) mod clouds;
 mod decoder;
@@ -72,7 +78,7 @@ pub(crate) mod error;
 mod idl_text;
 mod layout;
 mod messages;
-mod moment;
+pub(crate) mod moment;
 mod motion;
 mod msg_text;
 pub mod planar;
@@ -81,9 +87,12 @@ pub(crate) mod poses;
 pub(crate) mod recording;
 pub mod schema;
 mod slice;
+pub(crate) mod survey;
 pub(crate) mod topics;
-mod track;
+pub(crate) mod track;
 pub mod types;
+mod write_database;
+mod write_ros1;
 mod writer;
 
 use std::io::{BufReader, Read};
@@ -95,11 +104,12 @@ pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
+pub use survey::{Choice, Survey, TopicFacts};
 use topics::{Content, Purpose};
 pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
 pub use writer::{
-    BASE_FRAME, BagWriter, Delivery, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError, check_scans,
-    write,
+    BASE_FRAME, BagWriter, Delivery, Format, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError,
+    check_scans, write, write_as,
 };
 
 use crate::container::item::Input;

@@ -13,7 +13,7 @@ const RESET: i64 = 1_000_000_000;
 
 /// A time in a stretch; in the order of stretches, then of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Moment {
+pub(crate) struct Moment {
     pub stretch: usize,
     /// Nanoseconds.
     pub at: i64,

@@ -4,12 +4,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mcl_core::{Pose2, ScanGeometry};
-use nalgebra::{Isometry3, Translation3, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::error::BagError;
 use super::messages::{TransformMessage, planar};
 use super::moment::Moment;
 use super::track::longest_interval;
+use crate::log::options::LaserPose;
 
 /// Frames that stand still in the world (REP 105), and the usual names of a map's.
 const FIXED_FRAMES: [&str; 5] = ["map", "odom", "earth", "world", "camera_init"];
@@ -22,6 +23,9 @@ const SWAY: (f64, f64) = (0.05, 3.0);
 /// Tilt accepted between the plane of the scan and that of the robot, in degrees. Lasers are mounted
 /// slightly tilted by accident; one that looks down on purpose does not scan the plane.
 const MAX_TILT_DEGREES: f64 = 30.0;
+/// Tilt (degrees) from which on endpoints are projected into the plane: points would be off by more than a per
+/// mille of their range.
+const PROJECTED_TILT: f64 = 3.0;
 
 /// A frame in its parent, over time.
 #[derive(Debug)]
@@ -68,19 +72,63 @@ pub(super) struct Mount {
     pub is_upside_down: bool,
     /// Angle between the plane of the scan and that of the robot.
     pub tilt_degrees: f64,
+    /// Carries coordinates in the plane of the scan over to the laser's frame seen from above.
+    pub plane: [[f64; 2]; 2],
 }
 
 impl Mount {
-    pub const IDENTITY: Mount =
-        Mount { robot_from_laser: Pose2::IDENTITY, is_upside_down: false, tilt_degrees: 0.0 };
+    pub const IDENTITY: Mount = Mount {
+        robot_from_laser: Pose2::IDENTITY,
+        is_upside_down: false,
+        tilt_degrees: 0.0,
+        plane: [[1.0, 0.0], [0.0, 1.0]],
+    };
 
     fn of(robot_from_laser: &Isometry3<f64>) -> Self {
         let up = (robot_from_laser.rotation * Vector3::z()).z;
-        Mount {
-            robot_from_laser: planar(robot_from_laser),
-            is_upside_down: up < 0.0,
-            tilt_degrees: up.abs().min(1.0).acos().to_degrees(),
+        let seen = planar(robot_from_laser);
+        let tilt_degrees = up.abs().min(1.0).acos().to_degrees();
+        let is_upside_down = up < 0.0;
+        let plane = match tilt_degrees >= PROJECTED_TILT {
+            false if is_upside_down => [[1.0, 0.0], [0.0, -1.0]],
+            false => Mount::IDENTITY.plane,
+            true => {
+                let turned = robot_from_laser.rotation.to_rotation_matrix();
+                let (sin, cos) = seen.theta.sin_cos();
+                let column = |of: usize| {
+                    let [x, y] = [turned[(0, of)], turned[(1, of)]];
+                    [x * cos + y * sin, y * cos - x * sin]
+                };
+                let [ahead, left] = [column(0), column(1)];
+                [[ahead[0], left[0]], [ahead[1], left[1]]]
+            }
+        };
+        Mount { robot_from_laser: seen, is_upside_down, tilt_degrees, plane }
+    }
+
+    /// The one that is asked for.
+    pub fn asked(laser: LaserPose) -> Self {
+        let LaserPose { robot_from_laser: Pose2 { x, y, theta }, roll } = laser;
+        let rotation = UnitQuaternion::from_euler_angles(roll, 0.0, theta);
+        let mount = Mount::of(&Isometry3::from_parts(Translation3::new(x, y, 0.0), rotation));
+        Mount { robot_from_laser: laser.robot_from_laser, ..mount }
+    }
+
+    /// The same, unless the laser is tilted so far that it does not scan the plane.
+    pub fn checked(self, base: &str, laser: &str) -> Result<Self, BagError> {
+        if self.tilt_degrees > MAX_TILT_DEGREES {
+            return Err(BagError::Tilted {
+                laser_frame: laser.to_owned(),
+                base_frame: base.to_owned(),
+                degrees: self.tilt_degrees,
+            });
         }
+        Ok(self)
+    }
+
+    /// Whether endpoints are projected into the plane of the robot.
+    pub fn is_tilted(&self) -> bool {
+        self.tilt_degrees >= PROJECTED_TILT
     }
 
     /// Directions of the beams as seen from above.
@@ -242,15 +290,7 @@ impl Motion {
             return Err(BagError::MovingLaser { parent, child });
         }
         let Some(first) = link.first() else { return Ok(None) };
-        let mount = Mount::of(&first);
-        if mount.tilt_degrees > MAX_TILT_DEGREES {
-            return Err(BagError::Tilted {
-                laser_frame: laser.to_owned(),
-                base_frame: base.to_owned(),
-                degrees: mount.tilt_degrees,
-            });
-        }
-        Ok(Some(mount))
+        Mount::of(&first).checked(base, laser).map(Some)
     }
 
     /// How a frame sits on the robot in space, at first; the identity where that is not known.
@@ -406,7 +446,7 @@ fn is_close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
 mod tests {
     use super::super::messages::Header;
     use super::*;
-    use nalgebra::{Point3, UnitQuaternion};
+    use nalgebra::Point3;
     use std::f64::consts::{FRAC_PI_2, PI};
 
     fn edge(parent: &str, child: &str, x: f64, yaw: f64) -> TransformMessage {

@@ -3,7 +3,9 @@
 //!
 //! Stamps must be from 0 to 2³¹ s, the times of ROS; [`check_scans`](super::check_scans) sees to that.
 
-use mcl_core::{LaserScan, Point, Pose2, Stamp};
+use std::borrow::Cow;
+
+use mcl_core::{LaserScan, Point, Pose2, ScanGeometry, Stamp, wrap_angle};
 use nalgebra::Matrix3;
 
 use super::encode::Encoder;
@@ -23,7 +25,8 @@ pub fn transforms(stamp: Stamp, edges: &[(&str, &str, Pose2)]) -> Encoder {
 }
 
 /// `sensor_msgs/msg/LaserScan` with the limits `range_min` and `range_max` in metres, without
-/// intensities. Readings and angles become 32-bit floats.
+/// intensities. Readings and angles become 32-bit floats; beams with directions of their own go to the nearest
+/// even ones.
 pub fn laser_scan(
     scan: &LaserScan,
     stamp: Stamp,
@@ -37,17 +40,35 @@ pub fn laser_scan(
         .f32(geometry.start_angle as f32)
         .f32(geometry.angle(geometry.beams.saturating_sub(1)) as f32)
         .f32(geometry.angle_step as f32)
-        // Neither the time between beams nor that between scans is known.
-        .f32(0.0)
+        .f32(scan.sweep.time_increment as f32)
+        // The time between scans is not known.
         .f32(0.0)
         .f32(range_min)
         .f32(range_max)
         .u32(scan.ranges.len() as u32);
-    for &range in &scan.ranges {
+    for &range in even(scan).iter() {
         message.f32(range as f32);
     }
     message.u32(0);
     message
+}
+
+/// The readings at the even steps of the scan's geometry: of beams with directions of their own, the nearest at
+/// each step.
+fn even(scan: &LaserScan) -> Cow<'_, [f64]> {
+    let Some(directions) = &scan.sweep.directions else { return Cow::Borrowed(&scan.ranges) };
+    let ScanGeometry { start_angle, angle_step, beams } = scan.geometry;
+    let mut nearest = vec![f64::INFINITY; beams];
+    for (&range, direction) in scan.ranges.iter().zip(directions) {
+        // Turned into the half turns about the middle of the scan.
+        let middle = 0.5 * angle_step * (beams - 1) as f64;
+        let beam = ((wrap_angle(direction - start_angle - middle) + middle) / angle_step).round();
+        if range.is_finite() && range > 0.0 && (0.0..beams as f64).contains(&beam) {
+            let there = &mut nearest[beam as usize];
+            *there = there.min(range);
+        }
+    }
+    Cow::Owned(nearest)
 }
 
 /// `geometry_msgs/msg/PoseStamped`.

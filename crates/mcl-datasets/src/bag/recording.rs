@@ -1,28 +1,30 @@
 //! From the messages of a bag to a recording.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use mcl_core::{LaserScan, Pose2, Recording, Stamp};
+use mcl_core::{LaserScan, Pose2, Recording, Stamp, Sweep};
 
+use super::beams::{Beams, place};
 use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
 use super::messages::{PoseMessage, ScanMessage};
 use super::moment::{Moment, Stretches};
 use super::motion::{Motion, Mount};
 use super::slice;
+use super::survey::Survey;
 use super::topics::{
     Chosen, Content, Kind, Pair, Purpose, choose, possible_references, transform_topics,
 };
 use super::track::{Placed, PoseTrack};
 use crate::log::content::{Log, LogKind};
-use crate::log::options::ReadOptions;
+use crate::log::options::{ReadOptions, ReferenceTrack};
 use crate::log::report::ReadReport;
 
-/// A tilt (degrees) from which on points are off by more than a per mille of their range.
-const TOLD_TILT: f64 = 3.0;
 /// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
+/// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
+const SWEEP_JITTER: f64 = 1.5;
 const NANOSECONDS: f64 = 1e9;
 
 /// What a recording is read of.
@@ -216,11 +218,16 @@ impl Assembly<'_> {
         self.notes.push(format!("scans: {}, frame {laser:?}", self.scan_topic));
         let mount = self.mount(&base, &laser)?;
         let moments = self.moments();
-        let (mut reference, reference_frame) =
+        let sweeps = self.sweeps(&moments);
+        let Reference { track: mut reference, name, frame } =
             self.reference(reference_topic, &reference, &base, odometry_topic)?;
-        let reference_mount = self.reference_mount(reference_frame, &base, &laser, mount)?;
+        let (reference_mount, whose) = self.reference_mount(frame, &base, &laser, mount)?;
+        let used = reference.as_ref().map(|_| format!("{name}, poses of {whose:?}"));
+        if let Some(used) = &used {
+            self.notes.push(format!("reference: {used}"));
+        }
         for track in [&odometry, &reference].into_iter().flatten() {
-            self.check_overlap(track, reference_topic, &moments)?;
+            self.check_overlap(track, &name, &moments)?;
         }
         let sways = self.options.laser_pose.is_none()
             && self.motion.link(&base, &laser).is_some_and(|link| link.sways());
@@ -233,6 +240,7 @@ impl Assembly<'_> {
         let mut scans: Vec<LaserScan> = Vec::with_capacity(self.scans.len());
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
+        let mut swept = Swept::default();
         for ((logged, &moment), &occurrence) in self.scans.iter().zip(&moments).zip(&occurrences) {
             let header = logged.value.header.stamp;
             let stamp = match &self.content.unstamped {
@@ -263,14 +271,23 @@ impl Assembly<'_> {
                 _ => None,
             };
             before = odometry_pose.map(|pose| (moment, pose));
+            let tracks = [(&odometry, then), (&reference, of_reference)];
+            let increment_s = if sweeps { logged.value.time_increment } else { 0.0 };
+            let moved = match self.options.no_deskew || increment_s == 0.0 {
+                true => None,
+                false => Moved::of(moment, occurrence, increment_s, tracks),
+            };
+            let (ranges, sweep) = swept.place(&logged.value, then, increment_s, moved);
             scans.push(LaserScan {
                 stamp: stamp.map(Stamp::from_nanoseconds),
                 geometry: mount.seen_from_above(logged.value.geometry),
-                ranges: logged.value.ranges.clone(),
+                ranges,
                 map_from_laser,
                 odometry: increment,
+                sweep,
             });
         }
+        self.say_swept(&swept);
         if by_log_time > 0 {
             self.assumptions.push(format!(
                 "stamps: scans without a stamp in their header: {by_log_time}; the time they were logged is taken"
@@ -284,7 +301,9 @@ impl Assembly<'_> {
             kind: LogKind::Bag,
             report: self.report,
             front_laser_offset: None,
+            reference: used,
             notes: self.notes,
+            survey: Some(Survey::of(self.content, self.options)),
             assumptions: self.assumptions,
         })
     }
@@ -389,11 +408,9 @@ impl Assembly<'_> {
     fn mount(&mut self, base: &str, laser: &str) -> Result<Mount, BagError> {
         if let Some(asked) = self.options.laser_pose {
             self.notes.push(format!("laser on {base:?}: as asked for"));
-            return Ok(Mount {
-                robot_from_laser: asked.robot_from_laser,
-                is_upside_down: asked.is_upside_down,
-                tilt_degrees: 0.0,
-            });
+            let mount = Mount::asked(asked).checked(base, laser)?;
+            self.say_tilt(base, mount);
+            return Ok(mount);
         }
         let Some(mount) = self.motion.mount(base, laser)? else {
             let why = match self.motion.contains(laser) {
@@ -411,24 +428,98 @@ impl Assembly<'_> {
             "laser on {base:?}: x {x:.3} m, y {y:.3} m, turned by {:.1}°{turned}",
             theta.to_degrees()
         ));
-        if mount.tilt_degrees >= TOLD_TILT && self.options.slice.is_none() {
-            self.report.doubts.push(format!(
-                "laser on {base:?}: tilted by {:.1}°, but its readings are taken as if it were level: a wall at 10 m is up to {:.2} m off",
-                mount.tilt_degrees,
-                10.0 * (1.0 - mount.tilt_degrees.to_radians().cos()),
-            ));
-        }
+        self.say_tilt(base, mount);
         Ok(mount)
     }
 
-    /// The reference poses, and the frame they are of where that is said.
+    fn say_tilt(&mut self, base: &str, mount: Mount) {
+        if mount.is_tilted() && self.options.slice.is_none() {
+            self.assumptions.push(format!(
+                "laser on {base:?}: tilted by {:.1}°, so the ends of its beams are projected into the plane",
+                mount.tilt_degrees
+            ));
+        }
+    }
+
+    /// Whether the times between beams can be right; else they are in doubt, and not used.
+    fn sweeps(&mut self, moments: &[Moment]) -> bool {
+        let takes = |scan: &Logged<ScanMessage>| {
+            scan.value.time_increment * (scan.value.ranges.len() - 1) as f64
+        };
+        let longest = self.scans.iter().map(takes).max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let longest = longest.filter(|longest| *longest != 0.0);
+        let Some(longest) = longest else { return false };
+        let mut between: Vec<i64> = moments
+            .windows(2)
+            .filter(|pair| pair[0].stretch == pair[1].stretch && pair[0].at < pair[1].at)
+            .map(|pair| pair[1].at - pair[0].at)
+            .collect();
+        let middle = between.len() / 2;
+        let usual = match between.is_empty() {
+            true => f64::INFINITY,
+            false => *between.select_nth_unstable(middle).1 as f64 / NANOSECONDS,
+        };
+        let is_possible = longest > 0.0 && longest.is_finite() && longest <= SWEEP_JITTER * usual;
+        if !is_possible {
+            self.report.doubts.push(format!(
+                "{}: by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; it is not used, and beams are taken as measured at once",
+                self.scan_topic
+            ));
+        }
+        is_possible
+    }
+
+    fn say_swept(&mut self, swept: &Swept) {
+        let Swept { scans, placed, lost, farthest, longest } = *swept;
+        if scans == 0 {
+            return;
+        }
+        let topic = self.scan_topic;
+        if self.options.no_deskew {
+            self.notes.push(format!(
+                "{topic}: a scan takes {longest:.3} s; its beams are taken as measured at once, as asked for"
+            ));
+            return;
+        }
+        if placed > 0 {
+            self.notes.push(format!(
+                "{topic}: a scan takes {longest:.3} s; beams of {placed} scans are placed where the laser was when they were measured, at most {farthest:.3} m from where they would be otherwise (--no-deskew takes them as they are)"
+            ));
+        }
+        if lost > 0 {
+            self.assumptions.push(format!(
+                "{topic}: {lost} readings were measured where neither odometry nor reference says where the laser was; they are left out (--no-deskew takes them as measured at the stamp)"
+            ));
+        }
+        if placed < scans {
+            self.assumptions.push(format!(
+                "{topic}: a scan takes {longest:.3} s, but for {} of {scans} neither odometry nor reference says how the laser moved meanwhile; their beams are taken as measured at once",
+                scans - placed
+            ));
+        }
+    }
+
+    /// The reference poses, what they are called, and the frame they are of where that is said.
     fn reference(
         &mut self,
         topic: Option<&str>,
         poses: &[Logged<PoseMessage>],
         base: &str,
         odometry_topic: Option<&str>,
-    ) -> Result<(Option<Track>, Option<String>), BagError> {
+    ) -> Result<Reference, BagError> {
+        if let Some(ReferenceTrack { name, trajectory, frame }) = &self.options.reference_track {
+            // Its file knows of no stretches: it may tell of any.
+            let stretches: BTreeSet<usize> = self.moments().iter().map(|at| at.stretch).collect();
+            let sample = |stretch: usize| {
+                let moment = move |at: Stamp| Moment { stretch, at: at.nanoseconds() };
+                trajectory.iter().map(move |(at, pose)| (moment(at), pose))
+            };
+            let samples = stretches.into_iter().flat_map(sample).collect();
+            let track = PoseTrack::new(samples, self.longest);
+            let name = format!("{name}, {} poses", trajectory.len());
+            let track = track.map(|track| Track::new(track, REFERENCE));
+            return Ok(Reference { track, name, frame: frame.clone() });
+        }
         let Some(topic) = topic else {
             let mut possible = possible_references(self.content, odometry_topic);
             possible.extend(self.motion.pairs(base));
@@ -438,7 +529,7 @@ impl Assembly<'_> {
                     format!("reference: none; --reference-topic could take {}", possible.join(", "))
                 }
             });
-            return Ok((None, None));
+            return Ok(Reference::default());
         };
         let pair = Pair::of(topic).filter(|_| poses.is_empty());
         let frames = pair.and_then(|pair| pair.frames(|frame| self.motion.knows(frame)));
@@ -455,56 +546,66 @@ impl Assembly<'_> {
         let count = samples.len();
         let Some(track) = PoseTrack::new(samples, self.longest) else {
             self.assumptions.push(format!("reference: {topic} has no readable message"));
-            return Ok((None, None));
+            return Ok(Reference::default());
         };
-        self.notes.push(format!("reference: {topic}, {count} messages"));
-        Ok((Some(Track::new(track, "reference")), child.filter(|child| !child.is_empty())))
+        Ok(Reference {
+            track: Some(Track::new(track, REFERENCE)),
+            name: format!("{topic}, {count} messages"),
+            frame: child.filter(|child| !child.is_empty()),
+        })
     }
 
     fn no_pair(&self, topic: &str) -> BagError {
         BagError::NoPair { topic: topic.to_owned(), frames: self.motion.frames() }
     }
 
-    /// Mount of the laser on the frame that the reference is of; `None` where that is the robot's.
+    /// Mount of the laser on the frame that the reference is of, `None` where that is the robot's; and
+    /// whose poses they are.
     fn reference_mount(
         &mut self,
         child: Option<String>,
         base: &str,
         laser: &str,
         mount: Mount,
-    ) -> Result<Option<Mount>, BagError> {
-        let frame = match self.options.reference_frame.as_deref() {
-            Some("robot") => return Ok(None),
-            Some("laser") => return Ok(Some(Mount::IDENTITY)),
-            Some(asked) => Some(asked.to_owned()),
-            None => child,
+    ) -> Result<(Option<Mount>, String), BagError> {
+        let asked = self.options.reference_frame.clone();
+        let frame = match asked.or(child).as_deref() {
+            Some("robot") | None => base.to_owned(),
+            Some("laser") => laser.to_owned(),
+            Some(frame) => frame.to_owned(),
         };
-        let Some(frame) = frame.filter(|frame| frame != base) else { return Ok(None) };
+        if frame == base {
+            return Ok((None, frame));
+        }
+        if frame == laser {
+            return Ok((Some(Mount::IDENTITY), frame));
+        }
         let found = self.motion.mount(&frame, laser)?;
         if found.is_none() {
             self.report.doubts.push(format!(
                 "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken to be those of {base:?} (--reference-frame robot, laser or NAME says otherwise)"
             ));
+            return Ok((Some(mount), base.to_owned()));
         }
-        Ok(Some(found.unwrap_or(mount)))
+        Ok((found, frame))
     }
 
     /// Poses that were recorded at another time than the scans.
     fn check_overlap(
         &self,
         track: &Track,
-        reference_topic: Option<&str>,
+        reference: &str,
         moments: &[Moment],
     ) -> Result<(), BagError> {
         let (start, end) = track.poses.span();
         let times = || moments.iter().map(|moment| moment.at);
         let scan_start = times().min().unwrap_or_default();
         let scan_end = times().max().unwrap_or_default();
-        if track.what != "reference" || end >= scan_start && start <= scan_end {
+        if track.what != REFERENCE || end >= scan_start && start <= scan_end {
             return Ok(());
         }
         Err(BagError::NoOverlap {
-            topic: reference_topic.unwrap_or_default().to_owned(),
+            topic: reference.to_owned(),
             scan_topic: self.scan_topic.to_owned(),
             reference_start: Stamp::from_nanoseconds(start),
             reference_end: Stamp::from_nanoseconds(end),
@@ -543,6 +644,99 @@ impl Assembly<'_> {
                 scans(in_gaps, ["lies", "lie"]),
                 longest_gap as f64 / NANOSECONDS
             ));
+        }
+    }
+}
+
+const REFERENCE: &str = "reference";
+
+/// The reference of a recording.
+#[derive(Default)]
+struct Reference {
+    track: Option<Track>,
+    name: String,
+    frame: Option<String>,
+}
+
+/// What became of scans whose beams were not measured at once.
+#[derive(Default)]
+struct Swept {
+    scans: usize,
+    /// Those whose beams are where the laser was.
+    placed: usize,
+    lost: usize,
+    farthest: f64,
+    /// Time (s) that a scan takes, at most.
+    longest: f64,
+}
+
+impl Swept {
+    /// Readings of a scan, and how its beams were measured.
+    fn place(
+        &mut self,
+        scan: &ScanMessage,
+        mount: Mount,
+        time_increment: f64,
+        moved: Option<Moved<'_>>,
+    ) -> (Vec<f64>, Sweep) {
+        if time_increment != 0.0 {
+            self.scans += 1;
+            self.longest = self.longest.max(time_increment * (scan.ranges.len() - 1) as f64);
+        }
+        let beams = |moved: &dyn Fn(usize) -> Option<Pose2>| {
+            place(scan.geometry, &scan.ranges, mount.plane, moved)
+        };
+        let (found, time_increment) = match moved {
+            None if !mount.is_tilted() => {
+                return (scan.ranges.clone(), Sweep { time_increment, directions: None });
+            }
+            None => (beams(&|_| Some(Pose2::IDENTITY)), time_increment),
+            Some(moved) => {
+                self.placed += 1;
+                let found = beams(&|beam| moved.at(beam));
+                self.lost += found.lost;
+                self.farthest = self.farthest.max(found.farthest);
+                (found, 0.0)
+            }
+        };
+        let Beams { ranges, directions, .. } = found;
+        (ranges, Sweep { time_increment, directions: Some(directions) })
+    }
+}
+
+/// Where the laser is during a scan, by a track that tells of its beginning.
+struct Moved<'a> {
+    poses: &'a PoseTrack,
+    mount: Mount,
+    moment: Moment,
+    start: Pose2,
+    time_increment: f64,
+}
+
+impl<'a> Moved<'a> {
+    fn of(
+        moment: Moment,
+        occurrence: usize,
+        time_increment: f64,
+        tracks: [(&'a Option<Track>, Mount); 2],
+    ) -> Option<Self> {
+        tracks.into_iter().find_map(|(track, mount)| {
+            let poses = &track.as_ref()?.poses;
+            let Placed::At(robot) = poses.at(moment, occurrence) else { return None };
+            Some(Moved { poses, mount, moment, start: on(mount, robot), time_increment })
+        })
+    }
+
+    /// At a beam, in the frame of the laser at the stamp.
+    fn at(&self, beam: usize) -> Option<Pose2> {
+        let later = (beam as f64 * self.time_increment * NANOSECONDS).round() as i64;
+        if later == 0 {
+            return Some(Pose2::IDENTITY);
+        }
+        let moment = Moment { at: self.moment.at.saturating_add(later), ..self.moment };
+        match self.poses.at(moment, 0) {
+            Placed::At(robot) => Some(self.start.between(&on(self.mount, robot))),
+            _ => None,
         }
     }
 }

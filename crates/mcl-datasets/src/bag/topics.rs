@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::error::BagError;
 use super::layout::plain_name;
+use super::survey::HEAD_BYTES;
 use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
 use crate::container::chunk::{Compression, inflate};
 use crate::container::item::{Input, Item, Message, SchemaText};
@@ -117,13 +118,22 @@ pub(super) struct Topic {
     pub name: String,
     pub encoding: String,
     pub schema: Option<Arc<SchemaText>>,
+    /// What its messages are used as, if at all.
     pub kind: Option<Kind>,
     pub messages: usize,
+    /// When the first and the last of them were logged, in nanoseconds.
+    pub logged: Option<(u64, u64)>,
+    /// The first bytes of the first of them.
+    pub head: Vec<u8>,
 }
 
 impl Topic {
     pub fn type_name(&self) -> &str {
         self.schema.as_ref().map_or("no type", |schema| &schema.name)
+    }
+
+    pub fn is_cloud(&self) -> bool {
+        Kind::of(&plain_name(self.type_name())) == Some(Kind::Cloud)
     }
 }
 
@@ -148,12 +158,14 @@ pub(crate) enum Purpose {
     Slices,
     /// Point clouds, and where they were taken.
     Clouds,
+    /// Nothing: to see what is there.
+    Topics,
 }
 
 impl Purpose {
     fn keeps(self, kind: Kind) -> bool {
         match self {
-            Purpose::Scans => kind != Kind::Cloud,
+            Purpose::Scans | Purpose::Topics => kind != Kind::Cloud,
             Purpose::Slices => !matches!(kind, Kind::Scan | Kind::MultiEcho),
             Purpose::Clouds => matches!(kind, Kind::Cloud | Kind::Odometry | Kind::Transforms),
         }
@@ -207,6 +219,8 @@ impl Content {
                         schema,
                         kind,
                         messages: 0,
+                        logged: None,
+                        head: Vec::new(),
                     };
                     let key = (topic.name.clone(), topic.encoding.clone(), topic.schema.clone());
                     let index = *self.by_description.entry(key).or_insert_with(|| {
@@ -217,8 +231,16 @@ impl Content {
                 }
                 Item::Message(message) => {
                     let Some(&topic) = by_id.get(&message.channel.id) else { return Ok(()) };
-                    self.topics[topic].messages += 1;
-                    if self.topics[topic].kind.is_some() {
+                    let found = &mut self.topics[topic];
+                    found.messages += 1;
+                    let at = message.log_time;
+                    let (first, last) = found.logged.unwrap_or((at, at));
+                    found.logged = Some((first.min(at), last.max(at)));
+                    if found.messages == 1 {
+                        let data = unpacked(&message);
+                        found.head = data[..data.len().min(HEAD_BYTES)].to_vec();
+                    }
+                    if found.kind.is_some() && self.purpose != Purpose::Topics {
                         let data = unpacked(&message);
                         // What a message takes beside its bytes, so that empty ones count, too.
                         self.kept_bytes += data.len() as u64 + size_of::<Kept>() as u64;
@@ -399,6 +421,7 @@ pub(super) fn choose<'a>(
             .or_else(|error| left_open(error, "odometry"))?,
     };
     let found = match options.reference {
+        _ if options.reference_track.is_some() => None,
         ReferencePoses::None => None,
         ReferencePoses::Auto => reference_topic(content, asked.reference.as_deref())
             .or_else(|error| left_open(error, "reference"))?,

@@ -10,7 +10,7 @@ const SHORT: i64 = 200_000_000;
 
 /// Stamped poses in order of time; those of one time in the order of the log.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct PoseTrack {
+pub(crate) struct PoseTrack {
     samples: Vec<(Moment, Pose2)>,
     /// The longest time between two samples that is interpolated over, in nanoseconds.
     longest: i64,
@@ -18,7 +18,7 @@ pub(super) struct PoseTrack {
 
 /// What a track says of a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Placed {
+pub(crate) enum Placed {
     /// The pose there.
     At(Pose2),
     /// Before the first or after the last sample of its stretch.

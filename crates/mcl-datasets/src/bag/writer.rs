@@ -1,7 +1,7 @@
 //! Writing a recording as a ROS 2 bag.
 
 use std::collections::BTreeMap;
-use std::io::{Seek, Write};
+use std::io::{self, Seek, Write};
 use std::ops::Range;
 
 use mcap::records::{MessageHeader, Metadata};
@@ -11,6 +11,8 @@ use super::encode::Encoder;
 use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
+use super::write_database::DatabaseWriter;
+use super::write_ros1::Ros1Writer;
 use crate::mount::Mount;
 
 /// Name of the metadata record that says which scans have no stamp.
@@ -34,6 +36,12 @@ pub enum WriteBagError {
     /// The sink fails.
     #[error("cannot write the bag: {0}")]
     Mcap(#[from] mcap::McapError),
+    /// The sink fails.
+    #[error("cannot write the bag: {0}")]
+    Io(#[from] io::Error),
+    /// The database fails.
+    #[error("cannot write the bag: {0}")]
+    Database(String),
     /// There is nothing to write.
     #[error("the recording has no scan, expected at least one")]
     NoScan,
@@ -78,6 +86,22 @@ pub enum WriteBagError {
         /// What is accepted.
         expected: &'static str,
     },
+    /// Directions of beams that do not follow each other by even steps.
+    #[error(
+        "scan {scan}: its beams were placed by the motion or the tilt of the laser, so their directions are not even, as scans of a bag have them; read the log with --no-deskew, and a tilted laser as level with --laser-pose"
+    )]
+    Uneven {
+        /// Index of the scan, from 0.
+        scan: usize,
+    },
+    /// A stamp that is missing, 0, or more than a second earlier than the one before.
+    #[error(
+        "scan {scan} has no stamp after 0, or one more than a second earlier than the scan before; of bags only those of this suite in MCAP (.mcap) can say so"
+    )]
+    Order {
+        /// Index of the scan, from 0.
+        scan: usize,
+    },
     /// Scans in the middle of the recording lack what those around them have.
     #[error(
         "scan {scan} has no {what}, but scans before and after it or at its time have: a bag would fill the gap by interpolation"
@@ -108,7 +132,108 @@ pub struct BagWriter<W: Write + Seek> {
 
 /// A topic of a [`BagWriter`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TopicId(u16);
+pub struct TopicId(pub(super) u16);
+
+/// What writes topics and messages.
+pub(super) trait Sink {
+    fn topic(
+        &mut self,
+        name: &str,
+        message: &MessageType,
+        delivery: Delivery,
+    ) -> Result<TopicId, WriteBagError>;
+
+    fn message(
+        &mut self,
+        topic: TopicId,
+        log_time: u64,
+        message: Encoder,
+    ) -> Result<(), WriteBagError>;
+}
+
+impl<W: Write + Seek> Sink for BagWriter<W> {
+    fn topic(
+        &mut self,
+        name: &str,
+        message: &MessageType,
+        delivery: Delivery,
+    ) -> Result<TopicId, WriteBagError> {
+        BagWriter::topic(self, name, message, delivery)
+    }
+
+    fn message(
+        &mut self,
+        topic: TopicId,
+        log_time: u64,
+        message: Encoder,
+    ) -> Result<(), WriteBagError> {
+        self.write(topic, log_time, message)
+    }
+}
+
+/// The formats of bags that are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// ROS 2: MCAP.
+    Mcap,
+    /// ROS 1, version 2.0, not compressed, with index.
+    Ros1,
+    /// ROS 2: a database of rosbag2 (SQLite) with the descriptions of its messages. Tools of ROS 2 want a
+    /// `metadata.yaml` beside it, which `ros2 bag reindex` writes.
+    Database,
+}
+
+/// [`write`], in any of the formats. Scans that have no stamp, or of which stamps step back by more than a
+/// second, go into MCAP only.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_as<W: Write + Seek>(
+    recording: &Recording,
+    format: Format,
+    sink: W,
+) -> Result<W, WriteBagError> {
+    let prepared = Prepared::of(recording)?;
+    if format != Format::Mcap {
+        let times: Vec<i64> = recording.scans.iter().map(in_order).collect();
+        let is_unordered = |&scan: &usize| {
+            times[scan] <= 0 || scan > 0 && times[scan - 1].saturating_sub(times[scan]) > SECOND
+        };
+        if let Some(scan) = (0..times.len()).find(is_unordered) {
+            return Err(WriteBagError::Order { scan });
+        }
+    }
+    match format {
+        Format::Mcap => {
+            let mut bag = BagWriter::new(sink)?;
+            let unstamped = recording.scans.iter().enumerate();
+            let unstamped: Vec<String> = unstamped
+                .filter(|(_, scan)| scan.stamp.is_none())
+                .map(|(index, _)| index.to_string())
+                .collect();
+            let list = BTreeMap::from([(UNSTAMPED_KEY.to_owned(), unstamped.join(" "))]);
+            bag.metadata(METADATA_NAME, list)?;
+            prepared.write(recording, &mut bag)?;
+            bag.finish()
+        }
+        Format::Ros1 => {
+            let mut bag = Ros1Writer::new(sink)?;
+            prepared.write(recording, &mut bag)?;
+            bag.finish()
+        }
+        Format::Database => {
+            let mut bag = DatabaseWriter::new()?;
+            prepared.write(recording, &mut bag)?;
+            bag.finish(sink)
+        }
+    }
+}
+
+const SECOND: i64 = 1_000_000_000;
+
+fn in_order(scan: &LaserScan) -> i64 {
+    scan.stamp.map_or(0, Stamp::nanoseconds)
+}
 
 impl<W: Write + Seek> BagWriter<W> {
     /// Begins a bag.
@@ -189,7 +314,7 @@ impl<W: Write + Seek> BagWriter<W> {
 
 /// Quality of service as rosbag2 writes it into bags up to its version 8, and reads it in all:
 /// keep last, reliable, volatile (2) or transient local (1).
-fn qos(delivery: Delivery) -> String {
+pub(super) fn qos(delivery: Delivery) -> String {
     let (depth, durability) = match delivery {
         Delivery::Live => (10, 2),
         Delivery::Latched => (1, 1),
@@ -225,55 +350,67 @@ fn qos(delivery: Delivery) -> String {
 /// [`WriteBagError`] when the sink fails, or names the scan that a bag cannot hold. All scans are
 /// checked before the first byte is written.
 pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, WriteBagError> {
-    let spans = check(recording)?;
-    let placed = place(recording, &spans)?;
-    let scans = &recording.scans;
-    let mut bag = BagWriter::new(sink)?;
-    let unstamped = scans.iter().enumerate().filter(|(_, scan)| scan.stamp.is_none());
-    let unstamped: Vec<String> = unstamped.map(|(index, _)| index.to_string()).collect();
-    bag.metadata(METADATA_NAME, BTreeMap::from([(UNSTAMPED_KEY.to_owned(), unstamped.join(" "))]))?;
+    write_as(recording, Format::Mcap, sink)
+}
 
-    let scan_topic = bag.topic("/scan", &LASER_SCAN, Delivery::Live)?;
-    let odom_topic = match spans.odometry.is_empty() {
-        true => None,
-        false => Some(bag.topic("/odom", &ODOMETRY, Delivery::Live)?),
-    };
-    let reference_topic = match spans.reference.is_empty() {
-        true => None,
-        false => Some(bag.topic("/reference", &POSE_STAMPED, Delivery::Live)?),
-    };
-    let tf_topic = match odom_topic.or(reference_topic) {
-        None => None,
-        Some(_) => Some(bag.topic("/tf", &TF_MESSAGE, Delivery::Live)?),
-    };
-    let static_topic = bag.topic("/tf_static", &TF_MESSAGE, Delivery::Latched)?;
+/// A recording that has been checked.
+struct Prepared {
+    spans: Spans,
+    placed: Vec<Placed>,
+}
 
-    let zero = Stamp::from_nanoseconds(0);
-    let first = scans.first().and_then(|scan| scan.stamp).unwrap_or(zero);
-    let mut log_time = first.nanoseconds() as u64;
-    let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
-    bag.write(static_topic, log_time, transforms(first, &mounted))?;
-    let limits = range_limits(scans);
-    for (scan, placed) in scans.iter().zip(placed) {
-        let stamp = scan.stamp.unwrap_or(zero);
-        log_time = log_time.max(stamp.nanoseconds() as u64);
-        let Placed { odometry, reference, edges } = placed;
-        if let Some(topic) = tf_topic.filter(|_| !edges.is_empty()) {
-            bag.write(topic, log_time, transforms(stamp, &edges))?;
-        }
-        if let (Some(topic), Some(pose)) = (odom_topic, odometry) {
-            let mut message = Encoder::default();
-            message.header(stamp, ODOMETRY_FRAME).text(BASE_FRAME);
-            // Covariance, velocity and its covariance are not known.
-            message.pose(pose).f64s(&[0.0; 36 + 6 + 36]);
-            bag.write(topic, log_time, message)?;
-        }
-        if let (Some(topic), Some(pose)) = (reference_topic, reference) {
-            bag.write(topic, log_time, pose_stamped(stamp, MAP_FRAME, pose))?;
-        }
-        bag.write(scan_topic, log_time, laser_scan(scan, stamp, LASER_FRAME, limits))?;
+impl Prepared {
+    fn of(recording: &Recording) -> Result<Self, WriteBagError> {
+        let spans = check(recording)?;
+        let placed = place(recording, &spans)?;
+        Ok(Prepared { spans, placed })
     }
-    bag.finish()
+
+    fn write(self, recording: &Recording, bag: &mut dyn Sink) -> Result<(), WriteBagError> {
+        let Prepared { spans, placed } = self;
+        let scans = &recording.scans;
+        let scan_topic = bag.topic("/scan", &LASER_SCAN, Delivery::Live)?;
+        let odom_topic = match spans.odometry.is_empty() {
+            true => None,
+            false => Some(bag.topic("/odom", &ODOMETRY, Delivery::Live)?),
+        };
+        let reference_topic = match spans.reference.is_empty() {
+            true => None,
+            false => Some(bag.topic("/reference", &POSE_STAMPED, Delivery::Live)?),
+        };
+        let tf_topic = match odom_topic.or(reference_topic) {
+            None => None,
+            Some(_) => Some(bag.topic("/tf", &TF_MESSAGE, Delivery::Live)?),
+        };
+        let static_topic = bag.topic("/tf_static", &TF_MESSAGE, Delivery::Latched)?;
+
+        let zero = Stamp::from_nanoseconds(0);
+        let first = scans.first().and_then(|scan| scan.stamp).unwrap_or(zero);
+        let mut log_time = first.nanoseconds() as u64;
+        let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
+        bag.message(static_topic, log_time, transforms(first, &mounted))?;
+        let limits = range_limits(scans);
+        for (scan, placed) in scans.iter().zip(placed) {
+            let stamp = scan.stamp.unwrap_or(zero);
+            log_time = log_time.max(stamp.nanoseconds() as u64);
+            let Placed { odometry, reference, edges } = placed;
+            if let Some(topic) = tf_topic.filter(|_| !edges.is_empty()) {
+                bag.message(topic, log_time, transforms(stamp, &edges))?;
+            }
+            if let (Some(topic), Some(pose)) = (odom_topic, odometry) {
+                let mut message = Encoder::default();
+                message.header(stamp, ODOMETRY_FRAME).text(BASE_FRAME);
+                // Covariance, velocity and its covariance are not known.
+                message.pose(pose).f64s(&[0.0; 36 + 6 + 36]);
+                bag.message(topic, log_time, message)?;
+            }
+            if let (Some(topic), Some(pose)) = (reference_topic, reference) {
+                bag.message(topic, log_time, pose_stamped(stamp, MAP_FRAME, pose))?;
+            }
+            bag.message(scan_topic, log_time, laser_scan(scan, stamp, LASER_FRAME, limits))?;
+        }
+        Ok(())
+    }
 }
 
 /// Where the robot was at a scan, in all ways that a bag says so.
@@ -379,6 +516,9 @@ pub fn check_scans(scans: &[LaserScan]) -> Result<(), WriteBagError> {
 fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
     let scans = &recording.scans;
     check_scans(scans)?;
+    if let Some(scan) = scans.iter().position(|scan| scan.sweep.directions.is_some()) {
+        return Err(WriteBagError::Uneven { scan });
+    }
     let steps = span(scans, "odometry", |index, scan| index > 0 && scan.odometry.is_some())?;
     let reference = span(scans, "reference pose", |_, scan| scan.map_from_laser.is_some())?;
     // A step connects its scan with the one before.

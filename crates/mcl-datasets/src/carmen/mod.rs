@@ -21,6 +21,8 @@
 //!   [`ReferencePoses`](crate::log::ReferencePoses) overrides all this.
 //! * Odometry fields that are zero throughout are no odometry, unless the laser stays in place with
 //!   them and `ODOM` lines confirm it.
+//! * `RLASER` and `ROBOTLASER2`, of a second laser, are read in place of the others where they are asked for
+//!   ([`read_scans`]).
 //! * `NEFF`, `SYNC` and other kinds are ignored and counted. A malformed record of a kind that is
 //!   read is skipped and described; the increment to the next scan then spans the skipped one.
 //!
@@ -57,5 +59,5 @@ pub mod record;
 mod writer;
 
 pub use fields::{Field, Malformed};
-pub use reader::{CarmenError, MAX_LINE_BYTES, read};
+pub use reader::{CarmenError, MAX_LINE_BYTES, ScanKind, read, read_scans};
 pub use writer::{NO_RETURN, WriteError, write};

@@ -31,7 +31,7 @@ pub enum CarmenError {
     },
     /// No scan could be read.
     #[error(
-        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log\n{report}"
+        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those)\n{report}"
     )]
     NoScan {
         /// Number of lines.
@@ -52,11 +52,47 @@ pub enum CarmenError {
 /// # Errors
 /// [`CarmenError`] for a failing input, a line that is too long, and a text without a scan.
 pub fn read(
-    mut input: impl BufRead,
+    input: impl BufRead,
     file_name: &str,
     reference: ReferencePoses,
 ) -> Result<Log, CarmenError> {
-    let mut pass = Pass::default();
+    read_scans(input, file_name, reference, None)
+}
+
+/// A kind of scan records that can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScanKind {
+    name: &'static str,
+    /// The kind that is written in the same way.
+    like: &'static str,
+}
+
+impl ScanKind {
+    /// All of them.
+    pub const ALL: [ScanKind; 4] = [
+        ScanKind { name: "FLASER", like: "FLASER" },
+        ScanKind { name: "RLASER", like: "FLASER" },
+        ScanKind { name: "ROBOTLASER1", like: "ROBOTLASER1" },
+        ScanKind { name: "ROBOTLASER2", like: "ROBOTLASER1" },
+    ];
+
+    /// The one of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name == name)
+    }
+}
+
+/// [`read`], taking the scans of one kind of record alone where one is asked for.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_scans(
+    mut input: impl BufRead,
+    file_name: &str,
+    reference: ReferencePoses,
+    kind: Option<ScanKind>,
+) -> Result<Log, CarmenError> {
+    let mut pass = Pass { asked: kind, ..Pass::default() };
     let mut line = Vec::new();
     loop {
         line.clear();
@@ -106,6 +142,10 @@ impl Kinds {
         }
     }
 
+    fn has(&self, kind: &str) -> bool {
+        self.counts.contains_key(kind)
+    }
+
     fn list(&self) -> String {
         let mut list: Vec<String> =
             self.counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
@@ -120,6 +160,8 @@ impl Kinds {
 #[derive(Default)]
 struct Pass {
     lines: usize,
+    /// The only kind of scan records that is read.
+    asked: Option<ScanKind>,
     scans: Vec<LoggedScan>,
     /// `RAWLASER1` scans with the odometry before them; only as long as there are no others, which log the
     /// same scans again.
@@ -148,17 +190,34 @@ struct Pass {
 }
 
 impl Pass {
-    fn line(&mut self, mut line: &[u8]) {
+    fn line(&mut self, text: &[u8]) {
+        let renamed;
+        let mut line = text;
         const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
         self.lines += 1;
         if self.lines == 1 {
             line = line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(line);
         }
-        let kind = RecordKind::of(line);
+        let mut kind = RecordKind::of(line);
         if kind != RecordKind::Comment
             || line.starts_with(b"#") && line.get(1).is_some_and(u8::is_ascii_alphabetic)
         {
             self.kinds.count(line);
+        }
+        if let Some(asked) = self.asked {
+            let rest = line.trim_ascii_start().strip_prefix(asked.name.as_bytes());
+            match rest.filter(|rest| rest.first().is_none_or(u8::is_ascii_whitespace)) {
+                Some(rest) => {
+                    renamed = [asked.like.as_bytes(), rest].concat();
+                    line = &renamed;
+                    kind = RecordKind::of(line);
+                }
+                None if kind.is_scan() => {
+                    self.ignore(line);
+                    return;
+                }
+                None => {}
+            }
         }
         let is_scan = matches!(kind, RecordKind::Flaser | RecordKind::RobotLaser1);
         let is_again = self.scan_kind.is_some_and(|read| read != kind);
@@ -236,6 +295,7 @@ impl Pass {
                 ranges: scan.ranges,
                 map_from_laser: None,
                 odometry: None,
+                sweep: Default::default(),
             },
         }
     }
@@ -278,6 +338,11 @@ impl Pass {
         let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
         if self.ignored_kinds.list() != NO_RECORDS {
             notes.push(format!("ignored records: {}", self.ignored_kinds.list()));
+            let others = ScanKind::ALL.map(|kind| kind.name);
+            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
+            notes.extend(others.map(|kind| {
+                format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
+            }));
         }
         if is_raw {
             assumptions.push(
@@ -316,12 +381,20 @@ impl Pass {
         if kind != LogKind::RawWithTruth {
             self.report.ignored += self.true_poses;
         }
+        let records = self.asked.map_or("the scans' records", |asked| asked.name);
+        let has_reference = recording.scans.iter().any(|scan| scan.map_from_laser.is_some());
+        let used = has_reference.then(|| match kind {
+            LogKind::RawWithTruth => "TRUEPOS records, poses of the robot".to_owned(),
+            _ => format!("poses of the laser in {records}"),
+        });
         Ok(Log {
             recording,
             kind,
+            reference: used,
             report: self.report,
             front_laser_offset: self.front_laser_offset,
             notes,
+            survey: None,
             assumptions,
         })
     }

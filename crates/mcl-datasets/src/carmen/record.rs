@@ -41,6 +41,11 @@ pub enum RecordKind {
 }
 
 impl RecordKind {
+    /// Whether it is one of scans.
+    pub(super) fn is_scan(self) -> bool {
+        matches!(self, RecordKind::Flaser | RecordKind::RobotLaser1 | RecordKind::RawLaser1)
+    }
+
     /// The kind of a line.
     pub fn of(line: &[u8]) -> Self {
         let line = line.trim_ascii_start();

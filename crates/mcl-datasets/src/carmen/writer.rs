@@ -69,6 +69,14 @@ pub enum WriteError {
         /// Number of beams of its geometry.
         beams: usize,
     },
+    /// Directions of beams that do not follow each other by even steps.
+    #[error(
+        "scan {scan}: its beams were placed by the motion or the tilt of the laser, so their directions are not even, as those of a CARMEN log are; read the log with --no-deskew, and a tilted laser as level with --laser-pose"
+    )]
+    Uneven {
+        /// Index of the scan, from 0.
+        scan: usize,
+    },
     /// A scan of so many beams that readers refuse its line.
     #[error(
         "scan {scan} with its {beams} beams takes a line of {bytes} bytes, expected at most \
@@ -222,6 +230,9 @@ fn check(recording: &Recording) -> Result<bool, WriteError> {
         let (readings, beams) = (scan.ranges.len(), scan.geometry.beams);
         if readings != beams || readings == 0 {
             return Err(WriteError::Readings { scan: index, readings, beams });
+        }
+        if scan.sweep.directions.is_some() {
+            return Err(WriteError::Uneven { scan: index });
         }
         if has_reference && scan.map_from_laser.is_none() {
             return Err(WriteError::PartialReference { scan: index });

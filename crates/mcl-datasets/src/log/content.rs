@@ -5,6 +5,7 @@ use std::fmt;
 use mcl_core::Recording;
 use serde::{Deserialize, Serialize};
 
+use crate::bag::survey::Survey;
 use crate::log::report::ReadReport;
 
 /// A log as read: the recording, and what is known about how it was read.
@@ -20,8 +21,12 @@ pub struct Log {
     /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
     /// it where the poses of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
+    /// The reference that was used, and whose poses it has; `None` without one.
+    pub reference: Option<String>,
     /// How a bag was read, a line each: its topics, the mount of the laser.
     pub notes: Vec<String>,
+    /// The topics of a bag, and which of them were read.
+    pub survey: Option<Survey>,
     /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside
     /// of the odometry.
     pub assumptions: Vec<String>,

@@ -68,12 +68,20 @@ pub enum LogError {
         error: Box<BagError>,
     },
     /// Topics were asked for, but the log is no bag.
-    #[error("{}: a CARMEN log has no topics, and so no {topic:?}; leave out --scan-topic, --odom-topic and --reference-topic", path.display())]
+    #[error("{}: a CARMEN log has no topics, and so no {topic:?}; leave out --odom-topic and --reference-topic, and name with --scan-topic, if at all, a kind of record: FLASER, RLASER, ROBOTLASER1 or ROBOTLASER2", path.display())]
     NoTopics {
         /// The file asked for.
         path: PathBuf,
         /// The first topic asked for.
         topic: String,
+    },
+    /// Something was asked for that only bags have.
+    #[error("{}: a CARMEN log, which says itself where its laser is and has neither frames nor point clouds; {option} goes with bags", path.display())]
+    OfBags {
+        /// The file asked for.
+        path: PathBuf,
+        /// The option that asked.
+        option: &'static str,
     },
     /// The file begins like a compressed one, but nothing of it can be decompressed.
     #[error("{}: {reason}; fetch the file again", path.display())]

@@ -18,12 +18,15 @@ pub(crate) mod error;
 mod foreign;
 mod open;
 pub(crate) mod options;
+mod reference;
 pub(crate) mod report;
 
 pub use content::{Log, LogKind};
 pub use error::LogError;
 pub use open::{
-    is_bag, is_bag_folder, read_clouds, read_log, read_log_as, read_log_from, read_poses,
+    is_bag, is_bag_folder, read_clouds, read_log, read_log_as, read_log_from, read_poses, survey,
 };
-pub use options::{LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, TopicChoice};
+pub use options::{
+    LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, ReferenceTrack, TopicChoice,
+};
 pub use report::{Place, ReadReport, SkippedRecord};

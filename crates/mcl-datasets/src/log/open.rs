@@ -10,8 +10,10 @@ use crate::bag::clouds::{self, BagCloud, CloudOptions};
 use crate::bag::error::BagError;
 use crate::bag::poses::{self, PoseTopic};
 use crate::bag::recording::{self, purpose};
+use crate::bag::survey::Survey;
 use crate::bag::topics::{Content, PoseRole, Purpose};
 use crate::carmen;
+use crate::carmen::ScanKind;
 use crate::carmen::reader::CarmenError;
 use crate::container::item::Input;
 use crate::container::{self, folder};
@@ -19,6 +21,7 @@ use crate::log::content::Log;
 use crate::log::error::LogError;
 use crate::log::foreign;
 use crate::log::options::ReadOptions;
+use crate::log::reference;
 use crate::packed::{Unpacked, damage};
 
 /// Reads a log, plain or compressed, or the folder of a bag; the first bytes decide, not the name.
@@ -74,18 +77,36 @@ fn read_opened(
     if !is_utf16 {
         refuse_foreign(&input, path)?;
     }
-    if let Some(topic) = options.topics.any() {
+    let scans = options.topics.scan.as_deref();
+    let kind = scans.and_then(ScanKind::named);
+    let others = [&options.topics.odometry, &options.topics.reference].into_iter().flatten();
+    let unknown = scans.filter(|_| kind.is_none());
+    if let Some(topic) = unknown.or(others.map(String::as_str).next()) {
         return Err(LogError::NoTopics { path: path.to_owned(), topic: topic.to_owned() });
+    }
+    let of_bags = [
+        ("--slice", options.slice.is_some()),
+        ("--base-frame", options.base_frame.is_some()),
+        ("--odom-frame", options.odometry_frame.is_some()),
+        ("--laser-pose", options.laser_pose.is_some()),
+    ];
+    if let Some((option, _)) = of_bags.into_iter().find(|(_, is_asked)| *is_asked) {
+        return Err(LogError::OfBags { path: path.to_owned(), option });
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let text: Box<dyn BufRead + '_> = match is_utf16 {
         true => Box::new(BufReader::new(DecodeReaderBytes::new(input))),
         false => Box::new(input),
     };
-    carmen::read(text, &name, options.reference).map_err(|error| match error {
-        CarmenError::Io(error) => io_error(path, error),
-        error => LogError::Carmen { path: path.to_owned(), error },
-    })
+    let mut log =
+        carmen::read_scans(text, &name, options.reference, kind).map_err(|error| match error {
+            CarmenError::Io(error) => io_error(path, error),
+            error => LogError::Carmen { path: path.to_owned(), error },
+        })?;
+    if let Some(track) = &options.reference_track {
+        reference::replace(&mut log, track, options);
+    }
+    Ok(log)
 }
 
 /// Whether a path is that of a bag: the folder of one, or a file, plain or compressed, that begins like
@@ -104,6 +125,17 @@ pub fn is_bag(path: &Path) -> Result<bool, LogError> {
 /// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
 pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
     poses::poses(&content(path, Purpose::Scans)?, topic, role).map_err(at(path))
+}
+
+/// What is in a bag, a file or a folder, however little of it could be read as a log; `None` for what is no bag.
+///
+/// # Errors
+/// [`LogError`] when it cannot be opened or is damaged before its first message.
+pub fn survey(path: &Path, options: &ReadOptions) -> Result<Option<Survey>, LogError> {
+    if !is_bag(path)? {
+        return Ok(None);
+    }
+    Ok(Some(Survey::of(&content(path, Purpose::Topics)?, options)))
 }
 
 /// Reads the point clouds of one topic of a bag, a file or a folder.

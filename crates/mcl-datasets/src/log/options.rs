@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use mcl_core::Pose2;
+use mcl_core::{Pose2, Trajectory};
 use serde::{Deserialize, Serialize};
 
 /// Whether the laser poses written in a log are taken as ground truth.
@@ -55,32 +55,26 @@ impl FromStr for ReferencePoses {
 /// Topics to read of a bag, where their types do not tell which are meant.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TopicChoice {
-    /// Topic of the scans (`sensor_msgs/LaserScan`).
+    /// Topic of the scans (`sensor_msgs/LaserScan` or `MultiEchoLaserScan`). Of a CARMEN log the kind of
+    /// their records, `RLASER` and `ROBOTLASER2` among them.
     pub scan: Option<String>,
     /// Topic of the odometry (`nav_msgs/Odometry`).
     pub odometry: Option<String>,
     /// Topic of the reference poses (`geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped` or
-    /// `nav_msgs/Odometry`).
+    /// `TransformStamped`, `nav_msgs/Odometry` or `Path`), or two frames of transforms
+    /// (`/tf:map.base_link`).
     pub reference: Option<String>,
 }
 
-impl TopicChoice {
-    /// The first topic asked for, if any is.
-    pub(crate) fn any(&self) -> Option<&str> {
-        [&self.scan, &self.odometry, &self.reference]
-            .into_iter()
-            .flatten()
-            .next()
-            .map(|t| t.as_str())
-    }
-}
-
-/// How to read a log, where its content leaves that open. All but `reference` is of bags.
+/// How to read a log, where its content leaves that open. All but the two on the reference, and
+/// `longest_gap` for a track from elsewhere, is of bags.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
     /// Whether the poses in the log are ground truth. For a bag: whether to use reference poses if it
     /// has them, to insist on them, or not to use them.
     pub reference: ReferencePoses,
+    /// Poses from elsewhere that are the reference, whatever the log itself has.
+    pub reference_track: Option<ReferenceTrack>,
     /// Topics of a bag.
     pub topics: TopicChoice,
     /// Makes scans of point clouds: heights (m) in the robot's frame, from the first to the second.
@@ -96,6 +90,20 @@ pub struct ReadOptions {
     /// The longest time (s) between two poses to be interpolated over; a few times the usual one, where
     /// this says nothing.
     pub longest_gap: Option<f64>,
+    /// Takes the beams of a scan as measured at once, at its stamp, however long it took.
+    pub no_deskew: bool,
+}
+
+/// Reference poses that are not in the log: of a file of its own, or of another bag.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceTrack {
+    /// Where they are from, for messages.
+    pub name: String,
+    /// Stamped poses in the map's frame.
+    pub trajectory: Trajectory,
+    /// The frame whose poses they are, where their file says so; else they are the robot's. `laser` is the
+    /// laser.
+    pub frame: Option<String>,
 }
 
 /// How the laser sits on the robot, where the log does not say.
@@ -103,8 +111,8 @@ pub struct ReadOptions {
 pub struct LaserPose {
     /// Carries coordinates of the laser's frame into the robot's.
     pub robot_from_laser: Pose2,
-    /// Whether it is mounted head down.
-    pub is_upside_down: bool,
+    /// How far it is turned about its own x axis, in radians: π is upside down.
+    pub roll: f64,
 }
 
 impl From<ReferencePoses> for ReadOptions {

@@ -72,6 +72,7 @@ mod tests {
             ranges: ranges.to_vec(),
             map_from_laser: pose,
             odometry: None,
+            sweep: Default::default(),
         };
         let pose = Some(Pose2::IDENTITY);
         let recording = Recording {

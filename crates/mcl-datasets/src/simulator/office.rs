@@ -73,6 +73,7 @@ impl Office {
                 ranges: self.settings.laser.scan(&map_from_laser, &caster, &mut laser_rng),
                 map_from_laser: Some(map_from_laser),
                 odometry,
+                sweep: Default::default(),
             });
             last = Some(map_from_laser);
         }

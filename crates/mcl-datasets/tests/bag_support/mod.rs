@@ -2,6 +2,7 @@
 #![allow(dead_code)] // Each test binary uses its own part.
 
 pub mod database;
+pub mod room;
 pub mod ros1;
 
 use std::collections::BTreeMap;
@@ -66,7 +67,7 @@ pub fn entry(topic: &'static str, message: &MessageType, stamp: i64, data: Encod
     }
 }
 
-fn stamp(nanoseconds: i64) -> Stamp {
+pub fn stamp(nanoseconds: i64) -> Stamp {
     Stamp::from_nanoseconds(nanoseconds)
 }
 

@@ -1,22 +1,24 @@
 mod localize;
 mod map;
+mod read;
 
 use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use mcl_datasets::log::{ReferencePoses, TopicChoice};
 use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
 
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
 use mcl_study::data::options::SourceOptions;
+pub use read::ReadArgs;
 
 /// Monte Carlo localization evaluation on sample-based maps.
 ///
-/// LOG is a CARMEN log (.log, .clf, plain or .gz), a ROS 2 bag (.mcap, or the folder of a split bag) or
-/// the name of a data set (`mcl-eval datasets list`). inspect, map and likelihood also take point clouds in two
-/// or three dimensions: .ply, .pcd, .csv, or a bag with PointCloud2 messages.
+/// LOG is a CARMEN log, a bag of ROS 1 (.bag) or ROS 2 (.mcap, .db3, or the folder of a bag), plain or as
+/// .gz, .bz2, .xz or .zst, told by its content, or the name of a data set (`mcl-eval datasets list`).
+/// inspect, map and likelihood also take point clouds in two or three dimensions: .ply, .pcd, .csv, or a bag
+/// with PointCloud2 messages.
 #[derive(Debug, Parser)]
 #[command(name = "mcl-eval", version, propagate_version = true, max_term_width = 100)]
 pub struct Cli {
@@ -62,7 +64,7 @@ pub enum Command {
     Compare(CompareArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
-    /// Convert a log (CARMEN, ROS 2 bag) or a map into another format.
+    /// Convert a log (CARMEN, bag of ROS 1 or 2) or a map into another format.
     Convert(ConvertArgs),
     /// Write the simulated office, with exact ground truth, as a CARMEN log.
     Simulate(SimulateArgs),
@@ -72,18 +74,14 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 pub struct LogArgs {
-    /// CARMEN log, ROS 2 bag or name of a data set.
+    /// CARMEN log, bag of ROS 1 or 2, or name of a data set.
     pub log: String,
     /// Readings beyond this many metres are not used [default: the data set's, else 10]. Of a point cloud:
     /// points so far from the origin of its frame, where the scanner is [default: the data set's, else all].
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
-    /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
-    /// For a bag: use a topic of reference poses if there is one, insist on one, use none.
-    #[arg(long, value_name = "WHICH")]
-    pub reference: Option<ReferencePoses>,
     #[command(flatten)]
-    pub topics: TopicArgs,
+    pub read: ReadArgs,
 }
 
 /// What only point clouds have.
@@ -116,39 +114,14 @@ impl DataArgs {
     }
 }
 
-/// Topics of a ROS 2 bag.
-#[derive(Debug, Args)]
-pub struct TopicArgs {
-    /// Topic of a bag's scans [default: the only LaserScan topic, or /scan].
-    #[arg(long, value_name = "TOPIC")]
-    pub scan_topic: Option<String>,
-    /// Topic of a bag's odometry [default: the only Odometry topic, or /odom].
-    #[arg(long, value_name = "TOPIC")]
-    pub odom_topic: Option<String>,
-    /// Topic of a bag's reference poses: PoseStamped, PoseWithCovarianceStamped or Odometry [default:
-    /// the only topic of poses, or the one named as ground truth].
-    #[arg(long, value_name = "TOPIC")]
-    pub reference_topic: Option<String>,
-}
-
-impl TopicArgs {
-    pub fn choice(&self) -> TopicChoice {
-        TopicChoice {
-            scan: self.scan_topic.clone(),
-            odometry: self.odom_topic.clone(),
-            reference: self.reference_topic.clone(),
-        }
-    }
-}
-
 impl LogArgs {
     pub fn options(&self) -> SourceOptions {
-        SourceOptions {
-            max_range: self.max_range,
-            reference: self.reference,
-            topics: self.topics.choice(),
-            ..SourceOptions::default()
-        }
+        self.read.options(self.max_range)
+    }
+
+    /// The files to be read, as the user names them.
+    pub fn named(&self) -> impl Iterator<Item = &str> {
+        std::iter::once(self.log.as_str()).chain(self.read.reference_file())
     }
 }
 
@@ -176,11 +149,20 @@ pub struct LikelihoodArgs {
     pub json: bool,
 }
 
-/// Whose poses a bag's are taken as.
+/// Whose poses are meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Frame {
     Laser,
     Robot,
+}
+
+impl Frame {
+    pub const fn name(self) -> &'static str {
+        match self {
+            Frame::Laser => "laser",
+            Frame::Robot => "robot",
+        }
+    }
 }
 
 /// What an estimate is aligned by.
@@ -199,23 +181,28 @@ pub enum AlignTo {
     `unmatched`, and the exit code is 3."
 )]
 pub struct EvaluateArgs {
-    /// Reference trajectory: a TUM file, the reference poses of a CARMEN log, a topic of a ROS 2 bag, or
-    /// the name of a data set.
+    /// Reference trajectory: a TUM file, the reference poses of a CARMEN log, a topic of a bag, or the name of
+    /// a data set.
     #[arg(long, value_name = "REF")]
     pub reference: String,
-    /// Estimated trajectories: TUM files, CARMEN logs (also raw odometry), ROS 2 bags.
+    /// Estimated trajectories: TUM files, CARMEN logs (also raw odometry), bags.
     #[arg(value_name = "EST", required = true)]
     pub estimates: Vec<String>,
-    /// Topic of the reference in a bag: PoseStamped, PoseWithCovarianceStamped or Odometry [default: the
-    /// only topic of poses, or the one named as ground truth].
+    /// Topic of the reference in a bag: PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry or
+    /// Path, or two frames as /tf:map.base_link [default: the only topic of poses but estimates, or the one
+    /// named as ground truth].
     #[arg(long, value_name = "TOPIC")]
     pub reference_topic: Option<String>,
+    /// Whose poses a TUM file of the reference has: robot or laser [default: as the file says, else those that
+    /// the estimate has].
+    #[arg(long, value_name = "WHOSE")]
+    pub reference_frame: Option<Frame>,
     /// Topic of the estimate in a bag; may be given several times, for a row each [default: the only
     /// one].
     #[arg(long = "topic", value_name = "TOPIC")]
     pub topics: Vec<String>,
-    /// Whose poses those of a bag are taken as: the laser's, by its mount, as in logs and in what
-    /// `localize` writes; or the robot's, as they stand in the topic.
+    /// Whose poses are compared: the laser's, as in logs and in what `localize` writes (those of a bag by the
+    /// mount of its laser), or the robot's.
     #[arg(long, default_value = "laser", value_name = "WHOSE")]
     pub frame: Frame,
     /// ξ of the weighted error √(ξ·δθ² + (1 − ξ)(δx² + δy²)).
@@ -261,7 +248,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub max_range: Option<f64>,
     #[command(flatten)]
-    pub topics: TopicArgs,
+    pub read: ReadArgs,
     #[command(flatten)]
     pub cloud: CloudArgs,
     /// Folder that holds <study>/<data set>/.
@@ -313,23 +300,21 @@ pub struct ClaimsArgs {
 
 #[derive(Debug, Args)]
 #[command(after_help = "The ending of OUT says the format.\n\
-    Logs: .mcap (a ROS 2 bag: /scan, /odom, /reference, /tf, /tf_static), .log or .clf (CARMEN), \
-    either with .gz. A bag holds readings and directions of beams as 32-bit floats, and CARMEN no \
-    infinite readings.\n\
+    Logs: .mcap or .db3 (bag of ROS 2), .bag (of ROS 1), with the topics /scan, /odom, /reference, /tf and \
+    /tf_static; .log or .clf (CARMEN), also with .gz. A bag holds readings and directions of beams as 32-bit \
+    floats, and CARMEN no infinite readings. Beams are written as they were measured (as with --no-deskew), with \
+    the time between them where OUT is a bag.\n\
     Maps: .csv, .ply, .pcd, .yaml (map_server, with its image beside it; a grid map as a point map is the \
     centres of its occupied cells).")]
 pub struct ConvertArgs {
-    /// CARMEN log, ROS 2 bag, name of a data set, or map.
+    /// CARMEN log, bag of ROS 1 or 2, name of a data set, or map.
     #[arg(value_name = "IN")]
     pub input: String,
     /// The file to write.
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Whether the laser poses in the log are ground truth: auto (told from the log), recorded, none.
-    #[arg(long, value_name = "WHICH")]
-    pub reference: Option<ReferencePoses>,
     #[command(flatten)]
-    pub topics: TopicArgs,
+    pub read: ReadArgs,
     /// To a grid map: the log whose beams say which cells are free [default: none is].
     #[arg(long, value_name = "LOG")]
     pub log: Option<String>,

@@ -1,32 +1,41 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use mcl_core::PointMap;
 use mcl_core::files::write_with;
+use mcl_core::{LaserScan, PointMap};
 use mcl_datasets::bag;
-use mcl_maps::files::{
-    Encoding, check_writable, is_grid, read_grid, read_map, write_grid, write_map,
-};
+use mcl_maps::files::{Encoding, check_writable, is_grid, read_grid, write_grid, write_map};
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{input_files, prepare, print, tell_losses, write_carmen};
+use super::output::{
+    input_files, open_map, prepare, print, reference_of, tell_losses, write_carmen,
+};
+use crate::progress::tell;
 use mcl_core::text::thousands;
-use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::LogSource;
 
 #[derive(Serialize)]
 #[serde(tag = "converted", rename_all = "lowercase")]
 enum Converted {
-    Log { scans: usize, readings: usize, has_reference: bool, has_odometry: bool },
-    Map { map_points: usize, grid: Option<GridFigures> },
+    Log {
+        scans: usize,
+        readings: usize,
+        has_reference: bool,
+        has_odometry: bool,
+        reference: Option<String>,
+    },
+    Map {
+        map_points: usize,
+        grid: Option<GridFigures>,
+    },
 }
 
 /// What the ending of OUT asks for.
 enum Format {
-    Bag,
+    Bag(bag::Format),
     Carmen,
     Map,
 }
@@ -40,12 +49,14 @@ impl Format {
         };
         let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
         match (ending, is_packed) {
-            ("mcap", false) => Ok(Format::Bag),
+            ("mcap", false) => Ok(Format::Bag(bag::Format::Mcap)),
+            ("bag", false) => Ok(Format::Bag(bag::Format::Ros1)),
+            ("db3", false) => Ok(Format::Bag(bag::Format::Database)),
             ("log" | "clf", _) => Ok(Format::Carmen),
             ("csv" | "ply" | "pcd" | "yaml" | "yml", false) => Ok(Format::Map),
             _ => bail!(
-                "{}: the ending says no format, expected .mcap (ROS 2 bag), .log or .clf (CARMEN, also \
-                 with .gz), or .csv, .ply, .pcd or .yaml (maps)",
+                "{}: the ending says no format, expected .mcap or .db3 (bag of ROS 2), .bag (of \
+                 ROS 1), .log or .clf (CARMEN, also with .gz), or .csv, .ply, .pcd or .yaml (maps)",
                 path.display()
             ),
         }
@@ -55,14 +66,14 @@ impl Format {
 pub fn run(args: &ConvertArgs) -> Result<Outcome> {
     let format = Format::of(&args.output)?;
     check_options(&args.output, args.resolution, args.log.as_deref());
-    let named = [Some(args.input.as_str()), args.log.as_deref()];
+    let named = [Some(args.input.as_str()), args.log.as_deref(), args.read.reference_file()];
     let inputs = input_files(named.into_iter().flatten());
     match format {
         Format::Map => {
             check_writable(&args.output, &inputs)?;
             map(args)
         }
-        Format::Bag | Format::Carmen => {
+        Format::Bag(_) | Format::Carmen => {
             prepare([&args.output], &inputs)?;
             log(args, &format)
         }
@@ -83,7 +94,7 @@ fn map(args: &ConvertArgs) -> Result<Outcome> {
 }
 
 fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
-    read_map(&args.input)
+    open_map(Path::new(&args.input))
         .with_context(|| format!("{} is the ending of a map", args.output.display()))
 }
 
@@ -92,7 +103,7 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
     let source = args
         .log
         .as_ref()
-        .map(|log| LogSource::open(log, &options(args, args.max_range)))
+        .map(|log| LogSource::open(log, &args.read.options(args.max_range)))
         .transpose()?;
     let grid = match (is_grid(input), args.resolution, &source) {
         // Nothing is asked for but another name: the same cells, free ones, too.
@@ -114,17 +125,11 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
     })
 }
 
-fn options(args: &ConvertArgs, max_range: Option<f64>) -> SourceOptions {
-    SourceOptions {
-        max_range,
-        reference: args.reference,
-        topics: args.topics.choice(),
-        ..SourceOptions::default()
-    }
-}
-
 fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
-    let source = LogSource::open_whole(&args.input, &options(args, None))?;
+    let mut options = args.read.options(None);
+    // What is placed by the motion of the laser is at no even angles any more.
+    options.read.no_deskew = true;
+    let source = LogSource::open_whole(&args.input, &options)?;
     // A bag says by their absence which scans lie outside of its odometry; a CARMEN log cannot.
     let source = if matches!(format, Format::Carmen) { source.covered() } else { source };
     let recording = &source.recording;
@@ -134,7 +139,10 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
             let comment = format!("mcl-eval {}: from {}", env!("CARGO_PKG_VERSION"), source.name);
             write_carmen(path, recording, &[&comment])
         }
-        _ => write_with(path, |file| Ok(bag::write(recording, file).map(drop)?)),
+        Format::Bag(format) => {
+            write_with(path, |file| Ok(bag::write_as(recording, *format, file).map(drop)?))
+        }
+        Format::Map => bail!("{} is the ending of a map", path.display()),
     };
     written.with_context(|| format!("cannot convert {} to {}", args.input, path.display()))?;
     let converted = Converted::Log {
@@ -142,14 +150,26 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
         readings: recording.readings(),
         has_reference: recording.has_reference(),
         has_odometry: recording.has_odometry(),
+        reference: source.reference.clone(),
     };
     print(args.json, &converted, |_| {
         format!(
-            "{}: {} scans, {} readings",
+            "{}: {} scans, {} readings\nreference: {}",
             path.display(),
             thousands(recording.scans.len()),
-            thousands(recording.readings())
+            thousands(recording.readings()),
+            reference_of(&source)
         )
     })?;
-    Ok(tell_losses(&args.input, &source))
+    let is_swept = |scan: &LaserScan| scan.sweep.time_increment != 0.0;
+    let is_lost = matches!(format, Format::Carmen) && recording.scans.iter().any(is_swept);
+    if is_lost {
+        tell!(
+            "warning: {}: its scans take time, which a CARMEN log cannot say: the beams of {} count as measured at once",
+            args.input,
+            path.display()
+        );
+    }
+    let told = tell_losses(&args.input, &source);
+    Ok(if is_lost { Outcome::Incomplete } else { told })
 }

@@ -1,16 +1,22 @@
+//! `inspect`: what is in a log, and what the other commands would make of it.
+
+mod survey;
+
 use std::fmt::Write;
 
 use anyhow::Result;
-use mcl_core::{Bounds, Point};
+use mcl_core::{Bounds, Point, Recording};
 use mcl_metrics::OdometryError;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{print, tell_data_losses, tell_losses};
+use super::output::{print, tell_data_losses, tell_losses, told_once};
 use mcl_core::text::{counted, thousands};
 use mcl_study::data::cloud_source::{CloudSource, Points};
 use mcl_study::data::source::{DataSource, LogSource};
+use mcl_study::trial::tracking::bridge;
+use survey::Surveyed;
 
 #[derive(Serialize)]
 struct Inspection {
@@ -26,6 +32,8 @@ struct Inspection {
     skipped_records: usize,
     backward_stamps: usize,
     has_reference: bool,
+    /// What it is, and whose poses it has; null without one.
+    reference: Option<String>,
     has_odometry: bool,
     /// Of an odometry increment against the reference; null without either.
     odometry_rmse_m: Option<f64>,
@@ -33,12 +41,80 @@ struct Inspection {
     /// Steps on which the odometry goes the opposite way, and the reference's path on these.
     odometry_opposed_steps: Option<usize>,
     odometry_opposed_m: Option<f64>,
+    /// Steps that the odometry says nothing of, and the farthest and the largest turn on one of them by the
+    /// reference; null without either.
+    odometry_unknown_steps: usize,
+    odometry_worst_unknown: Option<UnknownStep>,
+    /// What other commands would do.
+    commands: Commands,
     /// 2: scans lie in the plane.
     dimensions: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
+    /// Topics of a bag, and what they are used as; null for other logs.
+    #[serde(flatten)]
+    survey: Option<Surveyed>,
     #[serde(skip)]
     notes: Notes,
+}
+
+/// A step of unknown motion, by the reference.
+#[derive(Clone, Copy, Serialize)]
+struct UnknownStep {
+    /// The scan that it leads to.
+    scan: usize,
+    metres: f64,
+    radians: f64,
+}
+
+impl UnknownStep {
+    /// The worst of the scans that have no odometry: the largest turn, or else the longest way.
+    fn worst(recording: &Recording) -> Option<Self> {
+        let steps = recording.scans.windows(2).enumerate();
+        let unknown = steps.filter(|(_, pair)| pair[1].odometry.is_none());
+        let step = unknown.filter_map(|(index, pair)| {
+            let motion = pair[0].map_from_laser?.between(&pair[1].map_from_laser?);
+            let (metres, radians) = (motion.x.hypot(motion.y), motion.theta.abs());
+            Some(UnknownStep { scan: index + 1, metres, radians })
+        });
+        step.max_by(|a, b| (a.radians + a.metres).total_cmp(&(b.radians + b.metres)))
+    }
+}
+
+/// What other commands would do with a log.
+#[derive(Serialize)]
+struct Commands {
+    map: String,
+    localize: String,
+}
+
+impl Commands {
+    fn of(source: &LogSource) -> Self {
+        let none = match source.survey {
+            Some(_) => "no reference (--reference-topic or --reference FILE says one)",
+            None => {
+                "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
+            }
+        };
+        let reference = source.reference.as_deref();
+        let localize = match (bridge(source), reference) {
+            (Err(error), _) => told_once(&error),
+            (Ok(bridge), reference) => {
+                let start = match reference {
+                    Some(_) => "from the first reference pose",
+                    None => "with --initial-pose or --initial uniform, without errors",
+                };
+                match bridge.scans.len() {
+                    0 => start.to_owned(),
+                    unknown => format!(
+                        "{start}; {unknown} of {} steps of unknown motion are bridged",
+                        bridge.steps
+                    ),
+                }
+            }
+        };
+        Commands { map: reference.map_or(none.to_owned(), |name| format!("by {name}")), localize }
+    }
 }
 
 /// What people want to read beside the figures.
@@ -52,9 +128,10 @@ struct Notes {
 
 pub fn run(args: &InspectArgs) -> Result<Outcome> {
     let name = &args.data.log.log;
-    match DataSource::open(name, &args.data.options(), true)? {
-        DataSource::Log(log) => inspect_log(&log, args),
-        DataSource::Cloud(cloud) => inspect_cloud(cloud, args),
+    match DataSource::open(name, &args.data.options(), true) {
+        Ok(DataSource::Log(log)) => inspect_log(&log, args),
+        Ok(DataSource::Cloud(cloud)) => inspect_cloud(cloud, args),
+        Err(error) => survey::inspect_unread(error, args),
     }
 }
 
@@ -138,24 +215,31 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
         false => None,
     };
     let odometry = OdometryError::of(&covered);
+    let unknown = covered.scans.iter().skip(1).filter(|scan| scan.odometry.is_none()).count();
     let inspection = Inspection {
         scans: recording.scans.len(),
         readings: recording.readings(),
         points,
         bounds: bounds.map(|Bounds { min, max }| [min[0], min[1], max[0], max[1]]),
         duration_s: recording.duration_s(),
-        path_length_m: recording.path_length_m(),
+        // A sum of nothing is -0.
+        path_length_m: recording.path_length_m() + 0.0,
         beams_used_per_scan: points as f64 / recording.scans.len() as f64,
         ignored_records: source.report.ignored,
         skipped_records: source.report.skipped,
         backward_stamps: recording.backward_stamps(),
         has_reference: covered.has_reference(),
+        reference: source.reference.clone(),
         has_odometry: covered.has_odometry(),
         odometry_rmse_m: odometry.map(|error| error.translation_rmse),
         odometry_rmse_rad: odometry.map(|error| error.rotation_rmse),
         odometry_opposed_steps: odometry.map(|error| error.opposed_steps),
         odometry_opposed_m: odometry.map(|error| error.opposed_m),
+        odometry_unknown_steps: unknown,
+        odometry_worst_unknown: UnknownStep::worst(&covered),
+        commands: Commands::of(&source.clone().covered()),
         dimensions: 2,
+        survey: source.survey.as_ref().map(Surveyed::of),
         bag: source.notes.clone(),
         notes: Notes {
             heading: source.title.clone(),
@@ -165,25 +249,41 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
             odometry,
         },
     };
+    let is_open = inspection.survey.as_ref().is_some_and(Surveyed::is_open);
     print(args.json, &inspection, text)?;
-    Ok(tell_losses(&args.data.log.log, source))
+    let told = tell_losses(&args.data.log.log, source);
+    Ok(if is_open { Outcome::Incomplete } else { told })
 }
 
-/// Whether there is odometry, and how far it is to be trusted.
+/// Whether there is odometry, how far it is to be trusted, and where it says nothing.
 fn odometry(found: &Inspection) -> String {
-    let Some(error) = found.notes.odometry.filter(|_| found.has_odometry) else {
-        return if found.has_odometry { "yes" } else { "no" }.to_owned();
-    };
-    let (centimetres, degrees) = (100.0 * error.translation_rmse, error.rotation_rmse.to_degrees());
-    let opposed = match error.opposed_steps {
-        0 => String::new(),
-        steps => format!(
-            ", goes the opposite way on {} ({:.2} m)",
-            counted(steps, "step"),
-            error.opposed_m
-        ),
-    };
-    format!("yes, errs {centimetres:.1} cm and {degrees:.1}° per step (RMS){opposed}")
+    let steps = found.scans.saturating_sub(1);
+    if found.odometry_unknown_steps >= steps {
+        return "no".to_owned();
+    }
+    let mut text = "yes".to_owned();
+    if let Some(error) = found.notes.odometry {
+        let (centimetres, degrees) =
+            (100.0 * error.translation_rmse, error.rotation_rmse.to_degrees());
+        text += &format!(", errs {centimetres:.1} cm and {degrees:.1}° per step (RMS)");
+        if error.opposed_steps > 0 {
+            text += &format!(
+                ", goes the opposite way on {} ({:.2} m)",
+                counted(error.opposed_steps, "step"),
+                error.opposed_m
+            );
+        }
+    }
+    if found.odometry_unknown_steps > 0 {
+        text += &format!("; unknown on {} of {steps} steps", found.odometry_unknown_steps);
+        if let Some(UnknownStep { scan, metres, radians }) = found.odometry_worst_unknown {
+            text += &format!(
+                ", at worst {metres:.2} m and {:.0}° (to scan {scan}, by the reference)",
+                radians.to_degrees()
+            );
+        }
+    }
+    text
 }
 
 fn text(found: &Inspection) -> String {
@@ -210,7 +310,10 @@ fn text(found: &Inspection) -> String {
     for note in &found.bag {
         line("bag", note.clone());
     }
-    line("reference", if found.has_reference { "yes" } else { "no" }.to_owned());
+    if let Some(survey) = &found.survey {
+        survey.lines(&mut line);
+    }
+    line("reference", found.reference.clone().unwrap_or_else(|| "no".to_owned()));
     line("odometry", odometry(found));
     line(
         "stamps",
@@ -227,5 +330,7 @@ fn text(found: &Inspection) -> String {
             thousands(found.skipped_records)
         ),
     );
+    line("map", found.commands.map.clone());
+    line("localize", found.commands.localize.clone());
     text
 }

@@ -15,7 +15,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{input_files, print, refuse, tell_data_losses};
+use super::output::{input_files, print, reference_of_data, refuse, tell_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
 use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE};
@@ -43,6 +43,8 @@ struct Built {
     /// Of a grid map; null for a point map.
     grid: Option<GridFigures>,
     sigma_m: f64,
+    /// The reference that places the points of a log, and whose poses it has.
+    reference: Option<String>,
     /// How an automatic size came about.
     #[serde(skip_serializing_if = "Option::is_none")]
     auto_size: Option<Chosen>,
@@ -62,10 +64,10 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     check_arguments(args);
     check_options(&args.output, args.resolution, None);
     let name = &args.data.log.log;
-    mcl_maps::files::check_writable(&args.output, &input_files([name.as_str()]))?;
+    mcl_maps::files::check_writable(&args.output, &input_files(args.data.log.named()))?;
     let data = StudyData::new(DataSource::open(name, &args.data.options(), false)?);
     let source = &data.source;
-    let built = match source.points()? {
+    let mut built = match source.points()? {
         Points::Planar(points) => {
             let log = source.log().ok();
             let grid = |map: &PointMap<2>| {
@@ -91,6 +93,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
             build(points, None, |_| Ok(None), args, global)?
         }
     };
+    built.reference = reference_of_data(source);
     print(args.json, &built, |built| text(built, args))?;
     Ok(tell_data_losses(name, source))
 }
@@ -284,6 +287,7 @@ impl<const D: usize> Fitted<D> {
             log_likelihood_per_point,
             grid,
             sigma_m: wanted.sigma,
+            reference: None,
             auto_size,
             auto_sigma,
         })
@@ -433,6 +437,9 @@ fn text(built: &Built, args: &MapArgs) -> String {
     }
     if let Some(per_point) = built.log_likelihood_per_point {
         text += &format!("\nlog-likelihood of the map: {per_point:.4} nats per point");
+    }
+    if let Some(reference) = &built.reference {
+        text += &format!("\nreference: {reference}");
     }
     text
 }

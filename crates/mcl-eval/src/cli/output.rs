@@ -8,11 +8,13 @@ use clap::CommandFactory;
 use clap::error::ErrorKind;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use mcl_core::Recording;
 use mcl_core::files::{self, Unwritable, write_with};
+use mcl_core::{PointMap, Recording};
 use mcl_datasets::carmen;
 use mcl_datasets::log::ReadReport;
 use mcl_datasets::registry::Registry;
+use mcl_filter::Bridge;
+use mcl_maps::files::{image_in_place, read_map};
 use serde::Serialize;
 use terminal_size::terminal_size_of;
 
@@ -126,6 +128,46 @@ fn tell_of(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
     }
     tell!("warning: {name}: {report}");
     Outcome::Incomplete
+}
+
+/// Reads a map, and says on stderr where its image was found if its description leads elsewhere.
+///
+/// # Errors
+/// As [`read_map`].
+pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
+    let map = read_map(path)?;
+    if let Some((elsewhere, beside)) = image_in_place(path) {
+        tell!(
+            "note: {}: its image is said to be {elsewhere:?}; {} is taken, beside it",
+            path.display(),
+            beside.display()
+        );
+    }
+    Ok(map)
+}
+
+/// Says on stderr which steps the odometry does not know, and how the filter gets over them.
+pub fn tell_bridged(name: &str, bridge: &Bridge) -> Outcome {
+    let Bridge { scans, steps, reach } = bridge;
+    let Some(first) = scans.first() else { return Outcome::Done };
+    tell!(
+        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the particles are spread by {reach:.2} m and 60°, so that they cover what the robot may have done",
+        scans.len()
+    );
+    Outcome::Incomplete
+}
+
+/// The reference of a log, and whose poses it has.
+pub fn reference_of(source: &LogSource) -> &str {
+    source.reference.as_deref().unwrap_or("none")
+}
+
+/// [`reference_of`], for a result as JSON: null without one, and of a point cloud.
+pub fn reference_of_data(source: &DataSource) -> Option<String> {
+    match source {
+        DataSource::Log(log) => log.reference.clone(),
+        DataSource::Cloud(_) => None,
+    }
 }
 
 /// A usage error that the parser of arguments cannot see.

@@ -14,11 +14,12 @@ use mcl_study::store::results::Results;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::division::StudyData;
+use mcl_study::trial::tracking::bridge;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs};
-use super::output::{print, tell_data_losses, told_once};
+use super::output::{print, reference_of, tell_bridged, tell_data_losses, told_once};
 use crate::figures;
 use crate::progress::{self, tell};
 
@@ -79,7 +80,16 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
         let source = open(args, &study, dataset)?;
+        if let (DataSource::Log(log), false) = (&source, global.quiet) {
+            tell!("note: {dataset}: reference: {}", reference_of(log));
+        }
         complete &= tell_data_losses(dataset, &source) == Outcome::Done;
+        if let DataSource::Log(log) = &source
+            && !study.measures.of_runs.is_empty()
+            && let Ok(bridged) = bridge(log)
+        {
+            complete &= tell_bridged(dataset, &bridged) == Outcome::Done;
+        }
         let folder = args.output.join(&name).join(source.name());
         let ran = run_on(&study, &name, source, &folder, args.fresh, global)
             .with_context(|| format!("study {name} on {dataset}"));
@@ -125,11 +135,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
 
 fn open(args: &RunArgs, study: &Study, dataset: &str) -> Result<DataSource> {
     let options = SourceOptions {
-        max_range: args.max_range,
-        topics: args.topics.choice(),
         cloud_topic: args.cloud.cloud_topic.clone(),
         dimensions: args.cloud.dimensions.map(usize::from),
-        ..SourceOptions::default()
+        ..args.read.options(args.max_range)
     };
     let source = DataSource::open(dataset, &options, false)?;
     let scans = study.listed(source.name()).and_then(|listed| listed.scans);

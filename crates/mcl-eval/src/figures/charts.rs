@@ -67,7 +67,7 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
     if is_cut && let Some(last) = caption.last_mut() {
         *last += " Intervals that the lower edge cuts off reach down to zero or below.";
     }
-    CurveFigure { panels, caption }
+    CurveFigure { panels, columns: chart.columns, caption }
 }
 
 /// Whether an interval reaches where a logarithmic axis has no place.
@@ -204,6 +204,7 @@ mod tests {
             points,
         });
         ChartData {
+            columns: 1,
             name: "chart".to_owned(),
             kind,
             panels: panels.collect(),

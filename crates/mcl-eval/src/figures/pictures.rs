@@ -127,6 +127,7 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
             .collect(),
     };
     let figure = CurveFigure {
+        columns: 1,
         panels: vec![
             panel("translation", "error [m]", &PoseError::translation),
             panel("heading", "error [°]", &|error| error.heading().to_degrees()),

@@ -73,6 +73,7 @@ impl Office {
             ranges: ranges.collect(),
             map_from_laser: None,
             odometry: None,
+            sweep: Default::default(),
         }
     }
 }

@@ -286,7 +286,7 @@ mod tests {
             let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
             let distances = MapDistances::reference(&map, 2.0).unwrap();
             let settings =
-                FilterSettings { z_rand, sigma_hit, max_range, ..FilterSettings::default() };
+                FilterSettings { z_rand: Some(z_rand), sigma_hit, max_range, ..FilterSettings::default() };
             let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
             let (a, b) = ((1.0 - z_rand) / (sigma_hit * TAU.sqrt()), z_rand / max_range);
             let expected: f64 = squared
@@ -323,7 +323,7 @@ mod tests {
             let points = (0..2_000).map(|_| [1e4 + uniform(width), uniform(width)]);
             let map = PointMap::new(points.collect()).unwrap();
             let settings = FilterSettings {
-                z_rand,
+                z_rand: Some(z_rand),
                 sigma_hit,
                 max_distance,
                 max_range: longest,
@@ -338,6 +338,7 @@ mod tests {
                 ranges: (0..300).map(|_| 0.5 * longest + uniform(0.99 * longest)).collect(),
                 map_from_laser: None,
                 odometry: None,
+                sweep: Default::default(),
             };
             let mut endpoints = ScanEndpoints::default();
             endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, longest).unwrap();

@@ -60,7 +60,7 @@ impl ScanEndpoints {
     fn push(&mut self, scan: &LaserScan, beam: usize, robot_from_laser: &Pose2, max_range: f64) {
         let range = scan.ranges[beam];
         if is_usable_range(range, max_range) {
-            let (sin, cos) = (robot_from_laser.theta + scan.geometry.angle(beam)).sin_cos();
+            let (sin, cos) = (robot_from_laser.theta + scan.direction(beam)).sin_cos();
             self.x.push(robot_from_laser.x + range * cos);
             self.y.push(robot_from_laser.y + range * sin);
         }
@@ -111,6 +111,7 @@ mod tests {
             ranges: ranges.to_vec(),
             map_from_laser: None,
             odometry: None,
+            sweep: Default::default(),
         }
     }
 

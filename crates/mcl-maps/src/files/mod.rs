@@ -59,7 +59,7 @@ use columns::{NotFinite, Parsed};
 
 pub use cloud::{PointCloud, is_point_cloud, read_cloud};
 pub use error::{MapFileError, MapProblem, Place};
-pub use map_server::{encode_grid, parse_grid, read_grid, write_grid};
+pub use map_server::{encode_grid, image_in_place, parse_grid, read_grid, write_grid};
 
 /// How numbers are written to PLY and PCD. CSV is always text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

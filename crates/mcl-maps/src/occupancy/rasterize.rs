@@ -131,6 +131,7 @@ mod tests {
             ranges: ranges.to_vec(),
             map_from_laser: pose,
             odometry: None,
+            sweep: Default::default(),
         }
     }
 

@@ -19,6 +19,7 @@
 //!     ranges: (0..101).map(|beam| 2.0 / geometry.angle(beam).cos()).collect(),
 //!     map_from_laser: Some(Pose2::new(0.0, y, 0.0)),
 //!     odometry: None,
+//!     sweep: Default::default(),
 //! };
 //! let log = Recording { scans: vec![scan(0.0), scan(1.0)], robot_from_laser: Pose2::IDENTITY };
 //! let map = line_segments(&log, 10.0, &SegmentSettings::of_tolerance(0.05))?;

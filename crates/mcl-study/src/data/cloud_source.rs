@@ -182,7 +182,7 @@ fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<
     if is_bag_folder(path) || is_bag(path)? {
         let cloud = CloudOptions {
             topic: options.cloud_topic.clone(),
-            odometry: options.topics.odometry.clone(),
+            odometry: options.read.topics.odometry.clone(),
             max_range,
         };
         let found = read_clouds(path, &cloud)?;

@@ -3,4 +3,5 @@
 pub mod cloud_source;
 pub mod facts;
 pub mod options;
+pub mod reference;
 pub mod source;

@@ -1,32 +1,67 @@
 //! How to read what is opened, and what it is called.
 
-use std::path::Path;
+use std::convert::Infallible;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use mcl_datasets::log::{ReadOptions, ReferencePoses, TopicChoice};
+use anyhow::Result;
+use mcl_datasets::log::{ReadOptions, ReferencePoses};
+
+use crate::data::reference;
 
 /// How to read a log, as far as the user says.
 #[derive(Debug, Clone, Default)]
 pub struct SourceOptions {
     /// Largest reading that counts, in metres.
     pub max_range: Option<f64>,
-    /// Whether the recorded laser poses are ground truth.
-    pub reference: Option<ReferencePoses>,
-    /// Topics of a bag.
-    pub topics: TopicChoice,
+    /// Where the reference is from.
+    pub reference: Option<ReferenceSource>,
+    /// What the content of a log leaves open; its reference follows from the one above.
+    pub read: ReadOptions,
     /// Topic of a bag's point clouds.
     pub cloud_topic: Option<String>,
     /// 2 or 3, whatever a point cloud says itself; 2 drops its heights.
     pub dimensions: Option<usize>,
 }
 
+/// Where the reference of a log is from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ReferenceSource {
+    /// The log itself.
+    Log(ReferencePoses),
+    /// A file of its own: a TUM file, a bag or a CARMEN log.
+    File(PathBuf),
+}
+
+/// `auto`, `recorded` and `none`, and anything else as the name of a file.
+impl FromStr for ReferenceSource {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text.parse() {
+            Ok(poses) => ReferenceSource::Log(poses),
+            Err(_) => ReferenceSource::File(text.into()),
+        })
+    }
+}
+
 impl SourceOptions {
     /// How to read the log, where the user does not say whether there is a reference: `reference`.
-    pub(crate) fn read_options(&self, reference: ReferencePoses) -> ReadOptions {
-        ReadOptions {
-            reference: self.reference.unwrap_or(reference),
-            topics: self.topics.clone(),
-            ..ReadOptions::default()
+    ///
+    /// # Errors
+    /// When the reference is a file that cannot be read.
+    pub(crate) fn read_options(&self, reference: ReferencePoses) -> Result<ReadOptions> {
+        let mut options = ReadOptions { reference, ..self.read.clone() };
+        match &self.reference {
+            None => {}
+            Some(ReferenceSource::Log(poses)) => options.reference = *poses,
+            Some(ReferenceSource::File(path)) => {
+                // The topic is one of that file.
+                let topic = options.topics.reference.take();
+                options.reference_track = Some(reference::read(path, topic.as_deref())?);
+            }
         }
+        Ok(options)
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Pose2, Recording, Seed};
-use mcl_datasets::bag::BagError;
+use mcl_datasets::bag::{BagError, Survey};
 use mcl_datasets::log::{
     Log, LogError, LogKind, ReadReport, ReferencePoses, is_bag, is_bag_folder, read_log_as,
 };
@@ -33,10 +33,14 @@ pub struct LogSource {
     pub recording: Recording,
     /// Where reference and odometry come from; `None` for the simulation, which knows both.
     pub kind: Option<LogKind>,
+    /// The reference, and whose poses it has; `None` without one.
+    pub reference: Option<String>,
     /// What was ignored or skipped.
     pub report: ReadReport,
     /// How a bag was read, a line each.
     pub notes: Vec<String>,
+    /// The topics of a bag, and which of them were read.
+    pub survey: Option<Survey>,
     /// What a bag left open and how that was settled, a line each.
     pub assumptions: Vec<String>,
     /// Largest reading that counts as a measurement, in metres, inclusive.
@@ -184,7 +188,7 @@ impl LogSource {
         if is_point_cloud(path) {
             return refuse_cloud(name_or_path);
         }
-        let log = read_log_as(path, &options.read_options(ReferencePoses::Auto))?;
+        let log = read_log_as(path, &options.read_options(ReferencePoses::Auto)?)?;
         let name = stem(path);
         let max_range = options.max_range.unwrap_or(DEFAULT_MAX_RANGE);
         Ok(Self::from_log(name.clone(), name, log, max_range))
@@ -206,7 +210,7 @@ impl LogSource {
         match &dataset.source {
             Source::File(_) => {
                 let path = registry.locate(dataset)?;
-                let log = read_log_as(&path, &options.read_options(dataset.reference))?;
+                let log = read_log_as(&path, &options.read_options(dataset.reference)?)?;
                 Ok(Self::from_log(dataset.name.clone(), dataset.title.clone(), log, max_range))
             }
             Source::Simulated { seed } => {
@@ -216,8 +220,10 @@ impl LogSource {
                     title: dataset.title.clone(),
                     recording,
                     kind: None,
+                    reference: Some("exact poses of the simulation, of the laser".to_owned()),
                     report: ReadReport::default(),
                     notes: Vec::new(),
+                    survey: None,
                     assumptions: Vec::new(),
                     max_range,
                 })
@@ -226,14 +232,16 @@ impl LogSource {
     }
 
     fn from_log(name: String, title: String, log: Log, max_range: f64) -> Self {
-        let Log { recording, kind, report, notes, assumptions, .. } = log;
+        let Log { recording, kind, reference, report, notes, survey, assumptions, .. } = log;
         LogSource {
             name,
             title,
             recording,
             kind: Some(kind),
+            reference,
             report,
             notes,
+            survey,
             assumptions,
             max_range,
         }
@@ -241,7 +249,11 @@ impl LogSource {
 
     /// Without the scans at either end of a bag that lie outside of its odometry or its reference.
     pub fn covered(mut self) -> Self {
-        if self.kind != Some(LogKind::Bag) {
+        let scans = &self.recording.scans;
+        // Poses of CARMEN logs stand beside the scans: only those from elsewhere may begin later.
+        let has_reference_apart = scans.iter().any(|scan| scan.map_from_laser.is_some())
+            && scans.iter().any(|scan| scan.map_from_laser.is_none());
+        if self.kind != Some(LogKind::Bag) && !has_reference_apart {
             return self;
         }
         let scans = &self.recording.scans;
@@ -282,10 +294,22 @@ impl LogSource {
             if self.recording.scans.iter().all(|scan| scan.map_from_laser.is_some()) {
                 return self.name.clone();
             }
-            format!(
-                "{}: if its laser poses are ground truth all the same, say --reference recorded",
-                self.name
-            )
+            let name = &self.name;
+            let Some(survey) = &self.survey else {
+                return format!(
+                    "{name}: if its laser poses are ground truth all the same, say --reference recorded; --reference FILE takes them from elsewhere"
+                );
+            };
+            let of_reference = survey.choices.iter().find(|choice| choice.what == "reference");
+            let others = of_reference.map_or(String::new(), |choice| choice.others.join(", "));
+            match others.is_empty() {
+                true => format!(
+                    "{name}: the bag has no poses that could be the reference; --reference FILE takes them from elsewhere"
+                ),
+                false => format!(
+                    "{name}: nothing says which poses are ground truth; --reference-topic could take {others} (or two frames of transforms as /tf:map.base_link), and --reference FILE takes them from elsewhere"
+                ),
+            }
         })?;
         if points.is_empty() {
             bail!(
@@ -331,6 +355,7 @@ pub fn digest(recording: &Recording) -> String {
         scan.ranges.iter().for_each(|&range| number(range));
         number(scan.geometry.start_angle);
         number(scan.geometry.angle_step);
+        scan.sweep.directions.iter().flatten().for_each(|&direction| number(direction));
         for pose in [scan.map_from_laser, scan.odometry] {
             let parts = pose.map_or([f64::NAN; 3], |pose| [pose.x, pose.y, pose.theta]);
             parts.into_iter().for_each(&mut number);

@@ -66,6 +66,13 @@ impl RunRecipe {
         let mut filter = serde_json::to_value(&self.filter)?;
         let settings = filter.as_object_mut().context("settings of the filter are a table")?;
         settings.insert(name.to_owned(), value.clone());
+        // Two ways to say the same: the one that is set counts.
+        let other = match name {
+            "z_rand" => Some("beam_floor"),
+            "beam_floor" => Some("z_rand"),
+            _ => None,
+        };
+        settings.extend(other.map(|other| (other.to_owned(), Json::Null)));
         self.filter = serde_json::from_value(filter)?;
         Ok(())
     }

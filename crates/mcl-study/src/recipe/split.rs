@@ -157,6 +157,7 @@ mod tests {
             ranges: vec![1.0],
             map_from_laser: Some(Pose2::IDENTITY),
             odometry: None,
+            sweep: Default::default(),
         };
         Recording { scans: stamps.iter().map(scan).collect(), robot_from_laser: Pose2::IDENTITY }
     }

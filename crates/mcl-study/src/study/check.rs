@@ -13,6 +13,9 @@ use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
 use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views};
 use crate::table::{Row, Table, Value};
 
+/// More panels side by side could not be read.
+const MOST_COLUMNS: usize = 4;
+
 /// What views can name: that of the plans on all data sets together.
 pub struct Known<'a> {
     text: &'a str,
@@ -268,6 +271,10 @@ fn check_chart(
     let curves = chart.curves.iter().flatten().map(|name| ("curves", name));
     for (key, name) in curves.chain(chart.panels.iter().map(|name| ("panels", name))) {
         known.setting(&path(key), name)?;
+    }
+    if chart.columns.is_some_and(|columns| !(1..=MOST_COLUMNS).contains(&columns)) {
+        let message = format!("expected 1 to {MOST_COLUMNS} panels side by side");
+        return Err(known.mistake(&path("columns"), &message));
     }
     chart.marks.iter().try_for_each(|name| known.either(&path("marks"), name, &[]))?;
     for (place, part) in chart.parts.iter().enumerate() {

@@ -176,12 +176,8 @@ impl Draft {
         }
         self.run.filter = self.run.preset.settings();
         let is_set = |setting: &str| self.settings.iter().any(|(name, _)| name == setting);
-        if is_set("z_rand") {
-            // The preset's floor would be in its way.
-            self.run.filter.beam_floor = None;
-            if is_set("beam_floor") {
-                return Err("z_rand and beam_floor say the same, expected one of them".to_owned());
-            }
+        if is_set("z_rand") && is_set("beam_floor") {
+            return Err("z_rand and beam_floor say the same, expected one of them".to_owned());
         }
         for (setting, value) in &self.settings {
             self.run.set(setting, value).map_err(|error| error.to_string())?;

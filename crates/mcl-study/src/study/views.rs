@@ -119,6 +119,8 @@ pub struct Chart {
     /// Columns whose values make a panel.
     #[serde(default)]
     pub panels: Vec<String>,
+    /// How many panels stand side by side; one where it is not given.
+    pub columns: Option<usize>,
     /// Panels that show parts of the rows; each is drawn for every value of `panels`.
     #[serde(default)]
     pub parts: Vec<Part>,

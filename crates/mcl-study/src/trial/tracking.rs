@@ -1,8 +1,8 @@
 //! A robot localized on a map.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mcl_core::{Pose2, Seed};
-use mcl_filter::{MapDistances, Replay, Run, localize, noisy_increments};
+use mcl_filter::{Bridge, MapDistances, Replay, Run, localize, noisy_increments};
 use mcl_metrics::{PoseError, pose_errors};
 
 use crate::data::source::LogSource;
@@ -16,6 +16,24 @@ pub struct TrackedRun {
     pub run: Run,
     /// Errors of the estimates, per scan.
     pub errors: Vec<PoseError>,
+}
+
+/// The steps of a log that its odometry says nothing of, which the filter bridges.
+///
+/// # Errors
+/// When there are too many of them.
+pub fn bridge(log: &LogSource) -> Result<Bridge> {
+    let increments: Vec<Option<Pose2>> =
+        log.recording.scans.iter().map(|scan| scan.odometry).collect();
+    let scans: Vec<usize> = (0..increments.len()).collect();
+    let replay = Replay { recording: &log.recording, increments: &increments, scans: &scans };
+    Bridge::over(&replay).with_context(|| {
+        format!(
+            "{}: localization needs odometry; if the log's laser poses are odometry, take them so with \
+             --reference none --initial-pose X,Y,THETA",
+            log.name
+        )
+    })
 }
 
 /// Localizes the robot on a map. Noise and filter are seeded by the study's seed, the data set, the

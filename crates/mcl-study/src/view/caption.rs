@@ -9,8 +9,18 @@ use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings that captions give where they do not vary.
-const TOLD: [&str; 9] =
-    [PRESET, "particles", "proposal", "beams", "sigma_hit", "z_rand", "alpha", "noise", "sigma_m"];
+const TOLD: [&str; 10] = [
+    PRESET,
+    "particles",
+    "proposal",
+    "beams",
+    "sigma_hit",
+    "z_rand",
+    "beam_floor",
+    "alpha",
+    "noise",
+    "sigma_m",
+];
 
 /// What is known of the data; which trials are missing; `of_what`, what is shown; and settings that do not
 /// vary. `of_runs`: whether runs are shown, not only maps.

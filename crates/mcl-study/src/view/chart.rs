@@ -12,6 +12,8 @@ pub struct ChartData {
     pub kind: ChartKind,
     /// Its panels; those of a part are next to each other.
     pub panels: Vec<Panel>,
+    /// How many panels stand side by side.
+    pub columns: usize,
     /// Paragraphs beneath.
     pub caption: Vec<String>,
 }

@@ -102,7 +102,8 @@ impl Drawing<'_, '_> {
         }
         let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
         let caption = own.into_iter().chain([told]).collect();
-        Ok(ChartData { name, kind: self.chart.kind, panels, caption })
+        let columns = self.chart.columns.unwrap_or(1);
+        Ok(ChartData { name, kind: self.chart.kind, panels, columns, caption })
     }
 
     /// Whether what is shown is measured of runs.

@@ -45,6 +45,8 @@ pub fn log(name: &str) -> LogSource {
         title: name.to_owned(),
         recording: RECORDING.clone(),
         kind: None,
+        reference: None,
+        survey: None,
         report: ReadReport::default(),
         notes: Vec::new(),
         assumptions: Vec::new(),

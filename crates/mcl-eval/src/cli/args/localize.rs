@@ -19,11 +19,8 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
         row("--particles", |s| s.particles.to_string()),
         row("--beams", |s| s.beams.to_string()),
         row("--sigma-hit", |s| s.sigma_hit.to_string()),
-        row("--z-rand", |s| match s.beam_floor {
-            None => s.z_rand.to_string(),
-            Some(_) => "by the floor".into(),
-        }),
-        row("--beam-floor", |s| s.beam_floor.map_or("by z-rand".into(), |f| f.to_string())),
+        row("--z-rand", |s| s.z_rand.map_or_else(|| "-".into(), |z_rand| z_rand.to_string())),
+        row("--beam-floor", |s| s.beam_floor.map_or_else(|| "-".into(), |floor| floor.to_string())),
         row("  (least of largest)", |s| format!("{:.2}", s.relative_floor())),
         row("--outlier-fraction", |s| s.outlier_fraction.to_string()),
         row("--max-distance", |s| s.max_distance.to_string()),
@@ -125,7 +122,7 @@ pub struct LocalizeArgs {
     /// Folder for trajectories, error rows and a summary.
     #[arg(long, short, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Record the first run (run 0) as a ROS 2 bag, to be looked at: map, scans, particles, estimate,
+    /// Record the first run (run 0) as a ROS 2 bag (MCAP), to be looked at: map, scans, particles, estimate,
     /// reference and errors.
     #[arg(long, value_name = "OUT.mcap")]
     pub replay: Option<PathBuf>,

@@ -29,6 +29,7 @@ pub fn draw(path: &Path, reference: &str, estimates: &[Evaluated]) -> Result<()>
             .collect(),
     };
     let figure = CurveFigure {
+        columns: 1,
         panels: vec![
             panel("translation error [m]", |estimate| estimate.samples.translation.clone()),
             panel("heading error [°]", |estimate| {

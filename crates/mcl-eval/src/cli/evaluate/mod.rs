@@ -4,6 +4,8 @@ mod figure;
 mod text;
 mod trajectory;
 
+use std::collections::BTreeMap;
+
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Stamp};
 use mcl_metrics::{
@@ -22,6 +24,8 @@ use trajectory::{Named, Source};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
+    /// What the errors are taken against, and whose poses it has.
+    reference: String,
     estimates: Vec<&'a Row>,
 }
 
@@ -128,7 +132,8 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
                 row.pairs
             );
         }
-        is_complete &= source.is_complete && row.unmatched == 0;
+        let is_told_apart = stamps_tell(&reference, source);
+        is_complete &= source.is_complete && row.unmatched == 0 && is_told_apart;
         estimates.push(estimate);
     }
     if let Some(path) = &args.errors {
@@ -142,8 +147,42 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
         figure::draw(path, &reference.of.label(), &estimates)?;
     }
     let rows = estimates.iter().map(|estimate| &estimate.row).collect();
-    print(args.json, &Evaluation { estimates: rows }, |found| text::text(&found.estimates))?;
+    let found = Evaluation { reference: reference.describe(), estimates: rows };
+    print(args.json, &found, |found| {
+        format!("{}\nreference: {}", text::text(&found.estimates).trim_end(), found.reference)
+    })?;
     Ok(Outcome::of(is_complete))
+}
+
+/// Whether stamps tell which poses are of one time. Poses of one stamp are paired in their order, which is right only
+/// where both trajectories have the same number of them.
+fn stamps_tell(reference: &Source, source: &Source) -> bool {
+    let counts = |source: &Source| {
+        let mut counts: BTreeMap<i64, usize> = BTreeMap::new();
+        for stamp in source.trajectory.stamps() {
+            *counts.entry(stamp.nanoseconds()).or_default() += 1;
+        }
+        counts
+    };
+    let (of_reference, of_estimate) = (counts(reference), counts(source));
+    let differs = |(stamp, &count): (&i64, &usize)| {
+        let there = of_reference.get(stamp).copied().unwrap_or(0);
+        there > 0 && there != count && there.max(count) > 1
+    };
+    let doubtful = of_estimate.iter().filter(|&(stamp, count)| differs((stamp, count))).count();
+    if doubtful > 0 {
+        let poses = |source: &Source, counts: &BTreeMap<i64, usize>| {
+            format!("{} poses at {} stamps", source.trajectory.len(), counts.len())
+        };
+        tell!(
+            "warning: {}: stamps cannot tell its poses apart, and the reference has other numbers of poses at {} of them: they are paired in their order, which may shift them all ({}; the reference {})",
+            source.of.label(),
+            doubtful,
+            poses(source, &of_estimate),
+            poses(reference, &of_reference)
+        );
+    }
+    doubtful == 0
 }
 
 fn evaluate(
@@ -151,8 +190,11 @@ fn evaluate(
     source: &Source,
     metric: &WeightedPoseError,
     args: &EvaluateArgs,
-) -> Result<Evaluated, MetricsError> {
-    let matched = associate(&reference.trajectory, &source.trajectory, args.tolerance)?;
+) -> Result<Evaluated> {
+    let mount = source.robot_from_laser.or(reference.robot_from_laser);
+    let of_reference = reference.poses_of(args.frame, mount)?;
+    let of_estimate = source.poses_of(args.frame, mount)?;
+    let matched = associate(&of_reference, &of_estimate, args.tolerance)?;
     let Matched { reference, estimate, .. } = &matched;
     let alignment = match args.align {
         AlignTo::None => Alignment::None,

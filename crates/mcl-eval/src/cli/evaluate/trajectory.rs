@@ -1,7 +1,8 @@
-//! Trajectories from whatever file they are in: TUM, CARMEN, ROS 2 bag.
+//! Trajectories from whatever file they are in: TUM, CARMEN, bag.
 
+use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -16,17 +17,21 @@ use crate::cli::Outcome;
 use crate::cli::args::{EvaluateArgs, Frame, Global};
 use crate::cli::output::{refuse, tell_losses};
 use crate::progress::tell;
-use mcl_study::data::options::SourceOptions;
+use mcl_study::data::options::{ReferenceSource, SourceOptions};
+use mcl_study::data::reference::{is_tum, mount_of_run};
 use mcl_study::data::source::LogSource;
 
-const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-/// Bytes in which the first line that is no comment is looked for.
-const SNIFFED_BYTES: u64 = 1 << 16;
+/// What compressed files begin with: gzip, bzip2, xz, zstd. Trajectories in the TUM format are plain.
+const PACKED: [&[u8]; 4] = [b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd"];
 
 /// A trajectory and where it is from.
 pub struct Source {
     pub of: Named,
     pub trajectory: Trajectory,
+    /// Whose poses they are, where that is known.
+    pub whose: Option<Frame>,
+    /// Where the laser is on the robot, where that is known.
+    pub robot_from_laser: Option<Pose2>,
     /// Whether all that the file says was read, and is in the trajectory.
     pub is_complete: bool,
 }
@@ -50,9 +55,54 @@ impl Named {
     }
 }
 
+/// The first bytes of a file.
+fn read_head(path: &Path) -> io::Result<Vec<u8>> {
+    let mut head = Vec::new();
+    File::open(path)?.take(8).read_to_end(&mut head)?;
+    Ok(head)
+}
+
 impl Source {
     fn new(file: &str, topic: Option<String>, trajectory: Trajectory, is_complete: bool) -> Self {
-        Source { of: Named { file: file.to_owned(), topic }, trajectory, is_complete }
+        Source {
+            of: Named { file: file.to_owned(), topic },
+            trajectory,
+            whose: None,
+            robot_from_laser: None,
+            is_complete,
+        }
+    }
+
+    /// What the trajectory is, and whose poses it has.
+    pub fn describe(&self) -> String {
+        let whose = match self.whose {
+            Some(Frame::Laser) => "of the laser",
+            Some(Frame::Robot) => "of the robot",
+            None => "nothing says whose",
+        };
+        format!("{}, {} poses, {whose}", self.of.label(), self.trajectory.len())
+    }
+
+    /// The trajectory as poses of the laser or of the robot; as it stands, where nothing says whose poses they
+    /// are. `mount` is where the laser is on the robot.
+    pub fn poses_of(&self, wanted: Frame, mount: Option<Pose2>) -> Result<Cow<'_, Trajectory>> {
+        let Some(whose) = self.whose.filter(|whose| *whose != wanted) else {
+            return Ok(Cow::Borrowed(&self.trajectory));
+        };
+        let Some(mount) = mount else {
+            bail!(
+                "{}: its poses are those of the {}, and nothing says where the laser is on the robot; compare them with a trajectory that says so (of `localize`, a log or a bag), or with --frame {}",
+                self.of.label(),
+                whose.name(),
+                whose.name()
+            );
+        };
+        let carry = match wanted {
+            Frame::Laser => mount,
+            Frame::Robot => mount.inverse(),
+        };
+        let poses = self.trajectory.iter();
+        Ok(Cow::Owned(poses.map(|(stamp, pose)| (stamp, pose.compose(&carry))).collect()))
     }
 }
 
@@ -71,7 +121,10 @@ pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
         refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
     }
     let source = match format {
-        Format::Tum => tum_file(file, args)?,
+        Format::Tum => {
+            let source = tum_file(file, args)?;
+            Source { whose: args.reference_frame.or(source.whose), ..source }
+        }
         Format::Bag(path) => {
             let topic = args.reference_topic.as_deref();
             bag(file, &path, topic, PoseRole::Reference, args, global)?
@@ -129,10 +182,9 @@ fn format_of(file: &str) -> Result<Format> {
             None => Format::Tum,
         });
     }
-    let first = first_line(path).with_context(|| format!("cannot read {file}"))?;
-    let is_log =
-        first.starts_with(&GZIP_MAGIC) || first.first().is_some_and(u8::is_ascii_uppercase);
-    Ok(if is_log { Format::Log } else { Format::Tum })
+    let head = read_head(path).with_context(|| format!("cannot read {file}"))?;
+    let is_packed = PACKED.iter().any(|magic| head.starts_with(magic));
+    Ok(if is_packed || !is_tum(path)? { Format::Log } else { Format::Tum })
 }
 
 /// The bag of a data set; `None` if its file is none or not at hand, or there is no such data set.
@@ -145,24 +197,12 @@ fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
     })
 }
 
-/// The first line that is neither empty nor a comment; empty without any.
-fn first_line(path: &Path) -> io::Result<Vec<u8>> {
-    let mut reader = BufReader::new(File::open(path)?.take(SNIFFED_BYTES));
-    let mut line = Vec::new();
-    while reader.read_until(b'\n', &mut line)? > 0 {
-        let text = line.trim_ascii();
-        if !text.is_empty() && !text.starts_with(b"#") {
-            return Ok(text.to_vec());
-        }
-        line.clear();
-    }
-    Ok(Vec::new())
-}
-
 fn tum_file(file: &str, args: &EvaluateArgs) -> Result<Source> {
     let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
     let trajectory = tum::read_file(file, non_planar)?.trajectory;
-    Ok(Source::new(file, None, trajectory, true))
+    let robot_from_laser = mount_of_run(Path::new(file));
+    let whose = robot_from_laser.map(|_| Frame::Laser);
+    Ok(Source { whose, robot_from_laser, ..Source::new(file, None, trajectory, true) })
 }
 
 /// The laser poses written in a CARMEN log: as a reference only where they are corrected; as an
@@ -170,7 +210,7 @@ fn tum_file(file: &str, args: &EvaluateArgs) -> Result<Source> {
 fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
     let reference = match role {
         PoseRole::Reference => None,
-        PoseRole::Estimate => Some(ReferencePoses::Recorded),
+        PoseRole::Estimate => Some(ReferenceSource::Log(ReferencePoses::Recorded)),
     };
     let source = LogSource::open(file, &SourceOptions { reference, ..SourceOptions::default() })?;
     if role == PoseRole::Estimate && source.kind == Some(LogKind::Raw) && !global.quiet {
@@ -193,7 +233,9 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
         );
     }
     let is_complete = tell_losses(file, &source) == Outcome::Done && unstamped == 0;
-    Ok(Source::new(file, None, trajectory, is_complete))
+    let robot_from_laser = Some(source.recording.robot_from_laser);
+    let source = Source::new(file, None, trajectory, is_complete);
+    Ok(Source { whose: Some(Frame::Laser), robot_from_laser, ..source })
 }
 
 /// The poses of a bag's topic; of its laser, unless asked otherwise.
@@ -216,6 +258,10 @@ fn bag(
     let is_complete = found.report.is_complete();
     let frame = found.frame.as_deref().unwrap_or("the robot");
     let mut note = format!("{file}: {name}: {} poses of {frame:?}", found.trajectory.len());
+    let whose = match (args.frame, found.frame_from_laser) {
+        (Frame::Laser, None) => None,
+        (frame, _) => Some(frame),
+    };
     let trajectory = match (args.frame, found.frame_from_laser) {
         (Frame::Robot, _) => found.trajectory,
         (Frame::Laser, None) => {
@@ -237,5 +283,6 @@ fn bag(
     if !global.quiet {
         tell!("note: {note}");
     }
-    Ok(Source::new(file, Some(name), trajectory, is_complete))
+    let source = Source::new(file, Some(name), trajectory, is_complete);
+    Ok(Source { whose, robot_from_laser: found.frame_from_laser, ..source })
 }

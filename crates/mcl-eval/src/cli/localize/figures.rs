@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::FinishedRun;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
+use crate::cli::output::reference_of;
 use mcl_core::text::{counted, thousands};
 use mcl_study::data::source::LogSource;
 
@@ -20,6 +21,10 @@ const RESAMPLES: usize = 10_000;
 #[derive(Debug, Serialize)]
 pub struct Localization {
     runs: usize,
+    /// The reference that errors are taken against, and whose poses it has.
+    reference: Option<String>,
+    /// Steps that the odometry says nothing of, on which the filter spreads the particles.
+    bridged_steps: usize,
     /// Runs that ended lost; null without a reference.
     diverged: Option<usize>,
     /// Times that a robot was lost within a run, and times that it was found again.
@@ -59,8 +64,15 @@ struct MeanIntervals {
 }
 
 impl Localization {
-    /// Figures of at least one run over `scans` scans; `seed` is that of the bootstrap.
-    pub fn of(runs: &[FinishedRun], particles: usize, scans: usize, seed: Seed) -> Result<Self> {
+    /// Figures of at least one run over the scans of a log; `seed` is that of the bootstrap.
+    pub fn of(
+        runs: &[FinishedRun],
+        particles: usize,
+        source: &LogSource,
+        bridged_steps: usize,
+        seed: Seed,
+    ) -> Result<Self> {
+        let scans = source.recording.scans.len();
         let each = runs
             .iter()
             .enumerate()
@@ -94,6 +106,8 @@ impl Localization {
         };
         Ok(Localization {
             runs: runs.len(),
+            reference: source.reference.clone(),
+            bridged_steps,
             diverged: count(&|run| run.diverged.map(usize::from)),
             lost: count(&|run| episodes(run, |_| true)),
             recovered: count(&|run| episodes(run, |episode| episode.recovered.is_some())),
@@ -130,6 +144,7 @@ impl Localization {
             self.used_beams_per_scan,
             filter.relative_floor()
         );
+        text += &format!("reference: {}\n", reference_of(source));
         match (self.weighted, self.translation, self.heading) {
             (Some(weighted), Some(translation), Some(heading)) => {
                 text += &ErrorFigures { weighted, translation, heading }.table();

@@ -59,6 +59,8 @@ pub struct Setup<'a> {
     relative_floor: f64,
     /// Standard deviations in metres and radians.
     odometry_noise: [f64; 2],
+    /// Where the laser is on the robot; the poses in the folder are the laser's.
+    robot_from_laser: Pose2,
     /// The laser's pose at the first scan; null for global localization.
     first_pose: Option<Pose2>,
     xi: f64,
@@ -93,6 +95,7 @@ impl<'a> Setup<'a> {
             filter,
             relative_floor: filter.relative_floor(),
             odometry_noise: args.odometry_noise.unwrap_or_default(),
+            robot_from_laser: source.recording.robot_from_laser,
             first_pose,
             xi: DEFAULT_XI,
             divergence: DivergenceSettings::default(),

@@ -10,8 +10,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
-    CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay,
-    Run, localize_with, noisy_increments,
+    CheckedSettings, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay, Run,
+    localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -19,12 +19,13 @@ use rayon::prelude::*;
 use super::Outcome;
 use super::args::{Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
-use super::output::{input_files, prepare, print, refuse, tell_losses};
+use super::output::{input_files, open_map, prepare, print, refuse, tell_bridged, tell_losses};
 use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
 use mcl_study::trial::stopwatch;
+use mcl_study::trial::tracking::bridge;
 use replay::{ReplayFile, Scene};
 
 /// A run of the filter, as far as the figures need it.
@@ -42,16 +43,17 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
     filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
     check_replay_name(args);
-    let mut inputs = input_files([args.log.log.as_str()]);
+    let mut inputs = input_files(args.log.named());
     inputs.push(args.map.clone());
     check_replaced(args, &inputs)?;
-    let map = mcl_maps::files::read_map(&args.map)?;
+    let map = open_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
     let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
     check_room(args.runs as usize, size_of::<FinishedRun>() + errors, "errors of runs")?;
     let start = first_pose(args, &source)?;
-    check_odometry(&source)?;
+    // The filter would refuse too many unknown steps as well, but only after a part of the work.
+    let bridged = bridge(&source)?;
     let setup = Setup::new(args, &source, map.len(), settings.values(), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
     let mut first_recorder = None;
@@ -97,9 +99,10 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let runs = runs?;
 
     let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
-    let found =
-        Localization::of(&runs, settings.values().particles, source.recording.scans.len(), seed)?;
+    let particles = settings.values().particles;
+    let found = Localization::of(&runs, particles, &source, bridged.scans.len(), seed)?;
     let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
+    complete &= tell_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
@@ -144,8 +147,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         initial_pose,
         alpha: args.alpha.unwrap_or(preset.alpha),
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
-        z_rand: args.z_rand.unwrap_or(preset.z_rand),
         // Whichever of the two ways is asked for.
+        z_rand: args.z_rand.or(preset.z_rand.filter(|_| args.beam_floor.is_none())),
         beam_floor: args.beam_floor.or(preset.beam_floor.filter(|_| args.z_rand.is_none())),
         outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
         max_distance: args.max_distance.unwrap_or(preset.max_distance),
@@ -183,21 +186,6 @@ fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> 
 fn reference_poses(source: &LogSource) -> Option<Vec<Pose2>> {
     let poses = source.recording.scans.iter().map(|scan| scan.map_from_laser);
     poses.collect::<Option<Vec<Pose2>>>().filter(|poses| !poses.is_empty())
-}
-
-/// The filter would find a missing increment too, but only after a part of every run.
-fn check_odometry(source: &LogSource) -> Result<()> {
-    let without = |&scan: &usize| source.recording.scans[scan].odometry.is_none();
-    match (1..source.recording.scans.len()).find(without) {
-        None => Ok(()),
-        Some(scan) => Err(FilterError::MissingOdometry { scan }).with_context(|| {
-            format!(
-                "{}: localization needs odometry; if the log's laser poses are odometry, take them \
-                 so with --reference none --initial-pose X,Y,THETA",
-                source.name
-            )
-        }),
-    }
 }
 
 /// The seed of a run: the same for every map, so that maps are compared on the same draws.

@@ -23,6 +23,8 @@ const MODES: [(&str, Mode); 3] =
 pub(super) struct Description {
     /// Name of the image, relative to the folder of the description.
     pub image: String,
+    /// The path of an image elsewhere, of which `image` is but the name.
+    pub elsewhere: Option<String>,
     /// Metres per pixel.
     pub resolution: f64,
     /// x, y (metres) and yaw (radians) of the image's lower left corner.
@@ -77,8 +79,10 @@ impl Description {
             MapProblem::syntax(format!("no YAML of \"field: value\" lines: {reason}"))
         })?;
         let fields = Fields(fields);
+        let (image, elsewhere) = fields.image()?;
         let description = Description {
-            image: fields.image()?,
+            image,
+            elsewhere,
             resolution: fields.number("resolution", METRES, |value| value > 0.0)?,
             origin: fields.origin()?,
             negate: fields.truth("negate")?,
@@ -180,6 +184,20 @@ impl Fields {
     fn origin(&self) -> Result<[f64; 3], MapProblem> {
         let expected = "[x, y, yaw] of the lower left corner, in metres and radians";
         let value = self.get("origin", expected)?;
+        let is_nan = |value: &Value| match value {
+            Value::Number(number) => number.is_nan(),
+            Value::Text(text) => {
+                text.trim_start_matches(['-', '+', '.']).eq_ignore_ascii_case("nan")
+            }
+            _ => false,
+        };
+        if let Value::List(list) = value
+            && list.iter().any(is_nan)
+        {
+            let expected =
+                "numbers; some map savers write -nan for a yaw of 0: write 0 in its place";
+            return Err(MapProblem::field("origin", value.told(), expected));
+        }
         let numbers = match value {
             Value::List(list) => list.iter().map(finite).collect::<Option<Vec<f64>>>(),
             _ => None,
@@ -200,21 +218,28 @@ impl Fields {
         }
     }
 
-    /// A map may come from anywhere: it must not make us read files elsewhere.
-    fn image(&self) -> Result<String, MapProblem> {
+    /// The image, and the path that leads elsewhere, if it is one: a map may come from anywhere, and must not make
+    /// us read files there. Those who save maps often write absolute paths; then the file of that name beside the
+    /// description is meant.
+    fn image(&self) -> Result<(String, Option<String>), MapProblem> {
         let expected = "the name of the image file, within the folder of the .yaml file";
         let value = self.get("image", expected)?;
-        let Value::Text(name) = value else {
+        let Value::Text(path) = value else {
             return Err(MapProblem::field("image", value.told(), expected));
         };
-        let mut parts = Path::new(name).components();
+        // Backslashes part the names of a path of Windows, and belong to names elsewhere.
+        let is_windows = matches!(path.as_bytes(), [drive, b':', b'\\' | b'/', ..] if drive.is_ascii_alphabetic());
+        let is_separator = |c: char| c == '/' || is_windows && c == '\\';
+        let name = path.rsplit(is_separator).next().unwrap_or_default();
+        let mut parts = Path::new(path).components();
         let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-        if name.is_empty() || !stays {
-            let expected = "a path within the folder of the .yaml file, neither absolute nor with \
-                \"..\"; put the image beside it";
+        if matches!(name, "" | "." | "..") {
             return Err(MapProblem::field("image", value.told(), expected));
         }
-        Ok(name.clone())
+        Ok(match stays && !is_windows {
+            true => (path.clone(), None),
+            false => (name.to_owned(), Some(path.clone())),
+        })
     }
 }
 
@@ -244,6 +269,7 @@ mod tests {
         let found = Description::parse(OLIN.as_bytes()).unwrap();
         let expected = Description {
             image: "floor.pgm".into(),
+            elsewhere: None,
             resolution: 0.03,
             origin: [-1.12, -39.4, 0.0],
             negate: false,
@@ -273,12 +299,26 @@ mod tests {
     }
 
     #[test]
+    fn of_a_path_that_leads_elsewhere_the_name_counts() {
+        let parsed = |image: &str| {
+            let found = Description::parse(OLIN.replace("floor.pgm", image).as_bytes()).unwrap();
+            (found.image, found.elsewhere)
+        };
+        for path in
+            ["/home/robot/floor.pgm", "../floor.pgm", "a/../../floor.pgm", "'C:\\maps\\floor.pgm'"]
+        {
+            let named = Some(path.trim_matches('\'').to_owned());
+            assert_eq!(parsed(path), ("floor.pgm".to_owned(), named));
+        }
+        assert_eq!(parsed("./floor.pgm"), ("./floor.pgm".to_owned(), None));
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         for (from, to, expected) in [
             ("image: floor.pgm\n", "", "no field \"image\", found free_thresh, mode, negate"),
-            ("floor.pgm", "/etc/passwd", "field \"image\": found \"/etc/passwd\", expected a path"),
-            ("floor.pgm", "../floor.pgm", "neither absolute nor with \"..\""),
-            ("floor.pgm", "a/../../floor.pgm", "neither absolute nor with \"..\""),
+            ("floor.pgm", "..", "field \"image\": found \"..\", expected the name"),
+            ("[-1.12, -39.4, 0]", "[-1.12, -39.4, -nan]", "write -nan for a yaw of 0: write 0"),
             ("floor.pgm", "[1]", "field \"image\": found [1], expected the name"),
             ("0.03", "-0.03", "field \"resolution\": found -0.03, expected a positive number"),
             ("0.03", ".nan", "line 3 column 13: non-finite float"),

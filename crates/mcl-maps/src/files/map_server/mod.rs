@@ -60,7 +60,15 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
                 path,
                 MapProblem::field(
                     "image",
-                    format!("{:?}, which cannot be read: {source}", image.display().to_string()),
+                    match &description.elsewhere {
+                        Some(elsewhere) => format!(
+                            "{elsewhere:?}, which leads elsewhere, and of that name {:?} cannot be read: {source}",
+                            image.display().to_string()
+                        ),
+                        None => {
+                            format!("{:?}, which cannot be read: {source}", image.display().to_string())
+                        }
+                    },
                     "the name of the image file in the folder of the .yaml file",
                 ),
             ),
@@ -143,6 +151,16 @@ pub(super) fn image_of(path: &Path) -> Option<PathBuf> {
     Some(named_beside(path, &Description::parse(&text).ok()?))
 }
 
+/// Of a grid map whose description names an image elsewhere, that path and the image beside the description, which
+/// is taken in its place.
+pub fn image_in_place(path: impl AsRef<Path>) -> Option<(String, PathBuf)> {
+    let path = path.as_ref();
+    let text = super::is_grid(path).then(|| read(path, MAX_DESCRIPTION_BYTES).ok())??;
+    let description = Description::parse(&text).ok()?;
+    let beside = named_beside(path, &description);
+    Some((description.elsewhere?, beside))
+}
+
 fn named_beside(path: &Path, description: &Description) -> PathBuf {
     path.with_file_name("").join(&description.image)
 }
@@ -189,6 +207,7 @@ pub fn encode_grid(grid: &OccupancyGrid, image_name: &str) -> (String, Vec<u8>) 
     let Pose2 { x, y, theta } = grid.map_from_grid();
     let description = Description {
         image: image_name.to_owned(),
+        elsewhere: None,
         resolution: grid.resolution(),
         origin: [x, y, theta],
         negate: false,

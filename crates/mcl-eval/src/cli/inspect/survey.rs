@@ -1,0 +1,146 @@
+//! The topics of a bag, what is read of them, and what else could be.
+
+use std::path::PathBuf;
+
+use anyhow::{Error, Result};
+use mcl_core::text::{counted, printable};
+use mcl_datasets::bag::{BagError, Choice, Survey, TopicFacts};
+use mcl_datasets::log::{LogError, survey};
+use serde::Serialize;
+
+use crate::cli::Outcome;
+use crate::cli::args::InspectArgs;
+use crate::cli::output::{input_files, print, told_once};
+use crate::progress::tell;
+
+#[derive(Serialize)]
+pub struct Surveyed {
+    topics: Vec<Topic>,
+    choices: Vec<Chosen>,
+}
+
+#[derive(Serialize)]
+struct Topic {
+    name: String,
+    /// Null where the bag does not say it.
+    r#type: Option<String>,
+    messages: usize,
+    /// Seconds, exact: when its messages were logged.
+    first_s: Option<String>,
+    last_s: Option<String>,
+    /// Of the header of its first message.
+    frame: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Chosen {
+    what: &'static str,
+    taken: Option<String>,
+    /// Others that could be.
+    others: Vec<String>,
+    /// Whether one has to be chosen.
+    is_open: bool,
+    options: &'static str,
+}
+
+/// A bag that no log can be read from.
+#[derive(Serialize)]
+struct Unread {
+    #[serde(flatten)]
+    survey: Surveyed,
+    /// Why.
+    problem: String,
+}
+
+impl Surveyed {
+    pub fn of(survey: &Survey) -> Self {
+        let topic = |facts: &TopicFacts| Topic {
+            name: facts.name.clone(),
+            r#type: Some(facts.type_name.clone()).filter(|name| !name.is_empty()),
+            messages: facts.messages,
+            first_s: facts.logged.map(|(first, _)| first.to_string()),
+            last_s: facts.logged.map(|(_, last)| last.to_string()),
+            frame: facts.frame.clone(),
+        };
+        let choice = |choice: &Choice| Chosen {
+            what: choice.what,
+            taken: choice.taken.clone(),
+            others: choice.others.clone(),
+            is_open: choice.is_open,
+            options: choice.options,
+        };
+        Surveyed {
+            topics: survey.topics.iter().map(topic).collect(),
+            choices: survey.choices.iter().map(choice).collect(),
+        }
+    }
+
+    /// Whether something has to be chosen.
+    pub fn is_open(&self) -> bool {
+        self.choices.iter().any(|choice| choice.is_open)
+    }
+
+    /// As lines of text.
+    pub fn lines(&self, line: &mut impl FnMut(&str, String)) {
+        for topic in &self.topics {
+            let mut text = format!(
+                "{} ({}, {}",
+                printable(&topic.name),
+                printable(topic.r#type.as_deref().unwrap_or("no type")),
+                counted(topic.messages, "message")
+            );
+            if let (Some(first), Some(last)) = (&topic.first_s, &topic.last_s) {
+                text += &format!(", {first} … {last} s");
+            }
+            if let Some(frame) = &topic.frame {
+                text += &format!(", frame {:?}", printable(frame));
+            }
+            line("topic", text + ")");
+        }
+        for choice in &self.choices {
+            let mut text = format!("{}: ", choice.what);
+            text += &match (&choice.taken, choice.is_open) {
+                (Some(taken), _) => format!("{} is read", printable(taken)),
+                (None, true) => "one has to be chosen".to_owned(),
+                (None, false) => "no topic is read".to_owned(),
+            };
+            if !choice.others.is_empty() {
+                text += &format!(", could be {}", printable(&choice.others.join(", ")));
+            }
+            line("use", format!("{text} ({})", choice.options));
+        }
+    }
+}
+
+/// Shows a bag that no log can be read from; with any other file, the error is returned.
+pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
+    let name = args.data.log.log.as_str();
+    let is_of_content = match error.downcast_ref::<LogError>() {
+        // What was asked for is not there, or the file itself is damaged.
+        Some(LogError::Bag { error, .. }) => !matches!(
+            **error,
+            BagError::Stream(_) | BagError::NoTopic { .. } | BagError::WrongType { .. }
+        ),
+        _ => false,
+    };
+    if !is_of_content {
+        return Err(error);
+    }
+    let file = input_files([name]).into_iter().find(|path: &PathBuf| path.exists());
+    let found = match file {
+        Some(path) => survey(&path, &args.data.options().read)?,
+        None => None,
+    };
+    let Some(found) = found.filter(|found| found.topics.iter().any(|topic| topic.messages > 0))
+    else {
+        return Err(error);
+    };
+    let unread = Unread { survey: Surveyed::of(&found), problem: told_once(&error) };
+    print(args.json, &unread, |unread| {
+        let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
+        unread.survey.lines(&mut |name, value| text += &format!("  {name:<14}{value}\n"));
+        text
+    })?;
+    tell!("warning: {}", unread.problem);
+    Ok(Outcome::Incomplete)
+}
