@@ -30,11 +30,12 @@ pub struct FilterSettings {
     pub alpha: [f64; 4],
     /// σ_hit: standard deviation of a measured endpoint about the nearest map point (m).
     pub sigma_hit: f64,
-    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. `None` where `beam_floor` says it.
-    pub z_rand: Option<f64>,
+    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. Does not count where `beam_floor`
+    /// is given.
+    pub z_rand: f64,
     /// The same said as CARMEN says it: the least likelihood of a beam as a fraction of the largest. A
-    /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None` where
-    /// `z_rand` says it.
+    /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None`:
+    /// z_rand counts.
     pub beam_floor: Option<f64>,
     /// A beam that ends more than 3·σ_hit off the map for more than this share of the particles is left
     /// out of the scan; 1 leaves out none. CARMEN's `outlier_fraction`.
@@ -73,7 +74,7 @@ impl Default for FilterSettings {
             initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
             alpha: [0.05; 4],
             sigma_hit: 0.3,
-            z_rand: Some(0.5),
+            z_rand: 0.5,
             beam_floor: None,
             outlier_fraction: 1.0,
             max_distance: 2.0,
@@ -129,7 +130,6 @@ impl Preset {
             Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
             Preset::Carmen => FilterSettings {
                 sigma_hit: 0.3,
-                z_rand: None,
                 beam_floor: Some(0.45),
                 beams: Beams::Degrees(3.0),
                 proposal: Proposal::Motion,
@@ -401,13 +401,9 @@ impl FilterSettings {
         }
         check_length("sigma_hit", self.sigma_hit)?;
         let is_share = |f: &f64| (0.0..=1.0).contains(f);
-        match (self.z_rand, self.beam_floor) {
-            (Some(z_rand), None) => check("z_rand", z_rand, "a probability from 0 to 1", is_share)?,
-            (None, Some(floor)) => check("beam_floor", floor, "a fraction from 0 to 1", is_share)?,
-            (None, None) => check("z_rand", "missing", "z_rand or beam_floor", |_| false)?,
-            (Some(_), Some(floor)) => {
-                check("beam_floor", floor, "none beside z_rand, which says the same", |_| false)?;
-            }
+        check("z_rand", self.z_rand, "a probability from 0 to 1", is_share)?;
+        if let Some(floor) = self.beam_floor {
+            check("beam_floor", floor, "a fraction from 0 to 1", is_share)?;
         }
         check("outlier_fraction", self.outlier_fraction, "a fraction from 0 to 1", is_share)?;
         check_length("max_distance", self.max_distance)?;
@@ -425,16 +421,6 @@ impl FilterSettings {
         Ok(CheckedSettings(self))
     }
 
-    /// These settings with another z_rand, in place of `beam_floor` where that said it.
-    pub fn with_z_rand(self, z_rand: f64) -> Self {
-        FilterSettings { z_rand: Some(z_rand), beam_floor: None, ..self }
-    }
-
-    /// These settings with another `beam_floor`, in place of z_rand where that said it.
-    pub fn with_beam_floor(self, floor: f64) -> Self {
-        FilterSettings { z_rand: None, beam_floor: Some(floor), ..self }
-    }
-
     /// Least likelihood of a beam as a fraction of the largest, whichever setting it comes from.
     pub fn relative_floor(&self) -> f64 {
         let [hit, random] = self.mixture();
@@ -446,7 +432,7 @@ impl FilterSettings {
     pub(crate) fn mixture(&self) -> [f64; 2] {
         let peak = 1.0 / (self.sigma_hit * TAU.sqrt());
         let z_rand = match self.beam_floor {
-            None => self.z_rand.unwrap_or(0.0),
+            None => self.z_rand,
             // floor = (z_rand/z_max) / (z_hit·peak + z_rand/z_max), solved for z_rand.
             Some(floor) => {
                 let random = floor * peak * self.max_range;
@@ -489,7 +475,7 @@ mod tests {
 
     #[test]
     fn every_bad_value_is_refused_by_its_name() {
-        let cases: [(&str, Change); 24] = [
+        let cases: [(&str, Change); 23] = [
             ("particles", |s| s.particles = 0),
             ("particles", |s| s.particles = usize::MAX),
             ("initial_pose.std_y", |s| {
@@ -499,16 +485,14 @@ mod tests {
             ("alpha[3]", |s| s.alpha[3] = f64::INFINITY),
             ("sigma_hit", |s| s.sigma_hit = 0.0),
             ("sigma_hit", |s| s.sigma_hit = f64::NAN),
-            ("z_rand", |s| s.z_rand = Some(1.1)),
-            ("z_rand", |s| s.z_rand = Some(f64::NAN)),
+            ("z_rand", |s| s.z_rand = 1.1),
+            ("z_rand", |s| s.z_rand = f64::NAN),
             ("max_distance", |s| s.max_distance = f64::INFINITY),
             ("max_range", |s| s.max_range = -10.0),
             ("beams", |s| s.beams = Beams::Spread(0)),
             ("beams", |s| s.beams = Beams::Degrees(0.0)),
             ("beams", |s| s.beams = Beams::Degrees(f64::INFINITY)),
-            ("beam_floor", |s| (s.z_rand, s.beam_floor) = (None, Some(1.5))),
-            ("beam_floor", |s| s.beam_floor = Some(0.5)),
-            ("z_rand", |s| s.z_rand = None),
+            ("beam_floor", |s| s.beam_floor = Some(1.5)),
             ("outlier_fraction", |s| s.outlier_fraction = -0.5),
             ("outlier_fraction", |s| s.outlier_fraction = f64::NAN),
             ("resample_distance", |s| s.resample_distance = -0.1),
@@ -583,15 +567,15 @@ mod tests {
     #[test]
     fn the_floor_of_a_beam_by_hand() {
         assert!((Preset::Carmen.settings().relative_floor() - 0.45).abs() < 1e-12);
-        let mixture =
-            FilterSettings { z_rand: Some(0.9), sigma_hit: 0.3, ..FilterSettings::default() };
+        let mixture = FilterSettings { z_rand: 0.9, sigma_hit: 0.3, ..FilterSettings::default() };
         // 0.9/10 over 0.1/(0.3·2.506628) + 0.9/10.
         let floor = 0.09 / (0.132_980_8 + 0.09);
         assert!((mixture.relative_floor() - floor).abs() < 1e-6);
-        let [hit, random] = mixture.with_beam_floor(floor).mixture();
+        let floored = FilterSettings { beam_floor: Some(floor), ..mixture };
+        let [hit, random] = floored.mixture();
         assert!((hit - 0.132_980_8).abs() < 1e-6 && (random - 0.09).abs() < 1e-6);
         for floor in [0.0, 1.0] {
-            let extreme = FilterSettings::default().with_beam_floor(floor);
+            let extreme = FilterSettings { beam_floor: Some(floor), ..FilterSettings::default() };
             assert_eq!(extreme.relative_floor(), floor);
         }
     }

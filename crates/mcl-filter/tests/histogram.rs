@@ -137,7 +137,7 @@ fn agrees_with_exact_filtering_for_every_resampling() {
             initial_pose: InitialPose::Known { std_x: STD[0], std_y: STD[1], std_theta: STD[2] },
             alpha: ALPHA,
             sigma_hit: SIGMA_HIT,
-            z_rand: Some(Z_RAND),
+            z_rand: Z_RAND,
             max_distance: MAX_DISTANCE,
             max_range: MAX_RANGE,
             proposal,

@@ -60,7 +60,7 @@ fn scan(ranges: [f64; 4]) -> LaserScan {
 fn settings() -> FilterSettings {
     FilterSettings {
         sigma_hit: 0.5,
-        z_rand: Some(0.2),
+        z_rand: 0.2,
         max_range: 5.0,
         max_distance: 1.0,
         ..FilterSettings::default()
@@ -180,7 +180,7 @@ fn beams_and_exponent_do_what_they_say() {
 #[test]
 fn without_random_measurements_nothing_underflows() {
     for distances in &distances() {
-        let pure = FilterSettings { z_rand: Some(0.0), ..settings() };
+        let pure = FilterSettings { z_rand: 0.0, ..settings() };
         let found = log_likelihood(distances, pure.clone(), [2.0; 4], POSES[1].0);
         assert!((found - 4.0 * (-0.225_791 - 0.5)).abs() < 1e-5, "{found}");
         let sharp = FilterSettings { sigma_hit: 0.01, ..pure };
@@ -241,12 +241,12 @@ fn the_filter_weighs_by_the_product_of_likelihoods() {
 fn a_floor_bounds_what_a_beam_can_cost() {
     for distances in &distances() {
         for (pose, expected) in POSES {
-            let same = settings().with_beam_floor(0.04 / 0.678_308);
+            let same = FilterSettings { beam_floor: Some(0.04 / 0.678_308), ..settings() };
             let found = log_likelihood(distances, same, [2.0; 4], pose);
             assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
         }
         // Against the first pose, d² = 0.25 and 1 cost 4·ln(0.45 + 0.55·exp(−2d²)).
-        let carmen = settings().with_beam_floor(0.45);
+        let carmen = FilterSettings { beam_floor: Some(0.45), ..settings() };
         let of = |pose: usize| log_likelihood(distances, carmen.clone(), [2.0; 4], POSES[pose].0);
         assert!((of(1) - of(0) + 0.975_468).abs() < 1e-5, "{}", of(1) - of(0));
         assert!((of(3) - of(0) + 2.581_740).abs() < 1e-5, "{}", of(3) - of(0));

@@ -286,7 +286,7 @@ mod tests {
             let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
             let distances = MapDistances::reference(&map, 2.0).unwrap();
             let settings =
-                FilterSettings { z_rand: Some(z_rand), sigma_hit, max_range, ..FilterSettings::default() };
+                FilterSettings { z_rand, sigma_hit, max_range, ..FilterSettings::default() };
             let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
             let (a, b) = ((1.0 - z_rand) / (sigma_hit * TAU.sqrt()), z_rand / max_range);
             let expected: f64 = squared
@@ -323,7 +323,7 @@ mod tests {
             let points = (0..2_000).map(|_| [1e4 + uniform(width), uniform(width)]);
             let map = PointMap::new(points.collect()).unwrap();
             let settings = FilterSettings {
-                z_rand: Some(z_rand),
+                z_rand,
                 sigma_hit,
                 max_distance,
                 max_range: longest,
@@ -389,6 +389,7 @@ mod tests {
             ranges: vec![5.0, 4.0 / 0.1f64.cos(), 5.89 / 0.2f64.cos()],
             map_from_laser: None,
             odometry: None,
+            sweep: Default::default(),
         };
         let x = [0.0, 0.02, 0.04, 1.0];
         let poses = Poses { x: &x, y: &[0.0; 4], sin: &[0.0; 4], cos: &[1.0; 4] };

@@ -34,6 +34,10 @@ impl RunRecipe {
         let mut filter = serde_json::to_value(&self.filter)?;
         if let Some(settings) = filter.as_object_mut() {
             settings.remove(OF_DATASET);
+            if self.filter.beam_floor.is_some() {
+                // It does not count, and shall not make two recipes of one.
+                settings.insert("z_rand".to_owned(), Json::Null);
+            }
         }
         Ok(serde_json::json!({
             "preset": self.preset,
@@ -66,13 +70,10 @@ impl RunRecipe {
         let mut filter = serde_json::to_value(&self.filter)?;
         let settings = filter.as_object_mut().context("settings of the filter are a table")?;
         settings.insert(name.to_owned(), value.clone());
-        // Two ways to say the same: the one that is set counts.
-        let other = match name {
-            "z_rand" => Some("beam_floor"),
-            "beam_floor" => Some("z_rand"),
-            _ => None,
-        };
-        settings.extend(other.map(|other| (other.to_owned(), Json::Null)));
+        if name == "z_rand" {
+            // The preset's floor would count in its place.
+            settings.insert("beam_floor".to_owned(), Json::Null);
+        }
         self.filter = serde_json::from_value(filter)?;
         Ok(())
     }
@@ -138,7 +139,7 @@ mod tests {
         let cell =
             |name: &str| cells.iter().find(|(column, _)| column == name).map(|c| c.1.clone());
         assert_eq!(cell("preset"), Some("carmen".into()));
-        assert_eq!(cell("beam_floor"), Some(0.45.into()));
+        assert_eq!([cell("beam_floor"), cell("z_rand")], [Some(0.45.into()), Some(Value::Empty)]);
         assert_eq!(cell("sigma_hit"), Some(0.7.into()));
         assert_eq!(cell("alpha4"), Some(0.4.into()));
         assert_eq!(cell("beams"), Some(60u32.into()));

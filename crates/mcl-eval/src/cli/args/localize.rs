@@ -19,7 +19,10 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
         row("--particles", |s| s.particles.to_string()),
         row("--beams", |s| s.beams.to_string()),
         row("--sigma-hit", |s| s.sigma_hit.to_string()),
-        row("--z-rand", |s| s.z_rand.map_or_else(|| "-".into(), |z_rand| z_rand.to_string())),
+        row("--z-rand", |s| match s.beam_floor {
+            None => s.z_rand.to_string(),
+            Some(_) => "-".into(),
+        }),
         row("--beam-floor", |s| s.beam_floor.map_or_else(|| "-".into(), |floor| floor.to_string())),
         row("  (least of largest)", |s| format!("{:.2}", s.relative_floor())),
         row("--outlier-fraction", |s| s.outlier_fraction.to_string()),

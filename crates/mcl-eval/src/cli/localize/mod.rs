@@ -147,8 +147,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         initial_pose,
         alpha: args.alpha.unwrap_or(preset.alpha),
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
-        // Whichever of the two ways is asked for.
-        z_rand: args.z_rand.or(preset.z_rand.filter(|_| args.beam_floor.is_none())),
+        z_rand: args.z_rand.unwrap_or(preset.z_rand),
+        // Of the two ways to say the same, the one that is asked for counts.
         beam_floor: args.beam_floor.or(preset.beam_floor.filter(|_| args.z_rand.is_none())),
         outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
         max_distance: args.max_distance.unwrap_or(preset.max_distance),
