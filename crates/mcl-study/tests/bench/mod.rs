@@ -46,6 +46,8 @@ pub fn log(name: &str) -> LogSource {
         recording: RECORDING.clone(),
         kind: None,
         report: ReadReport::default(),
+        reference: None,
+        survey: None,
         notes: Vec::new(),
         assumptions: Vec::new(),
         max_range: 10.0,
