@@ -118,13 +118,12 @@ fn an_interrupt_says_how_to_go_on() {
 #[test]
 fn trials_that_fail_are_rows_with_the_reason() {
     let bench = bench();
-    // The odometry between two scans of the second half is lost: runs on odd scans and runs on all scans
-    // cannot get past it.
+    // The odometry from the tenth scan on is lost: more than can be bridged, on odd scans and on all.
     let log = fs::read_to_string(bench.path("office.log")).unwrap();
     let mut scans = 0;
     let kept = log.lines().filter(|line| {
         scans += usize::from(line.starts_with("FLASER"));
-        !(line.starts_with("ODOM") && scans == 30)
+        !(line.starts_with("ODOM") && scans >= 10)
     });
     fs::write(bench.path("gap.log"), kept.collect::<Vec<_>>().join("\n") + "\n").unwrap();
     let output = bench.run(&["run", "localization.toml", "--dataset", "gap.log"]);
@@ -132,8 +131,8 @@ fn trials_that_fail_are_rows_with_the_reason() {
     assert_eq!(output.status.code(), Some(1), "{message}");
     // That which the picture shows is one of them.
     assert!(message.contains("36 of 36 trials failed"), "{message}");
-    // The same reason is told once.
-    assert_eq!(message.matches("has no odometry increment").count(), 1, "{message}");
+    // The same reason is told once: of either split the number of steps differs.
+    assert_eq!(message.matches("has no odometry increment").count(), 2, "{message}");
     let failures = rows(&bench.path("results/localization/gap/failures.csv"));
     assert_eq!(failures.len(), 36);
     assert!(failures.iter().all(|row| row["reason"].contains("has no odometry increment")));

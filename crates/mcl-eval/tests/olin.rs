@@ -17,7 +17,11 @@ fn the_bag_localizes_on_its_own_map() {
     let folder = std::env::var_os("MCL_DATA_DIR").expect("MCL_DATA_DIR is set");
     let folder = std::path::PathBuf::from(folder).join("olin-mac");
     let bag = folder.join("take2_zstd.mcap");
-    let options = SourceOptions { max_range: Some(12.0), ..SourceOptions::default() };
+    let mut options = SourceOptions { max_range: Some(12.0), ..SourceOptions::default() };
+    // The scanner turns clockwise, and its driver gives the readings in the reverse of the order in which they were
+    // measured, with a positive time between them: placed by it, the scans fit the map worse (a mean of medians of
+    // 3.0 cm, 2.2 cm as they are, and 2.2 cm in the reverse order).
+    options.read.no_deskew = true;
     let source = LogSource::open(&bag.display().to_string(), &options).unwrap();
     let map = read_map::<2>(folder.join("mac_1st_floor_final.yaml")).unwrap();
     let settings = FilterSettings { max_range: 12.0, ..FilterSettings::default() };

@@ -1,21 +1,30 @@
 //! Beams where the laser was when it measured them, and in the plane of the robot.
 
-use mcl_core::{Pose2, ScanGeometry, is_usable_range};
+use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range};
+
+use super::messages::ScanMessage;
+use super::moment::Moment;
+use super::motion::Mount;
+use super::track::{Placed, PoseTrack};
+
+/// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
+const SWEEP_JITTER: f64 = 1.5;
+const NANOSECONDS: f64 = 1e9;
 
 /// The beams of a scan as seen from above, from where the laser was at its stamp.
 #[derive(Debug, Default)]
-pub(super) struct Beams {
-    pub ranges: Vec<f64>,
-    pub directions: Vec<f64>,
+struct Beams {
+    ranges: Vec<f64>,
+    directions: Vec<f64>,
     /// Readings that are left out, as nothing tells where they were measured.
-    pub lost: usize,
+    lost: usize,
     /// The farthest that an endpoint was carried, in metres.
-    pub farthest: f64,
+    farthest: f64,
 }
 
 /// Places the beams of a scan. `plane` carries coordinates in the plane of the scan over to the robot's, seen
 /// from above; `moved` says where the laser was at a beam, in the frame of the laser at the stamp.
-pub(super) fn place(
+fn place(
     geometry: ScanGeometry,
     ranges: &[f64],
     plane: [[f64; 2]; 2],
@@ -49,6 +58,151 @@ pub(super) fn place(
         beams.directions.push(y.atan2(x));
     }
     beams
+}
+
+/// Seconds from the first beam of a scan to its last.
+pub(super) fn takes(scan: &ScanMessage) -> f64 {
+    scan.time_increment * (scan.ranges.len() - 1) as f64
+}
+
+/// The longest time (s) that a scan takes; what is in doubt where that cannot be, as the next comes sooner.
+pub(super) fn longest_sweep(
+    takes: impl Iterator<Item = f64>,
+    moments: &[Moment],
+) -> Result<f64, String> {
+    let longest = takes.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
+    let mut between: Vec<i64> = moments
+        .windows(2)
+        .filter(|pair| pair[0].stretch == pair[1].stretch && pair[0].at < pair[1].at)
+        .map(|pair| pair[1].at - pair[0].at)
+        .collect();
+    let middle = between.len() / 2;
+    let usual = match between.is_empty() {
+        true => f64::INFINITY,
+        false => *between.select_nth_unstable(middle).1 as f64 / NANOSECONDS,
+    };
+    match longest >= 0.0 && longest.is_finite() && longest <= SWEEP_JITTER * usual {
+        true => Ok(longest),
+        false => Err(format!(
+            "by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; it is not used, and beams are taken as measured at once"
+        )),
+    }
+}
+
+/// What became of scans whose beams were not measured at once.
+#[derive(Default)]
+pub(super) struct Swept {
+    scans: usize,
+    /// Those whose beams are where the laser was.
+    placed: usize,
+    lost: usize,
+    farthest: f64,
+    /// Time (s) that a scan takes, at most.
+    longest: f64,
+}
+
+impl Swept {
+    /// How the beams were placed.
+    pub fn note(&self, no_deskew: bool) -> Option<String> {
+        let Swept { scans, placed, farthest, longest, .. } = *self;
+        if no_deskew && scans > 0 {
+            return Some(format!(
+                "a scan takes {longest:.3} s; its beams are taken as measured at once, as asked for"
+            ));
+        }
+        (placed > 0).then(|| {
+            format!(
+                "a scan takes {longest:.3} s; beams of {placed} scans are placed where the laser was when they were measured, at most {farthest:.3} m from where they would be otherwise (--no-deskew takes them as they are)"
+            )
+        })
+    }
+
+    /// What of it nothing is known of.
+    pub fn assumptions(&self, no_deskew: bool) -> Vec<String> {
+        let Swept { scans, placed, lost, longest, .. } = *self;
+        let mut told = Vec::new();
+        if lost > 0 {
+            told.push(format!(
+                "{lost} readings were measured where neither odometry nor reference says where the laser was; they are left out (--no-deskew takes them as measured at the stamp)"
+            ));
+        }
+        if placed < scans && !no_deskew {
+            told.push(format!(
+                "a scan takes {longest:.3} s, but for {} of {scans} neither odometry nor reference says how the laser moved meanwhile; their beams are taken as measured at once",
+                scans - placed
+            ));
+        }
+        told
+    }
+
+    /// Readings of a scan, and how its beams were measured.
+    pub fn place(
+        &mut self,
+        scan: &ScanMessage,
+        mount: Mount,
+        time_increment: f64,
+        moved: Option<Moved<'_>>,
+    ) -> (Vec<f64>, Sweep) {
+        if time_increment != 0.0 {
+            self.scans += 1;
+            self.longest = self.longest.max(time_increment * (scan.ranges.len() - 1) as f64);
+        }
+        let beams = |moved: &dyn Fn(usize) -> Option<Pose2>| {
+            place(scan.geometry, &scan.ranges, mount.plane, moved)
+        };
+        let (found, time_increment) = match moved {
+            None if !mount.is_tilted() => {
+                return (scan.ranges.clone(), Sweep { time_increment, directions: None });
+            }
+            None => (beams(&|_| Some(Pose2::IDENTITY)), time_increment),
+            Some(moved) => {
+                self.placed += 1;
+                let found = beams(&|beam| moved.at(beam));
+                self.lost += found.lost;
+                self.farthest = self.farthest.max(found.farthest);
+                (found, 0.0)
+            }
+        };
+        let Beams { ranges, directions, .. } = found;
+        (ranges, Sweep { time_increment, directions: Some(directions) })
+    }
+}
+
+/// Where the laser is during a scan, by a track that tells of its beginning.
+pub(super) struct Moved<'a> {
+    poses: &'a PoseTrack,
+    mount: Mount,
+    moment: Moment,
+    start: Pose2,
+    time_increment: f64,
+}
+
+impl<'a> Moved<'a> {
+    pub fn of(
+        moment: Moment,
+        occurrence: usize,
+        time_increment: f64,
+        tracks: [(Option<&'a PoseTrack>, Mount); 2],
+    ) -> Option<Self> {
+        tracks.into_iter().find_map(|(track, mount)| {
+            let poses = track?;
+            let Placed::At(robot) = poses.at(moment, occurrence) else { return None };
+            Some(Moved { poses, mount, moment, start: mount.laser(robot), time_increment })
+        })
+    }
+
+    /// At a beam, in the frame of the laser at the stamp.
+    fn at(&self, beam: usize) -> Option<Pose2> {
+        let later = (beam as f64 * self.time_increment * NANOSECONDS).round() as i64;
+        if later == 0 {
+            return Some(Pose2::IDENTITY);
+        }
+        let moment = Moment { at: self.moment.at.saturating_add(later), ..self.moment };
+        match self.poses.at(moment, 0) {
+            Placed::At(robot) => Some(self.start.between(&self.mount.laser(robot))),
+            _ => None,
+        }
+    }
 }
 
 #[cfg(test)]

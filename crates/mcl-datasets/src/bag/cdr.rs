@@ -189,8 +189,28 @@ impl<'a> Decoder<'a> {
             return self.take(count as usize, field).map(|bytes| Value::Bytes(bytes.to_vec()));
         }
         if let ElementType::Number(number) = element {
-            let numbers = (0..count).map(|_| self.number(*number, field));
-            return numbers.collect::<Result<_, _>>().map(Value::Numbers);
+            let width = number.width();
+            if count > 0 {
+                self.align(width);
+            }
+            // All at once: most bytes of a bag are readings. No more than what is left.
+            let bytes = self.take(count as usize * width, field)?;
+            let is_little = self.is_little;
+            let numbers: Vec<f64> = match (number, is_little) {
+                (NumberType::Float(4), true) => {
+                    let (numbers, _) = bytes.as_chunks::<4>();
+                    numbers.iter().map(|&bytes| f64::from(f32::from_le_bytes(bytes))).collect()
+                }
+                (NumberType::Float(8), true) => {
+                    let (numbers, _) = bytes.as_chunks::<8>();
+                    numbers.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
+                }
+                _ => bytes
+                    .chunks_exact(width)
+                    .map(|bytes| value(*number, bytes, is_little))
+                    .collect(),
+            };
+            return Ok(Value::Numbers(numbers));
         }
         let values = (0..count).map(|_| self.element(element, field));
         values.collect::<Result<_, _>>().map(Value::List)
@@ -199,22 +219,7 @@ impl<'a> Decoder<'a> {
     fn number(&mut self, number: NumberType, field: &str) -> Result<f64, CdrError> {
         let width = number.width();
         self.align(width);
-        let bytes = self.take(width, field)?;
-        let mut wide = [0; 8];
-        wide[..width].copy_from_slice(bytes);
-        if !self.is_little {
-            wide[..width].reverse();
-        }
-        let bits = u64::from_le_bytes(wide);
-        let unused = 64 - 8 * width as u32;
-        Ok(match number {
-            NumberType::Bool => f64::from(u8::from(bits != 0)),
-            NumberType::Unsigned(_) => bits as f64,
-            // Shifted up and down again to extend the sign.
-            NumberType::Signed(_) => (((bits << unused) as i64) >> unused) as f64,
-            NumberType::Float(4) => f64::from(f32::from_bits(bits as u32)),
-            NumberType::Float(_) => f64::from_bits(bits),
-        })
+        Ok(value(number, self.take(width, field)?, self.is_little))
     }
 
     fn length(&mut self, field: &str) -> Result<u32, CdrError> {
@@ -252,6 +257,26 @@ impl<'a> Decoder<'a> {
         })?;
         self.at += length;
         Ok(bytes)
+    }
+}
+
+/// A number of as many bytes as its type has.
+fn value(number: NumberType, bytes: &[u8], is_little: bool) -> f64 {
+    let width = bytes.len();
+    let mut wide = [0; 8];
+    wide[..width].copy_from_slice(bytes);
+    if !is_little {
+        wide[..width].reverse();
+    }
+    let bits = u64::from_le_bytes(wide);
+    let unused = 64 - 8 * width as u32;
+    match number {
+        NumberType::Bool => f64::from(u8::from(bits != 0)),
+        NumberType::Unsigned(_) => bits as f64,
+        // Shifted up and down again to extend the sign.
+        NumberType::Signed(_) => (((bits << unused) as i64) >> unused) as f64,
+        NumberType::Float(4) => f64::from(f32::from_bits(bits as u32)),
+        NumberType::Float(_) => f64::from_bits(bits),
     }
 }
 

@@ -126,6 +126,14 @@ impl Mount {
         Ok(self)
     }
 
+    /// The pose of the laser on a robot.
+    pub fn laser(&self, robot: Pose2) -> Pose2 {
+        match self.robot_from_laser == Pose2::IDENTITY {
+            true => robot,
+            false => robot.compose(&self.robot_from_laser),
+        }
+    }
+
     /// Whether endpoints are projected into the plane of the robot.
     pub fn is_tilted(&self) -> bool {
         self.tilt_degrees >= PROJECTED_TILT

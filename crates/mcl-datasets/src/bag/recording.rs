@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mcl_core::{LaserScan, Pose2, Recording, Stamp, Sweep};
+use mcl_core::{LaserScan, Pose2, Recording, Stamp};
 
-use super::beams::{Beams, place};
+use super::beams::{self, Moved, Swept};
 use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
 use super::messages::{PoseMessage, ScanMessage};
@@ -23,8 +23,6 @@ use crate::log::report::ReadReport;
 /// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
-/// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
-const SWEEP_JITTER: f64 = 1.5;
 const NANOSECONDS: f64 = 1e9;
 
 /// What a recording is read of.
@@ -259,7 +257,7 @@ impl Assembly<'_> {
             };
             let at = |track: &mut Option<Track>, mount: Mount| {
                 let robot = track.as_mut()?.at(moment, occurrence)?;
-                Some(on(mount, robot))
+                Some(mount.laser(robot))
             };
             let odometry_pose = at(&mut odometry, then);
             let of_reference = reference_mount.unwrap_or(then);
@@ -271,7 +269,8 @@ impl Assembly<'_> {
                 _ => None,
             };
             before = odometry_pose.map(|pose| (moment, pose));
-            let tracks = [(&odometry, then), (&reference, of_reference)];
+            let tracks = [(&odometry, then), (&reference, of_reference)]
+                .map(|(track, mount)| (track.as_ref().map(|track| &track.poses), mount));
             let increment_s = if sweeps { logged.value.time_increment } else { 0.0 };
             let moved = match self.options.no_deskew || increment_s == 0.0 {
                 true => None,
@@ -443,60 +442,22 @@ impl Assembly<'_> {
 
     /// Whether the times between beams can be right; else they are in doubt, and not used.
     fn sweeps(&mut self, moments: &[Moment]) -> bool {
-        let takes = |scan: &Logged<ScanMessage>| {
-            scan.value.time_increment * (scan.value.ranges.len() - 1) as f64
-        };
-        let longest = self.scans.iter().map(takes).max_by(|a, b| a.abs().total_cmp(&b.abs()));
-        let longest = longest.filter(|longest| *longest != 0.0);
-        let Some(longest) = longest else { return false };
-        let mut between: Vec<i64> = moments
-            .windows(2)
-            .filter(|pair| pair[0].stretch == pair[1].stretch && pair[0].at < pair[1].at)
-            .map(|pair| pair[1].at - pair[0].at)
-            .collect();
-        let middle = between.len() / 2;
-        let usual = match between.is_empty() {
-            true => f64::INFINITY,
-            false => *between.select_nth_unstable(middle).1 as f64 / NANOSECONDS,
-        };
-        let is_possible = longest > 0.0 && longest.is_finite() && longest <= SWEEP_JITTER * usual;
-        if !is_possible {
-            self.report.doubts.push(format!(
-                "{}: by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; it is not used, and beams are taken as measured at once",
-                self.scan_topic
-            ));
+        let takes = self.scans.iter().map(|scan| beams::takes(&scan.value));
+        match beams::longest_sweep(takes, moments) {
+            Ok(longest) => longest > 0.0,
+            Err(doubt) => {
+                self.report.doubts.push(format!("{}: {doubt}", self.scan_topic));
+                false
+            }
         }
-        is_possible
     }
 
     fn say_swept(&mut self, swept: &Swept) {
-        let Swept { scans, placed, lost, farthest, longest } = *swept;
-        if scans == 0 {
-            return;
-        }
-        let topic = self.scan_topic;
-        if self.options.no_deskew {
-            self.notes.push(format!(
-                "{topic}: a scan takes {longest:.3} s; its beams are taken as measured at once, as asked for"
-            ));
-            return;
-        }
-        if placed > 0 {
-            self.notes.push(format!(
-                "{topic}: a scan takes {longest:.3} s; beams of {placed} scans are placed where the laser was when they were measured, at most {farthest:.3} m from where they would be otherwise (--no-deskew takes them as they are)"
-            ));
-        }
-        if lost > 0 {
-            self.assumptions.push(format!(
-                "{topic}: {lost} readings were measured where neither odometry nor reference says where the laser was; they are left out (--no-deskew takes them as measured at the stamp)"
-            ));
-        }
-        if placed < scans {
-            self.assumptions.push(format!(
-                "{topic}: a scan takes {longest:.3} s, but for {} of {scans} neither odometry nor reference says how the laser moved meanwhile; their beams are taken as measured at once",
-                scans - placed
-            ));
-        }
+        let told = |text: String| format!("{}: {text}", self.scan_topic);
+        self.notes.extend(swept.note(self.options.no_deskew).map(told));
+        let told = |text: String| format!("{}: {text}", self.scan_topic);
+        let assumptions = swept.assumptions(self.options.no_deskew);
+        self.assumptions.extend(assumptions.into_iter().map(told));
     }
 
     /// The reference poses, what they are called, and the frame they are of where that is said.
@@ -656,97 +617,6 @@ struct Reference {
     track: Option<Track>,
     name: String,
     frame: Option<String>,
-}
-
-/// What became of scans whose beams were not measured at once.
-#[derive(Default)]
-struct Swept {
-    scans: usize,
-    /// Those whose beams are where the laser was.
-    placed: usize,
-    lost: usize,
-    farthest: f64,
-    /// Time (s) that a scan takes, at most.
-    longest: f64,
-}
-
-impl Swept {
-    /// Readings of a scan, and how its beams were measured.
-    fn place(
-        &mut self,
-        scan: &ScanMessage,
-        mount: Mount,
-        time_increment: f64,
-        moved: Option<Moved<'_>>,
-    ) -> (Vec<f64>, Sweep) {
-        if time_increment != 0.0 {
-            self.scans += 1;
-            self.longest = self.longest.max(time_increment * (scan.ranges.len() - 1) as f64);
-        }
-        let beams = |moved: &dyn Fn(usize) -> Option<Pose2>| {
-            place(scan.geometry, &scan.ranges, mount.plane, moved)
-        };
-        let (found, time_increment) = match moved {
-            None if !mount.is_tilted() => {
-                return (scan.ranges.clone(), Sweep { time_increment, directions: None });
-            }
-            None => (beams(&|_| Some(Pose2::IDENTITY)), time_increment),
-            Some(moved) => {
-                self.placed += 1;
-                let found = beams(&|beam| moved.at(beam));
-                self.lost += found.lost;
-                self.farthest = self.farthest.max(found.farthest);
-                (found, 0.0)
-            }
-        };
-        let Beams { ranges, directions, .. } = found;
-        (ranges, Sweep { time_increment, directions: Some(directions) })
-    }
-}
-
-/// Where the laser is during a scan, by a track that tells of its beginning.
-struct Moved<'a> {
-    poses: &'a PoseTrack,
-    mount: Mount,
-    moment: Moment,
-    start: Pose2,
-    time_increment: f64,
-}
-
-impl<'a> Moved<'a> {
-    fn of(
-        moment: Moment,
-        occurrence: usize,
-        time_increment: f64,
-        tracks: [(&'a Option<Track>, Mount); 2],
-    ) -> Option<Self> {
-        tracks.into_iter().find_map(|(track, mount)| {
-            let poses = &track.as_ref()?.poses;
-            let Placed::At(robot) = poses.at(moment, occurrence) else { return None };
-            Some(Moved { poses, mount, moment, start: on(mount, robot), time_increment })
-        })
-    }
-
-    /// At a beam, in the frame of the laser at the stamp.
-    fn at(&self, beam: usize) -> Option<Pose2> {
-        let later = (beam as f64 * self.time_increment * NANOSECONDS).round() as i64;
-        if later == 0 {
-            return Some(Pose2::IDENTITY);
-        }
-        let moment = Moment { at: self.moment.at.saturating_add(later), ..self.moment };
-        match self.poses.at(moment, 0) {
-            Placed::At(robot) => Some(self.start.between(&on(self.mount, robot))),
-            _ => None,
-        }
-    }
-}
-
-/// The pose of the laser on a robot.
-fn on(mount: Mount, robot: Pose2) -> Pose2 {
-    match mount.robot_from_laser == Pose2::IDENTITY {
-        true => robot,
-        false => robot.compose(&mount.robot_from_laser),
-    }
 }
 
 /// How often each time has been there before.

@@ -129,7 +129,7 @@ struct Notes {
 pub fn run(args: &InspectArgs) -> Result<Outcome> {
     let name = &args.data.log.log;
     match DataSource::open(name, &args.data.options(), true) {
-        Ok(DataSource::Log(log)) => inspect_log(&log, args),
+        Ok(DataSource::Log(log)) => inspect_log(log, args),
         Ok(DataSource::Cloud(cloud)) => inspect_cloud(cloud, args),
         Err(error) => survey::inspect_unread(error, args),
     }
@@ -204,30 +204,39 @@ fn cloud_text(found: &CloudInspection, cloud: &CloudSource) -> String {
     text
 }
 
-fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
+fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
+    let recording = &whole.recording;
+    let scans = recording.scans.len();
+    let readings = recording.readings();
+    let points: usize = recording.scans.iter().map(|scan| scan.usable_beams(whole.max_range)).sum();
+    let duration_s = recording.duration_s();
+    // A sum of nothing is -0.
+    let path_length_m = recording.path_length_m() + 0.0;
+    let backward_stamps = recording.backward_stamps();
+    let told = tell_losses(&args.data.log.log, &whole);
     // What other commands use of a bag.
-    let covered = source.clone().covered().recording;
-    let recording = &source.recording;
-    let points: usize =
-        recording.scans.iter().map(|scan| scan.usable_beams(source.max_range)).sum();
+    let source = whole.covered();
+    let covered = &source.recording;
     let bounds = match covered.has_reference() {
-        true => Bounds::of(&covered.points(source.max_range)?),
+        true => {
+            let placed = covered.scans.iter().filter_map(|scan| Some((scan, scan.map_from_laser?)));
+            Bounds::around(placed.flat_map(|(scan, pose)| scan.endpoints(pose, source.max_range)))
+        }
         false => None,
     };
-    let odometry = OdometryError::of(&covered);
+    let odometry = OdometryError::of(covered);
     let unknown = covered.scans.iter().skip(1).filter(|scan| scan.odometry.is_none()).count();
     let inspection = Inspection {
-        scans: recording.scans.len(),
-        readings: recording.readings(),
+        scans,
+        readings,
         points,
         bounds: bounds.map(|Bounds { min, max }| [min[0], min[1], max[0], max[1]]),
-        duration_s: recording.duration_s(),
-        // A sum of nothing is -0.
-        path_length_m: recording.path_length_m() + 0.0,
-        beams_used_per_scan: points as f64 / recording.scans.len() as f64,
+        duration_s,
+        path_length_m,
+        beams_used_per_scan: points as f64 / scans as f64,
         ignored_records: source.report.ignored,
         skipped_records: source.report.skipped,
-        backward_stamps: recording.backward_stamps(),
+        backward_stamps,
         has_reference: covered.has_reference(),
         reference: source.reference.clone(),
         has_odometry: covered.has_odometry(),
@@ -236,8 +245,8 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
         odometry_opposed_steps: odometry.map(|error| error.opposed_steps),
         odometry_opposed_m: odometry.map(|error| error.opposed_m),
         odometry_unknown_steps: unknown,
-        odometry_worst_unknown: UnknownStep::worst(&covered),
-        commands: Commands::of(&source.clone().covered()),
+        odometry_worst_unknown: UnknownStep::worst(covered),
+        commands: Commands::of(&source),
         dimensions: 2,
         survey: source.survey.as_ref().map(Surveyed::of),
         bag: source.notes.clone(),
@@ -251,7 +260,6 @@ fn inspect_log(source: &LogSource, args: &InspectArgs) -> Result<Outcome> {
     };
     let is_open = inspection.survey.as_ref().is_some_and(Surveyed::is_open);
     print(args.json, &inspection, text)?;
-    let told = tell_losses(&args.data.log.log, source);
     Ok(if is_open { Outcome::Incomplete } else { told })
 }
 
