@@ -26,6 +26,8 @@ pub struct Dataset {
     pub max_range: f64,
     /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
     pub robot_from_laser: Pose2,
+    /// Whether its scans are taken as measured at once, whatever they say of the time between beams.
+    pub no_deskew: bool,
     /// Whether the laser poses in its log are ground truth.
     pub reference: ReferencePoses,
     /// What any copy must hold; `None` when nothing is recorded.

@@ -69,6 +69,8 @@ impl Format {
 #[serde(deny_unknown_fields)]
 struct SensorKeys {
     robot_from_laser: PoseKeys,
+    #[serde(default)]
+    no_deskew: bool,
 }
 
 #[derive(Deserialize)]
@@ -134,15 +136,15 @@ impl Definition {
             Format::Cloud | Format::SimulatedCloud => DatasetKind::Cloud,
             _ => DatasetKind::Scans,
         };
-        let (x, y, theta) = match (kind, self.sensor) {
+        let (PoseKeys { x, y, theta }, no_deskew) = match (kind, self.sensor) {
             (DatasetKind::Scans, None) => {
                 return Err(DefinitionError::MissingKey { key: "sensor", format });
             }
             (DatasetKind::Cloud, Some(_)) => {
                 return Err(DefinitionError::UselessKey { key: "sensor", format });
             }
-            (_, Some(SensorKeys { robot_from_laser: PoseKeys { x, y, theta } })) => (x, y, theta),
-            (_, None) => (0.0, 0.0, 0.0),
+            (_, Some(SensorKeys { robot_from_laser, no_deskew })) => (robot_from_laser, no_deskew),
+            (_, None) => (PoseKeys { x: 0.0, y: 0.0, theta: 0.0 }, false),
         };
         let robot_from_laser = Pose2::new(x, y, theta);
         if !robot_from_laser.is_finite() {
@@ -177,6 +179,7 @@ impl Definition {
             source,
             max_range: self.max_range,
             robot_from_laser,
+            no_deskew,
             reference: self.reference,
             facts: self.facts,
             terms: self.terms.trim().to_owned(),

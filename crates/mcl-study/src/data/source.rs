@@ -210,7 +210,9 @@ impl LogSource {
         match &dataset.source {
             Source::File(_) => {
                 let path = registry.locate(dataset)?;
-                let log = read_log_as(&path, &options.read_options(dataset.reference)?)?;
+                let mut read = options.read_options(dataset.reference)?;
+                read.no_deskew |= dataset.no_deskew;
+                let log = read_log_as(&path, &read)?;
                 Ok(Self::from_log(dataset.name.clone(), dataset.title.clone(), log, max_range))
             }
             Source::Simulated { seed } => {

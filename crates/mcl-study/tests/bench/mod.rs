@@ -48,8 +48,6 @@ pub fn log(name: &str) -> LogSource {
         reference: None,
         survey: None,
         report: ReadReport::default(),
-        reference: None,
-        survey: None,
         notes: Vec::new(),
         assumptions: Vec::new(),
         max_range: 10.0,
