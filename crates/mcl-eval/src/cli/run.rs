@@ -81,7 +81,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     for dataset in &names {
         let source = open(args, &study, dataset)?;
         if let (DataSource::Log(log), false) = (&source, global.quiet) {
-            tell!("note: {dataset}: reference: {}", reference_of(log));
+            tell!("note: {}: reference: {}", printable(dataset), reference_of(log));
         }
         complete &= tell_data_losses(dataset, &source) == Outcome::Done;
         if let DataSource::Log(log) = &source

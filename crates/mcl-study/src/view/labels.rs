@@ -1,7 +1,7 @@
 //! What columns are called in figures, with their units.
 
 /// Column (or setting of several columns), name, unit.
-const LABELS: [(&str, &str, &str); 51] = [
+const LABELS: [(&str, &str, &str); 50] = [
     ("size_percent", "requested map size", "% of the points that build the map"),
     ("size_points", "requested map size", "points"),
     ("resolution_m", "resolution", "m"),
@@ -43,7 +43,6 @@ const LABELS: [(&str, &str, &str); 51] = [
     ("alpha", "α", ""),
     ("sigma_hit", "σ_hit", "m"),
     ("z_rand", "z_rand", ""),
-    ("beam_floor", "least of the largest likelihood of a beam", ""),
     ("beam_floor", "floor of a beam", "of its peak"),
     ("outlier_fraction", "share of particles that makes a beam improbable", ""),
     ("max_distance", "distances cut at", "m"),
