@@ -183,11 +183,11 @@ pub enum Format {
     Database,
 }
 
-/// [`write`], in any of the formats. Scans that have no stamp, or of which stamps step back by more than a
-/// second, go into MCAP only.
+/// [`write`](fn@write), in any of the formats. Scans that have no stamp, or of which stamps step back by more than
+/// a second, go into MCAP only.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write`](fn@write).
 pub fn write_as<W: Write + Seek>(
     recording: &Recording,
     format: Format,
