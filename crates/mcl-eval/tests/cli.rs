@@ -1,8 +1,9 @@
 //! The commands that need no particle filter, called as a new user calls them: keys of `--json`, exit
 //! codes, and what is said about bad input.
 
+mod called;
+
 use std::fs;
-use std::process::Command;
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -10,25 +11,12 @@ use tempfile::TempDir;
 /// A folder with the first scans of the simulated office, `office.log`.
 fn lab() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    done(&folder, &["simulate", "-o", "whole.log"]);
-    let text = fs::read_to_string(folder.path().join("whole.log")).unwrap();
-    let end = text.match_indices("FLASER").nth(40).unwrap().0;
-    fs::write(folder.path().join("office.log"), &text[..end]).unwrap();
+    called::write_office(folder.path());
     folder
 }
 
-/// Stdout and stderr of a call that must end with a code. No data set but the simulated ones is at hand.
 fn ends(folder: &TempDir, args: &[&str], code: i32) -> (String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_mcl-eval"))
-        .current_dir(folder.path())
-        .env_remove("MCL_DATA_DIR")
-        .args(args)
-        .output()
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-    let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "{args:?}\n{stdout}\n{stderr}");
-    (stdout, stderr)
+    called::ends(folder.path(), args, code)
 }
 
 fn done(folder: &TempDir, args: &[&str]) -> String {

@@ -1,24 +1,15 @@
 //! Bags on the command line: converting, choosing topics, and what is said about bad input.
 
+mod called;
+
 use std::fs;
-use std::process::Command;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Stdout and stderr of a call that must end with a code. No data set but the simulated ones is at hand.
 #[track_caller]
 fn ends(folder: &TempDir, args: &[&str], code: i32) -> (String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_mcl-eval"))
-        .current_dir(folder.path())
-        .env_remove("MCL_DATA_DIR")
-        .args(args)
-        .output()
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-    let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "{args:?}\n{stdout}\n{stderr}");
-    (stdout, stderr)
+    called::ends(folder.path(), args, code)
 }
 
 #[track_caller]
@@ -29,10 +20,7 @@ fn json(folder: &TempDir, args: &[&str]) -> Value {
 /// A folder with the first 40 scans of the simulated office as `office.log` and `office.mcap`.
 fn lab() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    ends(&folder, &["simulate", "-o", "whole.log"], 0);
-    let text = fs::read_to_string(folder.path().join("whole.log")).unwrap();
-    let end = text.match_indices("FLASER").nth(40).unwrap().0;
-    fs::write(folder.path().join("office.log"), &text[..end]).unwrap();
+    called::write_office(folder.path());
     let found = json(&folder, &["convert", "office.log", "office.mcap", "--json"]);
     assert_eq!((&found["converted"], &found["scans"]), (&"log".into(), &40.into()));
     folder

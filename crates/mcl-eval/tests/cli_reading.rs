@@ -1,8 +1,9 @@
 //! Options for what logs and bags leave open, references from files of their own, and what `inspect` shows of a
 //! bag that no log can be read from.
 
+mod called;
+
 use std::fs;
-use std::process::Command;
 
 use mcl_core::{Pose2, Stamp, Trajectory};
 use mcl_datasets::bag::planar::{laser_scan, pose_stamped, transforms};
@@ -22,10 +23,7 @@ impl Lab {
     /// with its reference, as one without, and the robot's poses as a TUM file.
     fn new() -> Self {
         let lab = Lab(tempfile::tempdir().unwrap());
-        lab.ends(&["simulate", "-o", "whole.log"], 0);
-        let text = fs::read_to_string(lab.path("whole.log")).unwrap();
-        let end = text.match_indices("FLASER").nth(40).unwrap().0;
-        fs::write(lab.path("office.log"), &text[..end]).unwrap();
+        called::write_office(lab.0.path());
         let mut recording = read_log(lab.path("office.log").as_ref()).unwrap().recording;
         recording.robot_from_laser = MOUNT;
         let write = |name: &str, recording: &mcl_core::Recording| {
@@ -50,16 +48,7 @@ impl Lab {
 
     #[track_caller]
     fn ends(&self, args: &[&str], code: i32) -> (String, String) {
-        let output = Command::new(env!("CARGO_BIN_EXE_mcl-eval"))
-            .current_dir(self.0.path())
-            .env_remove("MCL_DATA_DIR")
-            .args(args)
-            .output()
-            .unwrap();
-        let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-        let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
-        assert_eq!(output.status.code(), Some(code), "{args:?}\n{stdout}\n{stderr}");
-        (stdout, stderr)
+        called::ends(self.0.path(), args, code)
     }
 
     #[track_caller]

@@ -225,9 +225,8 @@ impl<'a> ParticleFilter<'a> {
     ) -> Result<(), FilterError> {
         // The last motion says nothing any more of where to draw particles from.
         self.moved = None;
-        let values = self.settings.values();
-        let FilterSettings { beams, max_range, outlier_fraction, resampling, .. } = *values;
-        self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        self.load(scan)?;
+        let FilterSettings { outlier_fraction, resampling, .. } = *self.settings.values();
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
         let number = self.particles.len();
         for stage in 0..BRIDGE_STAGES {
@@ -243,11 +242,6 @@ impl<'a> ParticleFilter<'a> {
             self.particles.check_places()?;
             if self.buffers.endpoints.is_empty() {
                 break;
-            }
-            let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
-            for buffer in [log_likelihoods, sin, cos] {
-                buffer.clear();
-                buffer.resize(number, 0.0);
             }
             self.weigh(0..number, outlier_fraction);
             let power = 0.5_f64.powi(BRIDGE_STAGES - stage);
@@ -291,15 +285,9 @@ impl<'a> ParticleFilter<'a> {
     /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
     /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
-        let values = self.settings.values();
-        let FilterSettings { beams, max_range, outlier_fraction, .. } = *values;
-        self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        self.load(scan)?;
+        let outlier_fraction = self.settings.values().outlier_fraction;
         let number = self.particles.len();
-        let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
-        for buffer in [log_likelihoods, sin, cos] {
-            buffer.clear();
-            buffer.resize(number, 0.0);
-        }
         match self.moved.take().filter(|_| !self.buffers.endpoints.is_empty()) {
             None => self.weigh(0..number, outlier_fraction),
             Some(motion) => {
@@ -345,6 +333,17 @@ impl<'a> ParticleFilter<'a> {
         })
     }
 
+    /// Takes over the beams of a scan, and makes room for what is computed of them.
+    fn load(&mut self, scan: &LaserScan) -> Result<(), FilterError> {
+        let FilterSettings { beams, max_range, .. } = *self.settings.values();
+        let Buffers { endpoints, log_likelihoods, sin, cos, .. } = &mut self.buffers;
+        endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        for buffer in [log_likelihoods, sin, cos] {
+            buffer.resize(self.particles.len(), 0.0);
+        }
+        Ok(())
+    }
+
     /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
     /// are improbable for more than a share of them.
     fn weigh(&mut self, range: Range<usize>, outlier_fraction: f64) {
@@ -353,17 +352,18 @@ impl<'a> ParticleFilter<'a> {
         for i in range.clone() {
             (sin[i], cos[i]) = theta[i].sin_cos();
         }
+        let log_likelihoods = &mut log_likelihoods[range.clone()];
+        log_likelihoods.fill(0.0);
         let poses = Poses {
             x: &x[range.clone()],
             y: &y[range.clone()],
             sin: &sin[range.clone()],
-            cos: &cos[range.clone()],
+            cos: &cos[range],
         };
         if outlier_fraction < 1.0 {
             self.field.leave_out_improbable(endpoints, poses, outlier_fraction, likelihoods);
         }
         if !endpoints.is_empty() {
-            let log_likelihoods = &mut log_likelihoods[range];
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);
         }
     }

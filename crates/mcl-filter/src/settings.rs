@@ -397,7 +397,7 @@ impl FilterSettings {
         for (field, alpha) in
             ["alpha[0]", "alpha[1]", "alpha[2]", "alpha[3]"].iter().zip(self.alpha)
         {
-            check(field, alpha, "a finite number, at least 0", |a| a.is_finite() && *a >= 0.0)?;
+            check_amount(field, alpha)?;
         }
         check_length("sigma_hit", self.sigma_hit)?;
         let is_share = |f: &f64| (0.0..=1.0).contains(f);
@@ -413,11 +413,8 @@ impl FilterSettings {
             e.is_finite() && *e > 0.0
         })?;
         check("ess_fraction", self.ess_fraction, "a fraction from 0 to 1", is_share)?;
-        for (field, limit) in
-            [("resample_distance", self.resample_distance), ("resample_angle", self.resample_angle)]
-        {
-            check(field, limit, "a finite number, at least 0", |l| l.is_finite() && *l >= 0.0)?;
-        }
+        check_amount("resample_distance", self.resample_distance)?;
+        check_amount("resample_angle", self.resample_angle)?;
         Ok(CheckedSettings(self))
     }
 
@@ -430,16 +427,16 @@ impl FilterSettings {
     /// The two parts of a beam's likelihood where it ends on the map (table 6.3): z_hit/(σ_hit·√2π) and
     /// z_rand/z_max.
     pub(crate) fn mixture(&self) -> [f64; 2] {
-        let peak = 1.0 / (self.sigma_hit * TAU.sqrt());
+        let width = self.sigma_hit * TAU.sqrt();
         let z_rand = match self.beam_floor {
             None => self.z_rand,
             // floor = (z_rand/z_max) / (z_hit·peak + z_rand/z_max), solved for z_rand.
             Some(floor) => {
-                let random = floor * peak * self.max_range;
+                let random = floor * (1.0 / width) * self.max_range;
                 random / (random + (1.0 - floor))
             }
         };
-        [(1.0 - z_rand) / (self.sigma_hit * TAU.sqrt()), z_rand / self.max_range]
+        [(1.0 - z_rand) / width, z_rand / self.max_range]
     }
 }
 
@@ -460,6 +457,11 @@ fn check<T: Display>(
 /// Refuses what is no length of a room, a robot or a range finder.
 pub(crate) fn check_length(field: &'static str, metres: f64) -> Result<(), FilterError> {
     check(field, metres, "metres from 0.000001 to 1,000,000", |m| LENGTHS.contains(m))
+}
+
+/// Refuses what is negative or no number.
+fn check_amount(field: &'static str, amount: f64) -> Result<(), FilterError> {
+    check(field, amount, "a finite number, at least 0", |a| a.is_finite() && *a >= 0.0)
 }
 
 /// Refuses what is no standard deviation.

@@ -86,6 +86,7 @@ mod point_cloud;
 pub(crate) mod poses;
 pub(crate) mod recording;
 pub mod schema;
+mod sink;
 mod slice;
 pub(crate) mod survey;
 pub(crate) mod topics;
@@ -104,12 +105,12 @@ pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
+pub use sink::{Delivery, TopicId, WriteBagError};
 pub use survey::{Choice, Survey, TopicFacts};
 use topics::{Content, Purpose};
 pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
 pub use writer::{
-    BASE_FRAME, BagWriter, Delivery, Format, LASER_FRAME, MAP_FRAME, TopicId, WriteBagError,
-    check_scans, write, write_as,
+    BASE_FRAME, BagWriter, Format, LASER_FRAME, MAP_FRAME, check_scans, write, write_as,
 };
 
 use crate::container::item::Input;

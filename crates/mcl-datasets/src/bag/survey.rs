@@ -1,14 +1,13 @@
 //! What is in a bag, whether or not it can be read as a log.
 
 use mcl_core::Stamp;
+use serde::Serialize;
 
 use super::layout::ElementType;
 use super::schema::MessageSchema;
 use super::topics::{Content, Kind, Topic, choose, possible_references};
 use crate::log::options::ReadOptions;
 
-/// Bytes of a topic's first message that are looked at: those of its header.
-pub(super) const HEAD_BYTES: usize = 512;
 /// Topics whose frames are looked for; a file may have 65,535.
 const FRAMES: usize = 1000;
 
@@ -28,7 +27,7 @@ pub struct TopicFacts {
 }
 
 /// Something that a log is read from.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Choice {
     /// What it is: scans, odometry, reference.
     pub what: &'static str,

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use super::error::BagError;
 use super::layout::plain_name;
-use super::survey::HEAD_BYTES;
 use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
 use crate::container::chunk::{Compression, inflate};
 use crate::container::item::{Input, Item, Message, SchemaText};
@@ -25,6 +24,8 @@ pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
 /// 24 bytes per point, and a message of nothing but names of fields some fifteen times its bytes.
 pub const MAX_CLOUD_BYTES: usize = 64 << 20;
 
+/// Bytes of a topic's first message that are looked at: those of its header.
+const HEAD_BYTES: usize = 512;
 /// Topics named in a message; a file may have 65,535.
 const LISTED_TOPICS: usize = 100;
 

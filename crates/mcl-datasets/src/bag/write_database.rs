@@ -7,8 +7,8 @@ use rusqlite::{Connection, params};
 use tempfile::TempDir;
 
 use super::encode::Encoder;
+use super::sink::{Delivery, Sink, TopicId, WriteBagError, qos};
 use super::types::MessageType;
-use super::writer::{Delivery, Sink, TopicId, WriteBagError, qos};
 
 const NAME: &str = "bag.db3";
 /// Version 4 of the schema, since 2023. A database that nobody else sees needs no journal.

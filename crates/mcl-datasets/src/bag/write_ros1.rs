@@ -7,20 +7,14 @@ use super::cdr::{self, Value};
 use super::encode::Encoder;
 use super::layout::{Count, Definition, ElementType, NumberType, plain_name};
 use super::schema::MessageSchema;
+use super::sink::{Delivery, Sink, TopicId, WriteBagError};
 use super::types::MessageType;
-use super::writer::{Delivery, Sink, TopicId, WriteBagError};
+use crate::container::ros1::{BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION, INDEX, MAGIC, MESSAGE};
 
-const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Bytes of the first record with its lengths, which is written again at the end.
 const BAG_HEADER_BYTES: usize = 4096;
 /// A chunk is written when its records have so many bytes.
 const CHUNK_BYTES: usize = 768 << 10;
-const MESSAGE: u8 = 2;
-const BAG_HEADER: u8 = 3;
-const INDEX: u8 = 4;
-const CHUNK: u8 = 5;
-const CHUNK_INFO: u8 = 6;
-const CONNECTION: u8 = 7;
 const VERSION: [u8; 4] = 1_u32.to_le_bytes();
 
 /// Digests of the definitions, by which ROS 1 tells whether two programs mean the same type.

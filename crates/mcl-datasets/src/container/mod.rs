@@ -11,7 +11,7 @@ pub mod item;
 pub mod mcap;
 pub mod position;
 pub mod problem;
-mod ros1;
+pub(crate) mod ros1;
 mod sqlite;
 
 use std::io::BufRead;

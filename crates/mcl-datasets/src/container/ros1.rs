@@ -20,18 +20,20 @@ use super::problem::{BadRecord, StreamError, StreamProblem};
 pub static CONTAINER: Container =
     Container { name: "ROS 1 bag", magic: MAGIC, ending: "bag", storage: None, read };
 
-const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+/// What a bag of version 2.0 begins with.
+pub(crate) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Longest header of a record accepted, in bytes; real ones take about a hundred.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 /// Longest data accepted of records that are passed over unread: the index of a chunk.
 const MAX_SKIPPED_BYTES: u64 = u32::MAX as u64;
 
-const MESSAGE: u8 = 2;
-const BAG_HEADER: u8 = 3;
-const INDEX: u8 = 4;
-const CHUNK: u8 = 5;
-const CHUNK_INFO: u8 = 6;
-const CONNECTION: u8 = 7;
+// Kinds of records, the field `op` of their headers.
+pub(crate) const MESSAGE: u8 = 2;
+pub(crate) const BAG_HEADER: u8 = 3;
+pub(crate) const INDEX: u8 = 4;
+pub(crate) const CHUNK: u8 = 5;
+pub(crate) const CHUNK_INFO: u8 = 6;
+pub(crate) const CONNECTION: u8 = 7;
 
 fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
     let mut reader = Reader {

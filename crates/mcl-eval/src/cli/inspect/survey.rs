@@ -16,7 +16,7 @@ use crate::progress::tell;
 #[derive(Serialize)]
 pub struct Surveyed {
     topics: Vec<Topic>,
-    choices: Vec<Chosen>,
+    choices: Vec<Choice>,
 }
 
 #[derive(Serialize)]
@@ -30,17 +30,6 @@ struct Topic {
     last_s: Option<String>,
     /// Of the header of its first message.
     frame: Option<String>,
-}
-
-#[derive(Serialize)]
-struct Chosen {
-    what: &'static str,
-    taken: Option<String>,
-    /// Others that could be.
-    others: Vec<String>,
-    /// Whether one has to be chosen.
-    is_open: bool,
-    options: &'static str,
 }
 
 /// A bag that no log can be read from.
@@ -62,16 +51,9 @@ impl Surveyed {
             last_s: facts.logged.map(|(_, last)| last.to_string()),
             frame: facts.frame.clone(),
         };
-        let choice = |choice: &Choice| Chosen {
-            what: choice.what,
-            taken: choice.taken.clone(),
-            others: choice.others.clone(),
-            is_open: choice.is_open,
-            options: choice.options,
-        };
         Surveyed {
             topics: survey.topics.iter().map(topic).collect(),
-            choices: survey.choices.iter().map(choice).collect(),
+            choices: survey.choices.clone(),
         }
     }
 
