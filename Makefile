@@ -29,6 +29,7 @@ beyond: build
 # What depends on the settings that the paper does not name: its statements (docs/reproduction.md), and the
 # error, by which the defaults were chosen.
 sensitivity: build
+	$(MCL_EVAL) run experiments/localization-recorded.toml -o $(RESULTS) || test $$? -eq 3
 	$(MCL_EVAL) run experiments/regions.toml -o $(RESULTS)
 	$(MCL_EVAL) run experiments/sensitivity.toml -o $(RESULTS)
 
@@ -45,7 +46,7 @@ figures: build
 # file byte by byte where they were made (results/README.md); elsewhere with TOLERANCE=0.3 or so.
 # REPRODUCE="likelihood choices" takes some of the experiments.
 REPRODUCED = target/reproduced
-REPRODUCE ?= likelihood localization regions $(BEYOND)
+REPRODUCE ?= likelihood localization localization-recorded regions $(BEYOND)
 TOLERANCE ?= 0
 reproduce: build
 	for name in $(REPRODUCE); do \
