@@ -24,10 +24,21 @@ pub struct FilterSettings {
     pub particles: usize,
     /// Where the particles start.
     pub initial_pose: InitialPose,
-    /// α₁…α₄ of the odometry motion model (table 5.6), such that α·δ² are variances: rotation noise
+    /// Which model moves the particles.
+    pub motion: MotionKind,
+    /// Noise of the Gaussian motion model along each of x and y of the robot: standard deviations of every step
+    /// (m), per metre (m/m) and per radian (m/rad); their squares add up.
+    pub position_noise: [f64; 3],
+    /// Noise of the heading in the Gaussian motion model: standard deviations of every step (rad), per metre
+    /// (rad/m) and per radian (rad/rad); their squares add up.
+    pub heading_noise: [f64; 3],
+    /// α₁…α₄ of the book's motion model (table 5.6), such that α·δ² are variances: rotation noise
     /// from rotation (dimensionless) and from translation (rad²/m²), translation noise from
     /// translation (dimensionless) and from rotation (m²/rad²).
     pub alpha: [f64; 4],
+    /// Translations shorter than this (m) count as turning in place in the book's motion model. The default
+    /// is that of AMCL's model of a differential drive (nav2_amcl, `differential_motion_model.cpp`).
+    pub turning_in_place: f64,
     /// σ_hit: standard deviation of a measured endpoint about the nearest map point (m).
     pub sigma_hit: f64,
     /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. Does not count where `beam_floor`
@@ -72,7 +83,11 @@ impl Default for FilterSettings {
         FilterSettings {
             particles: 500,
             initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
+            motion: MotionKind::Book,
+            position_noise: [0.03, 0.05, 0.05],
+            heading_noise: [0.03, 0.05, 0.1],
             alpha: [0.05; 4],
+            turning_in_place: 0.01,
             sigma_hit: 0.3,
             z_rand: 0.5,
             beam_floor: None,
@@ -127,8 +142,11 @@ impl Preset {
         let default = FilterSettings::default();
         match self {
             Preset::Default => default,
-            Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
+            Preset::Book => {
+                FilterSettings { motion: MotionKind::Book, proposal: Proposal::Motion, ..default }
+            }
             Preset::Carmen => FilterSettings {
+                motion: MotionKind::Book,
                 sigma_hit: 0.3,
                 beam_floor: Some(0.45),
                 beams: Beams::Degrees(3.0),
@@ -258,6 +276,45 @@ impl Display for Beams {
             Beams::Spread(number) => write!(f, "{number}"),
             Beams::Degrees(degrees) => write!(f, "{degrees}deg"),
         }
+    }
+}
+
+/// Which model moves the particles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MotionKind {
+    /// Gaussian noise in the robot's frame, with a floor per step: [`GaussianModel`](crate::motion::GaussianModel).
+    Gaussian,
+    /// *Probabilistic Robotics*, table 5.6: [`OdometryModel`](crate::motion::OdometryModel).
+    Book,
+}
+
+impl MotionKind {
+    /// Both kinds.
+    pub const ALL: [MotionKind; 2] = [MotionKind::Gaussian, MotionKind::Book];
+
+    /// The kind's name, as in a settings file.
+    pub const fn name(self) -> &'static str {
+        match self {
+            MotionKind::Gaussian => "gaussian",
+            MotionKind::Book => "book",
+        }
+    }
+}
+
+impl FromStr for MotionKind {
+    type Err = FilterError;
+
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        MotionKind::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+            FilterError::Parse { field: "motion", found: text.into(), expected: "gaussian or book" }
+        })
+    }
+}
+
+impl Display for MotionKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -399,6 +456,12 @@ impl FilterSettings {
         {
             check_amount(field, alpha)?;
         }
+        for (field, parts) in
+            [("position_noise", self.position_noise), ("heading_noise", self.heading_noise)]
+        {
+            parts.into_iter().try_for_each(|part| check_std(field, part))?;
+        }
+        check_amount("turning_in_place", self.turning_in_place)?;
         check_length("sigma_hit", self.sigma_hit)?;
         let is_share = |f: &f64| (0.0..=1.0).contains(f);
         check("z_rand", self.z_rand, "a probability from 0 to 1", is_share)?;

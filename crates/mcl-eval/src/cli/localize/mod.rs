@@ -10,8 +10,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
-    CheckedSettings, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay, Run,
-    localize_with, noisy_increments,
+    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise, Replay,
+    Run, localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -145,7 +145,15 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
     FilterSettings {
         particles: args.particles.unwrap_or(preset.particles),
         initial_pose,
+        motion: args.motion.unwrap_or(match args.alpha {
+            // Numbers of a model choose it.
+            Some(_) => MotionKind::Book,
+            None => preset.motion,
+        }),
+        position_noise: args.position_noise.unwrap_or(preset.position_noise),
+        heading_noise: args.heading_noise.unwrap_or(preset.heading_noise),
         alpha: args.alpha.unwrap_or(preset.alpha),
+        turning_in_place: preset.turning_in_place,
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
         z_rand: args.z_rand.unwrap_or(preset.z_rand),
         // Of the two ways to say the same, the one that is asked for counts.
