@@ -30,4 +30,5 @@ pub use particles::{Particles, effective_sample_size};
 pub use sensor::MapDistances;
 pub use settings::{
     Beams, CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
+    SigmaHit,
 };
