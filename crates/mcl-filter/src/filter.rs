@@ -1,3 +1,4 @@
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
@@ -5,15 +6,15 @@ use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed, wrap_angle};
 use rand::seq::SliceRandom;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::motion::{NoisyMotion, OdometryModel};
+use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
-use crate::proposal::{Noise, NoiseProposal};
+use crate::proposal::{FOLDS, Noise, NoiseProposal, Pilots, Weighing};
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
 use crate::{CheckedSettings, Estimate, FilterError, FilterSettings, Particles, Proposal};
 
 /// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
-/// 128.
-const BRIDGE_STAGES: i32 = 8;
+/// 181.
+const BRIDGE_STAGES: i32 = 16;
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,12 +76,12 @@ pub struct StepReport {
 pub struct ParticleFilter<'a> {
     settings: CheckedSettings,
     field: LikelihoodField<'a>,
-    motion: OdometryModel,
+    motion: MotionModel,
     robot_from_laser: Pose2,
     seed: Seed,
     particles: Particles,
     /// The last motion, until a scan comes in.
-    moved: Option<NoisyMotion>,
+    moved: Option<Motion>,
     /// Path (m) and turns (rad) by the odometry since particles were last resampled.
     travelled: f64,
     turned: f64,
@@ -103,6 +104,7 @@ struct Buffers {
     /// For an adaptive proposal: the poses before the last motion, and its noise.
     before: [Vec<f64>; 3],
     noise: Vec<Noise>,
+    weighing: Weighing,
 }
 
 impl Buffers {
@@ -122,6 +124,7 @@ impl Buffers {
         if settings.proposal == Proposal::Adaptive {
             buffers.before = [room()?, room()?, room()?];
             buffers.noise = with_room(number, PARTICLES)?;
+            buffers.weighing = Weighing::with_room(number)?;
         }
         Ok(buffers)
     }
@@ -155,7 +158,7 @@ impl<'a> ParticleFilter<'a> {
         )?;
         Ok(ParticleFilter {
             field: LikelihoodField::new(distances, settings)?,
-            motion: OdometryModel::new(values.alpha),
+            motion: MotionModel::of(values),
             settings: settings.clone(),
             robot_from_laser,
             seed,
@@ -213,7 +216,7 @@ impl<'a> ParticleFilter<'a> {
     /// Takes the place of a motion that nobody knows, before the scan at its end: the particles are spread by
     /// independent Gaussian noise of these standard deviations on x and y (m) and on the heading (rad). So few of
     /// them would be where the robot is that they are then drawn towards the scan: resampled by its likelihood,
-    /// at first to a small power, and spread by half as much, again and again.
+    /// at first to a small power, and spread by less, again and again.
     ///
     /// # Errors
     /// [`FilterError::NonFiniteParticle`], and those of [`update`](Self::update).
@@ -230,7 +233,8 @@ impl<'a> ParticleFilter<'a> {
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
         let number = self.particles.len();
         for stage in 0..BRIDGE_STAGES {
-            let scale = 0.5_f64.powi(stage);
+            // Spreads shrink by √½ from stage to stage, and the powers of the likelihood sum to 1.
+            let scale = FRAC_1_SQRT_2.powi(stage);
             let Particles { x, y, theta, .. } = &mut self.particles;
             for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
                 let [along, across, turn]: Noise =
@@ -244,7 +248,7 @@ impl<'a> ParticleFilter<'a> {
                 break;
             }
             self.weigh(0..number, outlier_fraction);
-            let power = 0.5_f64.powi(BRIDGE_STAGES - stage);
+            let power = (SQRT_2 - 1.0) * FRAC_1_SQRT_2.powi(BRIDGE_STAGES - stage);
             let Buffers { weights, chosen, scratch, log_likelihoods, .. } = &mut self.buffers;
             let particles = &mut self.particles;
             for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
@@ -258,8 +262,8 @@ impl<'a> ParticleFilter<'a> {
     }
 
     /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,
-    /// so that the halves of the list stand for the same posterior.
-    fn predict_for_adaptation(&mut self, motion: NoisyMotion, rng: &mut Rng) {
+    /// so that pilots and others, and the folds of both, are chosen at random.
+    fn predict_for_adaptation(&mut self, motion: Motion, rng: &mut Rng) {
         let Buffers { chosen, scratch, before, noise, .. } = &mut self.buffers;
         chosen.clear();
         chosen.extend(0..self.particles.len());
@@ -293,13 +297,11 @@ impl<'a> ParticleFilter<'a> {
             Some(motion) => {
                 let pilots = number / 2;
                 self.weigh(0..pilots, outlier_fraction);
-                let proposal = self.redraw(&motion, pilots);
+                let proposals = self.redraw(&motion, pilots);
                 self.particles.check_places()?;
                 // By the beams that the pilots left.
                 self.weigh(pilots..number, 1.0);
-                if let Some(proposal) = proposal {
-                    self.correct(&proposal, pilots);
-                }
+                self.correct(&proposals, pilots);
             }
         }
 
@@ -368,41 +370,53 @@ impl<'a> ParticleFilter<'a> {
         }
     }
 
-    /// Moves the particles from `pilots` on anew, with noise from a proposal fitted to the ones before.
-    /// Without one they stay.
-    fn redraw(&mut self, motion: &NoisyMotion, pilots: usize) -> Option<NoiseProposal> {
-        let Buffers { scratch, log_likelihoods, before, noise, .. } = &mut self.buffers;
+    /// Moves the particles from `pilots` on anew, those of each fold with noise from a proposal fitted to the
+    /// pilots of the other folds. Without one they stay.
+    fn redraw(&mut self, motion: &Motion, pilots: usize) -> [Option<NoiseProposal>; FOLDS] {
+        let Buffers { log_likelihoods, before, noise, weighing, .. } = &mut self.buffers;
         let Particles { x, y, theta, log_weight } = &mut self.particles;
-        let proposal = NoiseProposal::fit(
-            &noise[..pilots],
-            &log_weight[..pilots],
-            &log_likelihoods[..pilots],
-            scratch,
-        )?;
+        let (of_pilots, of_others) = noise.split_at_mut(pilots);
+        let known = Pilots {
+            noise: of_pilots,
+            log_weights: &log_weight[..pilots],
+            log_likelihoods: &log_likelihoods[..pilots],
+        };
         let mut rng = self.seed.derive("adaptation").derive_index(self.updates).rng();
-        let [x, y, theta] = [(x, 0), (y, 1), (theta, 2)].map(|(component, axis)| {
-            let moved = &mut component[pilots..];
-            moved.copy_from_slice(&before[axis][pilots..]);
-            moved
-        });
-        let mut redrawn = noise[pilots..].iter_mut();
-        motion.apply(x, y, theta, || {
-            let drawn = proposal.draw(&mut rng);
-            if let Some(noise) = redrawn.next() {
-                *noise = drawn;
+        std::array::from_fn(|fold| {
+            let proposal = NoiseProposal::fit(known, part(fold, pilots), weighing)?;
+            let drawn = part(fold, of_others.len());
+            let moved = pilots + drawn.start..pilots + drawn.end;
+            for (component, before) in [&mut *x, y, theta].into_iter().zip(&*before) {
+                component[moved.clone()].copy_from_slice(&before[moved.clone()]);
             }
-            drawn
-        });
-        Some(proposal)
+            let mut noise = of_others[drawn].iter_mut();
+            motion.apply(&mut x[moved.clone()], &mut y[moved.clone()], &mut theta[moved], || {
+                let drawn = proposal.draw(&mut rng);
+                if let Some(noise) = noise.next() {
+                    *noise = drawn;
+                }
+                drawn
+            });
+            Some(proposal)
+        })
     }
 
-    /// Weighs all particles by the mixture that their noise was drawn from.
-    fn correct(&mut self, proposal: &NoiseProposal, pilots: usize) {
-        let log_weight = &mut self.particles.log_weight;
-        // The weights sum to one before the scan.
-        let share: f64 = log_weight[pilots..].iter().map(|log_weight| log_weight.exp()).sum();
-        for (log_weight, noise) in log_weight.iter_mut().zip(&self.buffers.noise) {
-            *log_weight += proposal.log_correction(noise, share.min(1.0));
+    /// Reweights the particles of each fold by the mixture that their noise was drawn from.
+    fn correct(&mut self, proposals: &[Option<NoiseProposal>; FOLDS], pilots: usize) {
+        let others = self.particles.len() - pilots;
+        for (fold, proposal) in proposals.iter().enumerate() {
+            let Some(proposal) = proposal else { continue };
+            let (pilot, drawn) = (part(fold, pilots), part(fold, others));
+            let share = drawn.len() as f64 / (pilot.len() + drawn.len()) as f64;
+            for i in pilot.chain(pilots + drawn.start..pilots + drawn.end) {
+                self.particles.log_weight[i] +=
+                    proposal.log_correction(&self.buffers.noise[i], share);
+            }
         }
     }
+}
+
+/// Which of `number` particles belong to a fold.
+fn part(fold: usize, number: usize) -> Range<usize> {
+    fold * number / FOLDS..(fold + 1) * number / FOLDS
 }

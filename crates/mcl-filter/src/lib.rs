@@ -29,5 +29,6 @@ pub use motion::{OdometryNoise, noisy_increments};
 pub use particles::{Particles, effective_sample_size};
 pub use sensor::MapDistances;
 pub use settings::{
-    Beams, CheckedSettings, FilterSettings, InitialPose, Preset, Proposal, Resampling,
+    Beams, CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
+    SigmaHit,
 };

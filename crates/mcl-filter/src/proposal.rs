@@ -1,36 +1,50 @@
 //! Drawing the noise of a motion where the scan is likely.
 
-use mcl_core::Rng;
+use std::ops::Range;
+
+use mcl_core::memory::with_room;
+use mcl_core::{OutOfMemory, Rng};
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
-/// Fewer particles than this in the first half say too little about where the scan is likely.
+use crate::particles::PARTICLES;
+
+/// Particles are split into this many folds; each draws from what the pilots of the others found. More folds
+/// leave more pilots to each fit.
+pub(crate) const FOLDS: usize = 4;
+/// Fewer pilots than this say too little about where the scan is likely.
 const LEAST_PILOTS: usize = 20;
 /// Effective sample size of the pilots that the fit asks for, as a fraction of their number. At a
-/// tenth, a mean and three variances are known to a quarter of a standard deviation or so for 250.
+/// tenth, a mean and three variances are known to a quarter of a standard deviation or so for 190.
 const FIT_FRACTION: f64 = 0.1;
 /// Factor on the fitted variances: what a proposal leaves out is left to the pilots, while one that is
 /// too wide only wastes draws.
 const WIDENING: f64 = 2.0;
+/// Factor on the variance of the fitted mean, which is added.
+const MEAN_WIDENING: f64 = 2.0;
 /// Fitted variances are not below this (of the noise's): rounding would be all there is.
 const LEAST_VARIANCE: f64 = 1e-8;
 
-/// Standard normal noise of one motion: of rotation 1, translation and rotation 2.
+/// Standard normal noise of one motion, on its three parts.
 pub(crate) type Noise = [f64; 3];
 
 /// A Gaussian q over the noise of a motion, to draw from in place of the standard normal N.
 ///
 /// Adaptive importance sampling with deterministic-mixture weights (Owen and Zhou, *Safe and effective
-/// importance sampling*, JASA 2000; Veach and Guibas's balance heuristic, 1995): the first half of the
-/// particles, the pilots, draw their noise from N, as the motion model says; q is fitted to the noise
-/// that the scan found likely; the second half draws from q. With s the share of the weight that the
-/// second half has, every particle is weighed by
+/// importance sampling*, JASA 2000; Veach and Guibas's balance heuristic, 1995), cross-fitted: the particles
+/// are split at random into folds, and each fold into pilots, which draw their noise from N, as the motion model
+/// says, and others, which draw from the fold's own q, fitted to the noise that the scan found likely among the
+/// pilots of the *other* folds. With s the share of those that draw from q among the particles of the fold,
+/// every particle is reweighted by
 /// ```text
 /// N(ε) / ((1 − s)·N(ε) + s·q(ε)) ≤ 1/(1 − s)
 /// ```
-/// times the likelihood of the scan. That is importance sampling from the mixture of both halves, so the
-/// weighted particles stand for the same posterior as those of the motion model alone, whatever q is;
-/// and as the weight is bounded, a bad q costs at most the second half.
+/// times the likelihood of the scan. A particle of the fold is a pilot with probability 1 − s, whatever its pose and
+/// weight, and q does not depend on it. So the expectation of its new weight, given the other folds, is
+/// (1 − s)·∫N·N·L/(…) + s·∫q·N·L/(…) = ∫N·L, as if it had been drawn from N alone: evidence and unnormalized weights
+/// are unbiased for any number of particles, any q and any weights before. (Fitted to the pilots that it weighs, q
+/// would lie where they lie by chance, and the evidence would come out too small.) As the factor is bounded, a bad q
+/// costs at most the draws from it.
 pub(crate) struct NoiseProposal {
     mean: Vector3<f64>,
     /// Symmetric square root of the covariance.
@@ -41,30 +55,45 @@ pub(crate) struct NoiseProposal {
     log_det: f64,
 }
 
+/// Particles that drew their noise from N.
+#[derive(Clone, Copy)]
+pub(crate) struct Pilots<'a> {
+    pub(crate) noise: &'a [Noise],
+    /// Logarithms of their weights before the scan.
+    pub(crate) log_weights: &'a [f64],
+    /// Log-likelihoods of the scan.
+    pub(crate) log_likelihoods: &'a [f64],
+}
+
 impl NoiseProposal {
-    /// Fits q to pilots with this noise, these log-weights before the scan and these log-likelihoods of
-    /// the scan; `None` when they are too few. `scratch` is a buffer.
+    /// Fits q to the pilots but those left out; `None` when they are too few, or their weights differ too much
+    /// by themselves. `scratch` holds buffers.
     pub(crate) fn fit(
-        noise: &[Noise],
-        log_weights: &[f64],
-        log_likelihoods: &[f64],
-        scratch: &mut Vec<f64>,
+        pilots: Pilots<'_>,
+        left_out: Range<usize>,
+        scratch: &mut Weighing,
     ) -> Option<Self> {
-        if noise.len() < LEAST_PILOTS {
+        let all = pilots.noise.len();
+        if all - left_out.len() < LEAST_PILOTS {
             return None;
         }
-        let temper = temper(log_weights, log_likelihoods, scratch)?;
-        let weights = &*scratch;
-        let noises = || noise.iter().map(|noise| Vector3::from(*noise)).zip(weights);
+        let others = || (0..left_out.start).chain(left_out.end..all);
+        let Tempered { exponent, effective } =
+            scratch.temper(others().map(|i| (pilots.log_weights[i], pilots.log_likelihoods[i])))?;
+        let noises = || others().map(|i| Vector3::from(pilots.noise[i])).zip(&scratch.weights);
         let mean: Vector3<f64> = noises().map(|(noise, weight)| noise * *weight).sum();
         let covariance: Matrix3<f64> = noises()
             .map(|(noise, weight)| (noise - mean) * (noise - mean).transpose() * *weight)
             .sum();
         let eigen = covariance.symmetric_eigen();
-        let std = eigen
-            .eigenvalues
-            .map(|variance| (WIDENING * untempered(variance, temper)).max(LEAST_VARIANCE).sqrt());
         let rotation = &eigen.eigenvectors;
+        let stretch = eigen.eigenvalues.map(|variance| untempering(variance, exponent));
+        let mean = rotation * stretch.component_mul(&rotation.tr_mul(&mean));
+        let std = eigen.eigenvalues.zip_map(&stretch, |tempered, stretch| {
+            let variance = if tempered < 1.0 { tempered * exponent * stretch } else { tempered };
+            let of_mean = stretch * stretch * tempered / effective;
+            (WIDENING * variance + MEAN_WIDENING * of_mean).max(LEAST_VARIANCE).sqrt()
+        });
         let square_root = |diagonal: Vector3<f64>| {
             rotation * Matrix3::from_diagonal(&diagonal) * rotation.transpose()
         };
@@ -93,36 +122,90 @@ impl NoiseProposal {
     }
 }
 
-/// The largest of the exponents 1, ½, ¼, … on the likelihood that leaves the wanted effective sample
-/// size, with the normalized weights under it in `weights`. `None` when there is none: weights that
-/// differ by themselves, or are none.
-fn temper(log_weights: &[f64], log_likelihoods: &[f64], weights: &mut Vec<f64>) -> Option<f64> {
-    let wanted = FIT_FRACTION * log_weights.len() as f64;
-    let mut exponent = 1.0;
-    // 2⁻⁶⁰ of any likelihood that f64 can tell from 0 is 1.
-    for _ in 0..60 {
-        weights.clear();
-        weights.extend(log_weights.iter().zip(log_likelihoods).map(|(w, l)| w + exponent * l));
-        let largest = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        weights.iter_mut().for_each(|weight| *weight = (*weight - largest).exp());
-        let sum: f64 = weights.iter().sum();
-        let squares: f64 = weights.iter().map(|weight| weight * weight).sum();
-        if sum * sum >= wanted * squares {
-            weights.iter_mut().for_each(|weight| *weight /= sum);
-            return Some(exponent);
-        }
-        exponent *= 0.5;
-    }
-    None
+/// Buffers of a fit.
+#[derive(Default)]
+pub(crate) struct Weighing {
+    /// Weights before the scan, powers of the likelihood, and the weights under it.
+    prior: Vec<f64>,
+    power: Vec<f64>,
+    weights: Vec<f64>,
 }
 
-/// The posterior variance of a standard normal prior under a Gaussian likelihood whose power
-/// `exponent` left the variance `tempered`: 1/v = 1 + λ, where 1/tempered = 1 + exponent·λ.
-fn untempered(tempered: f64, exponent: f64) -> f64 {
-    if tempered >= 1.0 {
-        return tempered;
+/// A likelihood whose power leaves enough effective pilots.
+struct Tempered {
+    exponent: f64,
+    /// Effective sample size under it.
+    effective: f64,
+}
+
+impl Weighing {
+    /// Room for this many pilots.
+    pub(crate) fn with_room(number: usize) -> Result<Self, OutOfMemory> {
+        let room = || with_room(number, PARTICLES);
+        Ok(Weighing { prior: room()?, power: room()?, weights: room()? })
     }
-    tempered * exponent / (tempered * exponent + 1.0 - tempered)
+
+    /// The largest of the exponents 1, ½, ¼, … on the likelihood that leaves the wanted effective sample size
+    /// to pilots with these logarithms of weights and likelihoods, with the normalized weights under it in
+    /// `weights`. `None` when there is none: weights that differ by themselves, or are none.
+    fn temper(&mut self, pilots: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Tempered> {
+        let wanted = FIT_FRACTION * pilots.clone().count() as f64;
+        let largest =
+            |values: &mut dyn Iterator<Item = f64>| values.fold(f64::NEG_INFINITY, f64::max);
+        let most = largest(&mut pilots.clone().map(|(_, likelihood)| likelihood));
+        let heaviest = largest(&mut pilots.clone().map(|(weight, _)| weight));
+        self.prior.clear();
+        self.prior.extend(pilots.clone().map(|(weight, _)| (weight - heaviest).exp()));
+        // 2⁻⁶⁰ of any likelihood that f64 can tell from 0 is 1.
+        let mut exponent = 1.0;
+        let mut effective = f64::NAN;
+        for _ in 0..6 {
+            exponent /= 1024.0;
+            self.power.clear();
+            self.power.extend(pilots.clone().map(|(_, l)| (exponent * (l - most)).exp()));
+            effective = effective_size(&self.prior, &self.power);
+            if effective >= wanted {
+                break;
+            }
+        }
+        if !(effective >= wanted) {
+            return None;
+        }
+        while exponent < 1.0 {
+            self.weights.clear();
+            self.weights.extend(self.power.iter().map(|power| power * power));
+            let squared = effective_size(&self.prior, &self.weights);
+            if !(squared >= wanted) {
+                break;
+            }
+            exponent *= 2.0;
+            effective = squared;
+            std::mem::swap(&mut self.power, &mut self.weights);
+        }
+        self.weights.clear();
+        self.weights.extend(self.prior.iter().zip(&self.power).map(|(prior, power)| prior * power));
+        let sum: f64 = self.weights.iter().sum();
+        self.weights.iter_mut().for_each(|weight| *weight /= sum);
+        Some(Tempered { exponent, effective })
+    }
+}
+
+/// (Σw)²/Σw² of the products.
+fn effective_size(prior: &[f64], power: &[f64]) -> f64 {
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (prior, power) in prior.iter().zip(power) {
+        let weight = prior * power;
+        sum += weight;
+        squares += weight * weight;
+    }
+    sum * sum / squares
+}
+
+/// How many times as far from the mean 0 of a standard normal prior the mean of the posterior is than that of
+/// the posterior of variance `tempered` under a power of a Gaussian likelihood; the variance is tempered·exponent
+/// times this. 1/tempered = 1 + exponent·λ, and the posterior's variance is 1/(1 + λ).
+fn untempering(tempered: f64, exponent: f64) -> f64 {
+    if tempered >= 1.0 { 1.0 } else { 1.0 / (tempered * exponent + 1.0 - tempered) }
 }
 
 #[cfg(test)]
@@ -148,11 +231,14 @@ mod tests {
         let log_likelihoods: Vec<f64> =
             noise.iter().map(|noise| log_likelihood(noise, means, variances)).collect();
         let log_weights = vec![-(4000f64.ln()); 4000];
-        let mut scratch = Vec::new();
-        let exponent = temper(&log_weights, &log_likelihoods, &mut scratch).unwrap();
+        let pilots =
+            Pilots { noise: &noise, log_weights: &log_weights, log_likelihoods: &log_likelihoods };
+        let mut weighing = Weighing::default();
+        let all = log_weights.iter().copied().zip(log_likelihoods.iter().copied());
+        let Tempered { exponent, effective } = weighing.temper(all).unwrap();
         assert!(exponent < 1.0, "the likelihood is to be sharp: {exponent}");
-        let proposal =
-            NoiseProposal::fit(&noise, &log_weights, &log_likelihoods, &mut scratch).unwrap();
+        assert!((400.0..1600.0).contains(&effective), "{effective}");
+        let proposal = NoiseProposal::fit(pilots, 0..0, &mut weighing).unwrap();
         for k in 0..3 {
             let variance = 1.0 / (1.0 + 1.0 / variances[k]);
             let mean = means[k] / variances[k] * variance;
@@ -160,9 +246,8 @@ mod tests {
             // narrow by chance looks as if it did, and untempering enlarges that.
             let found = (proposal.spread * proposal.spread)[(k, k)] / variance;
             assert!(found > 1.0 && found < 1.5 * WIDENING, "axis {k}: {found} of {variance}");
-            // Tempering pulls the mean towards the prior's: within one standard deviation.
             let off = (proposal.mean[k] - mean).abs();
-            assert!(off < variance.sqrt(), "axis {k}: mean off by {off}");
+            assert!(off < 0.5 * variance.sqrt(), "axis {k}: mean off by {off}");
         }
     }
 
@@ -210,6 +295,13 @@ mod tests {
     fn too_few_pilots_give_no_proposal() {
         let noise = standard(LEAST_PILOTS - 1, 2);
         let zeros = vec![0.0; noise.len()];
-        assert!(NoiseProposal::fit(&noise, &zeros, &zeros, &mut Vec::new()).is_none());
+        let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
+        assert!(NoiseProposal::fit(pilots, 0..0, &mut Weighing::default()).is_none());
+        // As do those that are left after a fold.
+        let noise = standard(LEAST_PILOTS, 2);
+        let zeros = vec![0.0; noise.len()];
+        let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
+        assert!(NoiseProposal::fit(pilots, 3..4, &mut Weighing::default()).is_none());
+        assert!(NoiseProposal::fit(pilots, 3..3, &mut Weighing::default()).is_some());
     }
 }

@@ -1,7 +1,11 @@
 //! How a robot moves, and how its odometry errs (*Probabilistic Robotics*, chapter 5).
 
+mod gaussian_model;
+mod model;
 mod noise;
 mod odometry_model;
 
+pub use gaussian_model::{GaussianModel, GaussianMotion};
+pub use model::{Motion, MotionModel};
 pub use noise::{OdometryNoise, noisy_increments};
-pub use odometry_model::{NoisyMotion, OdometryModel, TURNING_IN_PLACE};
+pub use odometry_model::{NoisyMotion, OdometryModel};

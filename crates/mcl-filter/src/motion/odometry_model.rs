@@ -1,14 +1,8 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use mcl_core::{Pose2, Rng, wrap_angle};
-use rand_distr::{Distribution, StandardNormal};
+use mcl_core::{Pose2, wrap_angle};
 
 use crate::proposal::Noise;
-
-/// Translations shorter than this (m) count as turning in place: their direction is encoder noise,
-/// and taken as a rotation it would cause rotation noise that no wheel made. The value is that of
-/// the differential-drive model of AMCL (nav2_amcl, `differential_motion_model.cpp`).
-pub const TURNING_IN_PLACE: f64 = 0.01;
 
 /// The sampled odometry motion model of *Probabilistic Robotics* (table 5.6): an increment is a
 /// rotation, a translation and a second rotation, each with Gaussian noise whose variance grows with
@@ -20,18 +14,21 @@ pub const TURNING_IN_PLACE: f64 = 0.01;
 ///   negative, so the first rotation is as small as AMCL's `min(|δ_rot1|, π − |δ_rot1|)` and
 ///   reversing causes as much noise as advancing. (AMCL folds the second rotation on its own as
 ///   well, which leaves half a turn on the spot next to no noise; here it keeps its size.)
-/// - *Turning in place*: below [`TURNING_IN_PLACE`] the noise is that of one rotation, the second.
-///   The increment itself is applied as it is.
+/// - *Turning in place*: below a threshold
+///   ([`FilterSettings::turning_in_place`](crate::FilterSettings::turning_in_place)) the direction of a translation is
+///   encoder noise, and taken as a rotation it would cause rotation noise that no wheel made: the noise is that of
+///   one rotation, the second. The increment itself is applied as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OdometryModel {
     alpha: [f64; 4],
+    turning_in_place: f64,
 }
 
 impl OdometryModel {
     /// A model with α₁…α₄ (see [`FilterSettings::alpha`](crate::FilterSettings::alpha)), each finite
-    /// and at least 0.
-    pub fn new(alpha: [f64; 4]) -> Self {
-        OdometryModel { alpha }
+    /// and at least 0, and the translation (m) below which the robot turns in place.
+    pub fn new(alpha: [f64; 4], turning_in_place: f64) -> Self {
+        OdometryModel { alpha, turning_in_place }
     }
 
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
@@ -46,7 +43,7 @@ impl OdometryModel {
         };
         let rotation2 = wrap_angle(increment.theta - rotation1);
         // The rotations that cause noise.
-        let (turn1, turn2) = if distance < TURNING_IN_PLACE {
+        let (turn1, turn2) = if distance < self.turning_in_place {
             (0.0, wrap_angle(increment.theta))
         } else {
             (rotation1, rotation2)
@@ -83,14 +80,8 @@ pub struct NoisyMotion {
 }
 
 impl NoisyMotion {
-    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with
-    /// noise of its own.
-    pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
-        self.apply(x, y, theta, || std::array::from_fn(|_| StandardNormal.sample(rng)));
-    }
-
-    /// Moves every pose as [`sample`](Self::sample) does, with the standard normal noise on rotation
-    /// 1, translation and rotation 2 that `noise` gives for one after the other.
+    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with the standard
+    /// normal noise on rotation 1, translation and rotation 2 that `noise` gives for one after the other.
     pub(crate) fn apply(
         &self,
         x: &mut [f64],
@@ -117,6 +108,7 @@ impl NoisyMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Motion;
     use mcl_core::Seed;
     use proptest::prelude::*;
 
@@ -125,7 +117,8 @@ mod tests {
     fn sample(model: OdometryModel, increment: &Pose2, start: Pose2, n: usize) -> Vec<Pose2> {
         let (mut x, mut y, mut theta) = (vec![start.x; n], vec![start.y; n], vec![start.theta; n]);
         let mut rng = Seed::new(11).rng();
-        model.motion(increment).sample(&mut x, &mut y, &mut theta, &mut rng);
+        let motion = Motion::Book(model.motion(increment));
+        motion.sample(&mut x, &mut y, &mut theta, &mut rng);
         (0..n).map(|i| Pose2::new(x[i], y[i], theta[i])).collect()
     }
 
@@ -152,10 +145,11 @@ mod tests {
             Pose2::new(0.3, 0.0, -3.0),
         ];
         for increment in increments {
-            let motion = OdometryModel::new(ALPHA).motion(&increment);
+            let motion = OdometryModel::new(ALPHA, 0.01).motion(&increment);
             let (v1, vt, v2) =
                 (motion.rotation1_variance, motion.translation_variance, motion.rotation2_variance);
-            let samples = sample(OdometryModel::new(ALPHA), &increment, Pose2::IDENTITY, 100_000);
+            let samples =
+                sample(OdometryModel::new(ALPHA, 0.01), &increment, Pose2::IDENTITY, 100_000);
             let turned = |p: &Pose2| wrap_angle(p.theta - increment.theta);
             let squared = increment.x.powi(2) + increment.y.powi(2) + vt;
             let (sin, cos) = increment.y.atan2(increment.x).sin_cos();
@@ -187,7 +181,7 @@ mod tests {
     #[test]
     fn variances_are_those_of_the_table() {
         let rotation1 = (4.0f64 / 3.0).atan();
-        let motion = OdometryModel::new(ALPHA).motion(&Pose2::new(0.3, 0.4, rotation1 - 0.2));
+        let motion = OdometryModel::new(ALPHA, 0.01).motion(&Pose2::new(0.3, 0.4, rotation1 - 0.2));
         assert!((motion.rotation1 - rotation1).abs() < 1e-15);
         assert!((motion.translation - 0.5).abs() < 1e-15);
         assert!((motion.rotation2 + 0.2).abs() < 1e-15);
@@ -201,7 +195,7 @@ mod tests {
 
     #[test]
     fn reversing_is_as_noisy_as_advancing() {
-        let model = OdometryModel::new(ALPHA);
+        let model = OdometryModel::new(ALPHA, 0.01);
         let ahead = model.motion(&Pose2::new(0.4, 0.1, 0.2));
         let back = model.motion(&Pose2::new(-0.4, -0.1, 0.2));
         assert_eq!(back.translation, -ahead.translation);
@@ -216,7 +210,7 @@ mod tests {
 
     #[test]
     fn turning_in_place_is_one_rotation() {
-        let model = OdometryModel::new([0.02, 0.0, 0.0, 0.04]);
+        let model = OdometryModel::new([0.02, 0.0, 0.0, 0.04], 0.01);
         // A millimetre to the left: as a direction of travel it would be a quarter turn.
         let motion = model.motion(&Pose2::new(0.0, 0.001, 1.0));
         assert_eq!(motion.rotation1_variance, 0.0);
@@ -229,7 +223,7 @@ mod tests {
     #[test]
     fn standing_still_moves_nothing() {
         let start = Pose2::new(1.0, -2.0, 3.0);
-        let moved = sample(OdometryModel::new([1.0; 4]), &Pose2::IDENTITY, start, 10);
+        let moved = sample(OdometryModel::new([1.0; 4], 0.01), &Pose2::IDENTITY, start, 10);
         assert!(moved.iter().all(|pose| *pose == start));
     }
 
@@ -243,7 +237,7 @@ mod tests {
         ) {
             let increment = Pose2::new(scale * x, scale * y, theta);
             let start = Pose2::new(sx, sy, st);
-            let moved = sample(OdometryModel::new([0.0; 4]), &increment, start, 1)[0];
+            let moved = sample(OdometryModel::new([0.0; 4], 0.01), &increment, start, 1)[0];
             let expected = start.compose(&increment);
             prop_assert!(moved.distance(&expected) < 1e-12);
             prop_assert!(wrap_angle(moved.theta - expected.theta).abs() < 1e-12);

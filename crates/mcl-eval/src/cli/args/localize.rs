@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, ValueEnum};
-use mcl_filter::{Beams, FilterSettings, Preset, Proposal, Resampling};
+use mcl_filter::{Beams, FilterSettings, MotionKind, Preset, Proposal, Resampling, SigmaHit};
 
 use super::{LogArgs, deviations, numbers};
 
@@ -24,9 +24,21 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
             Some(_) => "-".into(),
         }),
         row("--beam-floor", |s| s.beam_floor.map_or_else(|| "-".into(), |floor| floor.to_string())),
-        row("  (least of largest)", |s| format!("{:.2}", s.relative_floor())),
+        row("  (least of largest)", |s| match s.sigma_hit {
+            SigmaHit::Metres(metres) => format!("{:.2}", s.relative_floor(metres)),
+            SigmaHit::Auto => "by the map".into(),
+        }),
         row("--outlier-fraction", |s| s.outlier_fraction.to_string()),
         row("--max-distance", |s| s.max_distance.to_string()),
+        row("--motion", |s| s.motion.to_string()),
+        row("--position-noise", |s| match s.motion {
+            MotionKind::Gaussian => s.position_noise.map(|part| part.to_string()).join(","),
+            MotionKind::Book => "-".into(),
+        }),
+        row("--heading-noise", |s| match s.motion {
+            MotionKind::Gaussian => s.heading_noise.map(|part| part.to_string()).join(","),
+            MotionKind::Book => "-".into(),
+        }),
         row("--alpha", |s| s.alpha.map(|a| a.to_string()).join(",")),
         row("--proposal", |s| s.proposal.to_string()),
         row("--resampling", |s| s.resampling.to_string()),
@@ -76,9 +88,10 @@ pub struct LocalizeArgs {
     /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, as 3deg.
     #[arg(long, value_name = "N|Ddeg|all")]
     pub beams: Option<Beams>,
-    /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres.
-    #[arg(long, value_name = "M")]
-    pub sigma_hit: Option<f64>,
+    /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres; or auto: by the map's
+    /// spacing.
+    #[arg(long, value_name = "M|auto")]
+    pub sigma_hit: Option<SigmaHit>,
     /// Probability of a random measurement (table 6.3).
     #[arg(long, value_name = "P", conflicts_with = "beam_floor")]
     pub z_rand: Option<f64>,
@@ -91,7 +104,18 @@ pub struct LocalizeArgs {
     /// Distances to the map are cut at this many metres.
     #[arg(long, value_name = "M")]
     pub max_distance: Option<f64>,
-    /// α₁…α₄ of the odometry motion model; α·δ² are variances.
+    /// Motion model: gaussian (noise in the robot's frame with a floor per step) or book (table 5.6).
+    #[arg(long, value_name = "MODEL")]
+    pub motion: Option<MotionKind>,
+    /// Noise of the gaussian model along x and y: standard deviations per step (m), per metre (m/m) and per
+    /// radian (m/rad), whose squares add up.
+    #[arg(long, value_name = "S,M,R", value_parser = numbers::<3>)]
+    pub position_noise: Option<[f64; 3]>,
+    /// Noise of the heading in the gaussian model: standard deviations per step (rad), per metre (rad/m) and per
+    /// radian (rad/rad).
+    #[arg(long, value_name = "S,M,R", value_parser = numbers::<3>)]
+    pub heading_noise: Option<[f64; 3]>,
+    /// α₁…α₄ of the book's motion model; α·δ² are variances.
     #[arg(long, value_name = "A1,A2,A3,A4", value_parser = numbers::<4>, allow_hyphen_values = true)]
     pub alpha: Option<[f64; 4]>,
     /// Noise added to the odometry: standard deviations in metres and radians per increment

@@ -127,12 +127,12 @@ impl Localization {
     pub fn text(
         &self,
         args: &LocalizeArgs,
-        filter: &FilterSettings,
+        (filter, sigma_hit): (&FilterSettings, f64),
         source: &LogSource,
         map_points: usize,
     ) -> String {
         let mut text = format!(
-            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, {:.1} beams used per scan, \
+            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, σ_hit {sigma_hit:.2} m, {:.1} beams used per scan, \
              each at least {:.2} of the largest likelihood\n",
             source.title,
             args.map.display(),
@@ -142,7 +142,7 @@ impl Localization {
             args.preset,
             thousands(filter.particles),
             self.used_beams_per_scan,
-            filter.relative_floor()
+            filter.relative_floor(sigma_hit)
         );
         text += &format!("reference: {}\n", reference_of(source));
         match (self.weighted, self.translation, self.heading) {

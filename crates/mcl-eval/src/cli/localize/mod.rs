@@ -10,8 +10,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
-    CheckedSettings, FilterSettings, InitialPose, MapDistances, OdometryNoise, Replay, Run,
-    localize_with, noisy_increments,
+    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise, Replay,
+    Run, localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -54,7 +54,9 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let start = first_pose(args, &source)?;
     // The filter would refuse too many unknown steps as well, but only after a part of the work.
     let bridged = bridge(&source)?;
-    let setup = Setup::new(args, &source, map.len(), settings.values(), start);
+    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+    let sigma_hit = settings.values().sigma_hit.metres(distances.spacing());
+    let setup = Setup::new(args, &source, map.len(), (settings.values(), sigma_hit), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
     let mut first_recorder = None;
     if let Some(path) = &args.replay {
@@ -64,7 +66,6 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     }
     let first_recorder = Mutex::new(first_recorder);
 
-    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
     let reference = reference_poses(&source);
     let metric = WeightedPoseError::default();
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
@@ -106,7 +107,9 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
-    print(args.json, &found, |found| found.text(args, settings.values(), &source, map.len()))?;
+    print(args.json, &found, |found| {
+        found.text(args, (settings.values(), sigma_hit), &source, map.len())
+    })?;
     Ok(Outcome::of(complete))
 }
 
@@ -145,7 +148,15 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
     FilterSettings {
         particles: args.particles.unwrap_or(preset.particles),
         initial_pose,
+        motion: args.motion.unwrap_or(match args.alpha {
+            // Numbers of a model choose it.
+            Some(_) => MotionKind::Book,
+            None => preset.motion,
+        }),
+        position_noise: args.position_noise.unwrap_or(preset.position_noise),
+        heading_noise: args.heading_noise.unwrap_or(preset.heading_noise),
         alpha: args.alpha.unwrap_or(preset.alpha),
+        turning_in_place: preset.turning_in_place,
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
         z_rand: args.z_rand.unwrap_or(preset.z_rand),
         // Of the two ways to say the same, the one that is asked for counts.

@@ -1,0 +1,71 @@
+use mcl_core::{Pose2, Rng};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::gaussian_model::{GaussianModel, GaussianMotion};
+use super::odometry_model::{NoisyMotion, OdometryModel};
+use crate::proposal::Noise;
+use crate::settings::{FilterSettings, MotionKind};
+
+/// The motion model that settings choose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MotionModel {
+    /// Gaussian noise in the robot's frame.
+    Gaussian(GaussianModel),
+    /// Rotation, translation, rotation (*Probabilistic Robotics*, table 5.6).
+    Book(OdometryModel),
+}
+
+impl MotionModel {
+    /// The model of checked settings.
+    pub(crate) fn of(settings: &FilterSettings) -> Self {
+        let FilterSettings { position_noise, heading_noise, alpha, turning_in_place, .. } =
+            *settings;
+        match settings.motion {
+            MotionKind::Gaussian => {
+                MotionModel::Gaussian(GaussianModel::new(position_noise, heading_noise))
+            }
+            MotionKind::Book => MotionModel::Book(OdometryModel::new(alpha, turning_in_place)),
+        }
+    }
+
+    /// The motion that an odometry increment (the robot's pose in the frame of the robot before) stands for,
+    /// ready to be sampled for every particle.
+    pub fn motion(&self, increment: &Pose2) -> Motion {
+        match self {
+            MotionModel::Gaussian(model) => Motion::Gaussian(model.motion(increment)),
+            MotionModel::Book(model) => Motion::Book(model.motion(increment)),
+        }
+    }
+}
+
+/// An odometry increment with the spread of its noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    /// Of [`MotionModel::Gaussian`].
+    Gaussian(GaussianMotion),
+    /// Of [`MotionModel::Book`].
+    Book(NoisyMotion),
+}
+
+impl Motion {
+    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with noise of its
+    /// own.
+    pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
+        self.apply(x, y, theta, || std::array::from_fn(|_| StandardNormal.sample(rng)));
+    }
+
+    /// Moves every pose as [`sample`](Self::sample) does, with the three standard normal numbers that `noise`
+    /// gives for one after the other.
+    pub(crate) fn apply(
+        &self,
+        x: &mut [f64],
+        y: &mut [f64],
+        theta: &mut [f64],
+        noise: impl FnMut() -> Noise,
+    ) {
+        match self {
+            Motion::Gaussian(motion) => motion.apply(x, y, theta, noise),
+            Motion::Book(motion) => motion.apply(x, y, theta, noise),
+        }
+    }
+}
