@@ -83,12 +83,12 @@ impl Default for FilterSettings {
         FilterSettings {
             particles: 500,
             initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
-            motion: MotionKind::Gaussian,
+            motion: MotionKind::Book,
             position_noise: [0.03, 0.1, 0.1],
             heading_noise: [0.05, 0.1, 0.15],
             alpha: [0.05; 4],
             turning_in_place: 0.01,
-            sigma_hit: SigmaHit::Auto,
+            sigma_hit: SigmaHit::Metres(0.3),
             z_rand: 0.5,
             beam_floor: None,
             outlier_fraction: 1.0,
@@ -113,8 +113,7 @@ pub enum Preset {
     #[default]
     Default,
     /// *Probabilistic Robotics*: table 8.2 with the motion model as the proposal, and the product over
-    /// all beams of table 6.3. The book gives no numbers; σ_hit = 0.3 m, z_rand = 0.5 and α = 0.05 are what
-    /// tracked best with it (experiments/sensitivity.toml).
+    /// all beams of table 6.3. σ_hit, z_rand and α are those of the defaults, since the book gives none.
     Book,
     /// CARMEN's `localize`, the program of the paper's group: σ_hit = 0.3 m (`lmap_std`), floor 0.45
     /// (`tracking_beam_minlikelihood`), a beam per 3° (`integrate_angle`); likelihoods multiply until the
@@ -143,14 +142,8 @@ impl Preset {
         let default = FilterSettings::default();
         match self {
             Preset::Default => default,
-            Preset::Book => FilterSettings {
-                motion: MotionKind::Book,
-                sigma_hit: SigmaHit::Metres(0.3),
-                proposal: Proposal::Motion,
-                ..default
-            },
+            Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
             Preset::Carmen => FilterSettings {
-                motion: MotionKind::Book,
                 sigma_hit: SigmaHit::Metres(0.3),
                 beam_floor: Some(0.45),
                 beams: Beams::Degrees(3.0),
