@@ -6,7 +6,7 @@ use mcl_core::{LaserScan, Pose2, ScanGeometry, Stamp};
 use mcl_datasets::bag::schema::MessageSchema;
 use mcl_datasets::bag::{PoseRole, cdr, listed_files, planar, read, read_poses, types};
 use mcl_datasets::carmen;
-use mcl_datasets::log::{ReadOptions, ReferencePoses, read_log_from};
+use mcl_datasets::log::{ReadOptions, ReferencePoses, read_log_as, read_log_from, survey};
 
 use crate::framing::{Compression, OneMessage, bag_of, chunked, ros1_chunked};
 use crate::memory::{ANY_INPUT, bounded};
@@ -61,6 +61,23 @@ fn bag_file(bytes: &[u8], per_byte: usize) {
     match log {
         Ok(log) => recording::check(&log, bytes),
         Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    seekable(bytes, per_byte);
+}
+
+/// The same as a file, in which the index leads past what is not of use; a survey uses nothing but the first
+/// message of each topic.
+fn seekable(bytes: &[u8], per_byte: usize) {
+    let file = tempfile::NamedTempFile::new().expect("a temporary file");
+    std::fs::write(file.path(), bytes).expect("a temporary file");
+    let options = ReadOptions::default();
+    let log = bounded(bytes.len(), 4 * ANY_INPUT, per_byte, || read_log_as(file.path(), &options));
+    if let Ok(log) = log {
+        recording::check(&log, bytes);
+    }
+    let found = bounded(bytes.len(), 4 * ANY_INPUT, per_byte, || survey(file.path(), &options));
+    if let Ok(Some(found)) = found {
+        assert!(found.topics.iter().all(|topic| (topic.messages == 0) == topic.logged.is_none()));
     }
 }
 
