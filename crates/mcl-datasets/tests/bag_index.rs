@@ -123,22 +123,22 @@ fn assert_read_whole(bytes: &[u8]) {
     assert_eq!(found.recording.scans.len(), 11);
 }
 
-/// The chunk of scans is said to hold point clouds: in the index at the end alone, or also in the records after
-/// the chunk.
+/// The chunk of scans is said to hold point clouds.
 #[test]
 fn an_index_that_hides_messages_is_not_believed() {
-    let mut bytes = ros1("none");
-    let info = *places(&bytes, b"chunk_pos=").last().unwrap();
-    // The numbers of connections after the field `count` and the length of the data.
-    let id = info + places(&bytes[info..], b"count=")[0] + 14;
-    assert_eq!(number(&bytes, id), 2, "the scans");
-    bytes[id] = 3;
-    assert_read_whole(&bytes);
-    let index_start = number(&bytes, places(&bytes, b"index_pos=")[0] + 10) as usize;
-    let after_chunk = places(&bytes[..index_start], b"conn=").last().unwrap() + 5;
-    assert_eq!(number(&bytes, after_chunk), 2, "the scans");
-    bytes[after_chunk] = 3;
-    assert_read_whole(&bytes);
+    for compression in ["none", "bz2", "lz4"] {
+        let mut bytes = ros1(compression);
+        let info = *places(&bytes, b"chunk_pos=").last().unwrap();
+        // The number of the connection after the field `count` and the length of the data.
+        let id = info + places(&bytes[info..], b"count=")[0] + 14;
+        assert_eq!(number(&bytes, id), 2, "the scans");
+        bytes[id] = 3;
+        match compression {
+            // Chunks that are not compressed need no index.
+            "none" => assert_eq!(of_file(&bytes).unwrap(), of_stream(&bytes).unwrap()),
+            _ => assert_read_whole(&bytes),
+        }
+    }
 }
 
 #[test]
@@ -159,6 +159,40 @@ fn a_summary_that_hides_messages_is_not_believed() {
         assert_eq!(lie[ids..ids + 2], channel("/scan").to_le_bytes());
         lie[ids..ids + 2].copy_from_slice(&channel("/points").to_le_bytes());
         assert_read_whole(&lie);
+    }
+}
+
+/// A plain chunk of ROS 1 needs no index: messages that are not wanted are passed over one by one. Whatever is
+/// wrong with it is found as in a stream.
+#[test]
+fn in_plain_chunks_each_message_that_is_not_wanted_is_passed_over() {
+    let mut mixed = walk(6);
+    for k in 0..6 {
+        let at = k * SECOND;
+        let cloud = point_cloud(stamp(at), "lidar", &[[1.0, 2.0]; 20]);
+        mixed.insert(3 * k as usize, entry("/points", &POINT_CLOUD2, at, cloud));
+    }
+    let same = |bytes: &[u8]| {
+        let [found, expected] = [of_file(bytes), of_stream(bytes)].map(|read| {
+            read.map_err(|error| match error {
+                LogError::Bag { error, .. } => error.to_string(),
+                other => panic!("{other}"),
+            })
+        });
+        assert_eq!(found, expected);
+        found.is_ok()
+    };
+    for has_index in [true, false] {
+        let bytes = ros1_bag(&mixed, Ros1Options { chunk: 5, has_index, ..ROS1 });
+        assert!(same(&bytes));
+        let mut read = 0;
+        // Behind the first record, which is nearly all padding.
+        for at in (4100..bytes.len()).step_by(13) {
+            let mut damaged = bytes.clone();
+            damaged[at] = 0xff;
+            read += usize::from(same(&damaged));
+        }
+        assert!(read > 100 && read < (bytes.len() - 4200) / 13, "{read}");
     }
 }
 

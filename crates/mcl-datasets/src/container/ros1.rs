@@ -24,8 +24,6 @@ pub static CONTAINER: Container =
 pub(crate) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Longest header of a record accepted, in bytes; real ones take about a hundred.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
-/// Bytes read to see what a record is: no header of a message is longer.
-const HEAD_BYTES: u64 = 256;
 /// Longest data accepted of records that are passed over unread: the index of a chunk.
 const MAX_SKIPPED_BYTES: u64 = u32::MAX as u64;
 /// Longest index accepted, in bytes: that of a bag of some terabytes.
@@ -44,6 +42,7 @@ fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, Strea
         input: Counted::new(input),
         connections: BTreeMap::new(),
         chunks: HashMap::new(),
+        has_counted: false,
         index_start: 0,
         expected_in_index: 0,
         found_in_index: 0,
@@ -62,11 +61,28 @@ struct Connection {
     wanted: Wanted,
 }
 
+impl Connection {
+    /// Tells of messages that were passed over.
+    fn pass(
+        &mut self,
+        count: usize,
+        log_times: (u64, u64),
+        visit: &mut Visit<'_>,
+    ) -> Result<(), StreamProblem> {
+        self.messages = self.messages.wrapping_add(count as u32);
+        let channel = &self.channel;
+        self.wanted = visit(Item::Passed(Passed { channel, count, log_times }))?;
+        Ok(())
+    }
+}
+
 struct Reader<'a> {
     input: Counted<'a>,
     connections: BTreeMap<u32, Connection>,
     /// The chunks by their place, as the index at the end tells, where it can be read and is believed.
     chunks: HashMap<u64, Summary>,
+    /// Whether there are messages that are not wanted.
+    has_counted: bool,
     /// Where the index at the end begins; 0 if the bag was never closed.
     index_start: u64,
     expected_in_index: u64,
@@ -125,7 +141,14 @@ impl Reader<'_> {
             }
             if opcode == CHUNK {
                 self.has_open_chunk = length == 0;
-                if self.pass(&fields(&header)?, length, visit)? {
+                let passed = match self.is_plain(&fields(&header)?, length) {
+                    true => {
+                        self.plain_chunk(length, visit)?;
+                        true
+                    }
+                    false => self.pass(length, visit)?,
+                };
+                if passed {
                     continue;
                 }
             }
@@ -212,14 +235,9 @@ impl Reader<'_> {
         Ok((rest.is_empty() && chunks.len() as u64 == count).then_some(chunks))
     }
 
-    /// Passes over a chunk, if the index says that nothing of it is wanted, and the records that follow the
-    /// chunk say so, too.
-    fn pass(
-        &mut self,
-        chunk: &Fields<'_>,
-        length: u64,
-        visit: &mut Visit<'_>,
-    ) -> Result<bool, StreamProblem> {
+    /// Passes over a compressed chunk, if the index says that nothing of it is wanted, and the records that follow
+    /// the chunk say so, too.
+    fn pass(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<bool, StreamProblem> {
         let Some(summary) = self.chunks.remove(&self.record_start) else { return Ok(false) };
         let is_counted = |id: &u32| {
             self.connections.get(id).is_some_and(|known| known.wanted == Wanted::Counted)
@@ -230,17 +248,7 @@ impl Reader<'_> {
         let start = self.input.offset;
         let is_there = self.input.skip(length)? == length;
         let spans = if is_there { self.spans()? } else { None };
-        let is_plain = chunk.find("compression") == Some(b"none");
-        let mut agrees = spans.as_ref().is_some_and(|spans| spans.agree(&summary));
-        for (&id, span) in spans.iter().flat_map(|spans| &spans.0) {
-            if !is_plain || !agrees {
-                break;
-            }
-            let (offset, time) = span.sample;
-            let bytes = self.input.peek(start.saturating_add(offset), HEAD_BYTES)?;
-            let head = blob(&bytes).and_then(|(header, _)| fields(header).ok());
-            agrees &= offset < length && head.and_then(|head| head.message()) == Some((id, time));
-        }
+        let agrees = spans.as_ref().is_some_and(|spans| spans.agree(&summary));
         let Some(spans) = spans.filter(|_| agrees) else {
             self.input.seek(start)?;
             self.chunks.clear();
@@ -250,11 +258,51 @@ impl Reader<'_> {
         for (id, span) in spans.0 {
             let connection =
                 self.connections.get_mut(&id).ok_or(StreamProblem::UnknownChannel(id))?;
-            connection.messages = connection.messages.wrapping_add(span.count as u32);
-            let (channel, count, log_times) = (&connection.channel, span.count, span.log_times);
-            connection.wanted = visit(Item::Passed(Passed { channel, count, log_times }))?;
+            connection.pass(span.count, span.log_times, visit)?;
         }
         Ok(true)
+    }
+
+    /// Whether a chunk is not compressed, whole, and in a file of which not everything is wanted.
+    fn is_plain(&self, chunk: &Fields<'_>, length: u64) -> bool {
+        let end = self.input.offset.saturating_add(length);
+        chunk.find("compression") == Some(b"none")
+            && chunk.u32("size").map(u64::from) == Ok(length)
+            && self.input.length().is_some_and(|there| end <= there)
+            && self.has_counted
+    }
+
+    /// The records of such a chunk, without reading the messages that are not wanted.
+    fn plain_chunk(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<(), StreamProblem> {
+        let end = self.input.offset + length;
+        let (mut header, mut data) = (Vec::new(), Vec::new());
+        while self.input.offset < end {
+            let there = end - self.input.offset;
+            let cut = StreamProblem::CutInChunk { there: there as usize };
+            // Each part with its length.
+            let Some(header_length) = self.length()?.filter(|length| length + 8 <= there) else {
+                return Err(cut);
+            };
+            self.piece(header_length, &mut header)?;
+            let whole = |length: &u64| header_length + length + 8 <= there;
+            let Some(length) = self.length()?.filter(whole) else { return Err(cut) };
+            let fields = chunk_fields(&header)?;
+            let counted = fields.message().and_then(|(id, log_time)| {
+                let known = self.connections.get_mut(&id)?;
+                (known.wanted == Wanted::Counted).then_some((known, log_time))
+            });
+            match counted {
+                Some((known, log_time)) => {
+                    self.input.skip(length)?;
+                    known.pass(1, (log_time, log_time), visit)?;
+                }
+                None => {
+                    self.piece(length, &mut data)?;
+                    self.record(fields.opcode()?, &fields, &data, visit)?;
+                }
+            }
+        }
+        Ok(())
     }
 
     /// What the records of the index that follow a chunk say of it; `None` where they are damaged. The input
@@ -322,14 +370,8 @@ impl Reader<'_> {
                     false => Err(StreamProblem::CutInChunk { there }),
                 };
             };
-            let fields = self::fields(header)?;
-            let opcode = fields.opcode()?;
-            if !matches!(opcode, CONNECTION | MESSAGE) {
-                return Err(
-                    BadRecord::new("Chunk", "op", "neither a connection nor a message").into()
-                );
-            }
-            self.record(opcode, &fields, data, visit)?;
+            let fields = chunk_fields(header)?;
+            self.record(fields.opcode()?, &fields, data, visit)?;
             rest = after;
         }
         Ok(())
@@ -361,6 +403,7 @@ impl Reader<'_> {
                 Some(_) => {}
                 None => {
                     let wanted = visit(Item::Channel(&channel))?;
+                    self.has_counted |= wanted == Wanted::Counted;
                     self.connections.insert(id, Connection { channel, messages: 0, wanted });
                 }
             }
@@ -378,6 +421,7 @@ impl Reader<'_> {
             data,
             position: Position::Byte(self.record_start),
         }))?;
+        self.has_counted |= connection.wanted == Wanted::Counted;
         Ok(())
     }
 
@@ -430,6 +474,15 @@ fn fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
         rest = after;
     }
     Ok(Fields(header))
+}
+
+/// The fields of a record in a chunk.
+fn chunk_fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
+    let fields = fields(header)?;
+    match fields.opcode()? {
+        CONNECTION | MESSAGE => Ok(fields),
+        _ => Err(BadRecord::new("Chunk", "op", "neither a connection nor a message")),
+    }
 }
 
 impl<'a> Fields<'a> {
