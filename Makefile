@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop bench peers reproduce check deny fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop large-bag bench peers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -83,6 +83,11 @@ interop: build
 	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
 	$(INTEROP)/bin/python crates/mcl-datasets/interop/interop.py --program $(MCL_EVAL)
 	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
+
+# The reading of a bag of 1 GB in one run with rosbags: LARGE="--images --size 4" makes others (large_bag.py --help).
+# After `make interop`, whose Python it uses.
+large-bag: build
+	$(INTEROP)/bin/python crates/mcl-datasets/interop/large_bag.py --program $(MCL_EVAL) $(LARGE)
 
 # The inner loops one by one, then how their time grows (fitted exponents).
 bench:

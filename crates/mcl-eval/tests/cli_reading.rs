@@ -348,3 +348,30 @@ fn the_image_of_a_map_is_found_beside_its_description() {
     let (_, stderr) = lab.ends(&args("gone.yaml"), 1);
     assert!(stderr.contains("leads elsewhere"), "{stderr}");
 }
+
+/// A topic asked for that is not there, and a bag that is damaged after its messages: what is there is shown.
+#[test]
+fn inspect_shows_what_a_bag_holds_whatever_is_wrong_with_it() {
+    let lab = Lab::new();
+    let found = lab.json(&["inspect", "whole.mcap", "--scan-topic", "/none"], 3);
+    assert!(found["problem"].as_str().unwrap().contains("no topic /none"), "{found}");
+    let scans = |found: &Value| {
+        let topics = found["topics"].as_array().unwrap();
+        topics.iter().find(|topic| topic["name"] == "/scan").unwrap()["messages"].clone()
+    };
+    assert_eq!(scans(&found), 40);
+    let recording = read_log(lab.path("whole.mcap").as_ref()).unwrap().recording;
+    let bag = std::io::Cursor::new(Vec::new());
+    let bag = mcl_datasets::bag::write_as(&recording, mcl_datasets::bag::Format::Ros1, bag);
+    let mut bag = bag.unwrap().into_inner();
+    let place = bag.windows(10).position(|part| part == b"index_pos=").unwrap() + 10;
+    let index = u32::from_le_bytes(*bag[place..].first_chunk().unwrap()) as usize;
+    bag[index..index + 4].fill(0xff);
+    fs::write(lab.path("damaged.bag"), &bag).unwrap();
+    let found = lab.json(&["inspect", "damaged.bag"], 3);
+    assert!(found["problem"].as_str().unwrap().contains("the file is damaged"), "{found}");
+    assert_eq!(scans(&found), 40);
+    // Where nothing can be read, there is nothing to show.
+    fs::write(lab.path("nothing.bag"), &bag[..40]).unwrap();
+    lab.ends(&["inspect", "nothing.bag"], 1);
+}

@@ -135,10 +135,10 @@ impl Swept {
         told
     }
 
-    /// Readings of a scan, and how its beams were measured.
+    /// Readings of a scan, which has none afterwards, and how its beams were measured.
     pub fn place(
         &mut self,
-        scan: &ScanMessage,
+        scan: &mut ScanMessage,
         mount: Mount,
         time_increment: f64,
         moved: Option<Moved<'_>>,
@@ -147,12 +147,13 @@ impl Swept {
             self.scans += 1;
             self.longest = self.longest.max(time_increment * (scan.ranges.len() - 1) as f64);
         }
+        let measured = std::mem::take(&mut scan.ranges);
         let beams = |moved: &dyn Fn(usize) -> Option<Pose2>| {
-            place(scan.geometry, &scan.ranges, mount.plane, moved)
+            place(scan.geometry, &measured, mount.plane, moved)
         };
         let (found, time_increment) = match moved {
             None if !mount.is_tilted() => {
-                return (scan.ranges.clone(), Sweep { time_increment, directions: None });
+                return (measured, Sweep { time_increment, directions: None });
             }
             None => (beams(&|_| Some(Pose2::IDENTITY)), time_increment),
             Some(moved) => {

@@ -5,21 +5,61 @@
 use super::layout::{Count, Definition, ElementType, NumberType, SchemaError};
 use super::schema::MessageSchema;
 
-/// A decoded message, or a part of one.
+/// A decoded message, or a part of one. Texts and arrays stay in the message's bytes.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
+pub enum Value<'a> {
     /// A number; integers beyond 2⁵³ are rounded.
     Number(f64),
     /// A text.
-    Text(String),
+    Text(&'a str),
     /// An array of numbers.
-    Numbers(Vec<f64>),
-    /// An array of `uint8`: images and point clouds, eight times as large as numbers.
-    Bytes(Vec<u8>),
+    Numbers(Numbers<'a>),
+    /// An array of `uint8`: images and point clouds.
+    Bytes(&'a [u8]),
     /// An array of texts or messages.
-    List(Vec<Value>),
+    List(Vec<Value<'a>>),
     /// A message: its fields in order.
-    Message(Vec<Value>),
+    Message(Vec<Value<'a>>),
+}
+
+/// An array of numbers as it is encoded: most bytes of a bag are readings, and not all of them are used.
+#[derive(Debug, Clone, Copy)]
+pub struct Numbers<'a> {
+    number: NumberType,
+    bytes: &'a [u8],
+    is_little: bool,
+}
+
+impl Numbers<'_> {
+    /// The first number, if there is any.
+    pub fn first(&self) -> Option<f64> {
+        let first = self.bytes.get(..self.number.width())?;
+        Some(value(self.number, first, self.is_little))
+    }
+
+    /// All of them; integers beyond 2⁵³ are rounded.
+    pub fn to_vec(&self) -> Vec<f64> {
+        match (self.number, self.is_little) {
+            (NumberType::Float(4), true) => {
+                let (numbers, _) = self.bytes.as_chunks::<4>();
+                numbers.iter().map(|&bytes| f64::from(f32::from_le_bytes(bytes))).collect()
+            }
+            (NumberType::Float(8), true) => {
+                let (numbers, _) = self.bytes.as_chunks::<8>();
+                numbers.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
+            }
+            (number, is_little) => {
+                let numbers = self.bytes.chunks_exact(number.width());
+                numbers.map(|bytes| value(number, bytes, is_little)).collect()
+            }
+        }
+    }
+}
+
+impl PartialEq for Numbers<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_vec() == other.to_vec()
+    }
 }
 
 /// Why bytes are no message of their schema.
@@ -71,7 +111,7 @@ pub enum CdrError {
 /// # Errors
 /// [`CdrError`] when the bytes are no message of this schema. Bytes after its end (padding) are
 /// passed over.
-pub fn decode(schema: &MessageSchema, bytes: &[u8]) -> Result<Value, CdrError> {
+pub fn decode<'a>(schema: &MessageSchema, bytes: &'a [u8]) -> Result<Value<'a>, CdrError> {
     decode_prefix(schema, bytes).map(|(value, _)| value)
 }
 
@@ -79,7 +119,10 @@ pub fn decode(schema: &MessageSchema, bytes: &[u8]) -> Result<Value, CdrError> {
 ///
 /// # Errors
 /// As [`decode`].
-pub fn decode_prefix(schema: &MessageSchema, bytes: &[u8]) -> Result<(Value, usize), CdrError> {
+pub fn decode_prefix<'a>(
+    schema: &MessageSchema,
+    bytes: &'a [u8],
+) -> Result<(Value<'a>, usize), CdrError> {
     let Some((&[high, low, _, _], body)) = bytes.split_first_chunk() else {
         let missing = (4 - bytes.len()) as u64;
         return Err(CdrError::TooShort { field: "head".to_owned(), length: bytes.len(), missing });
@@ -117,7 +160,11 @@ impl Encoding {
     ///
     /// # Errors
     /// [`CdrError`] when the bytes are no message of this schema.
-    pub fn decode(self, schema: &MessageSchema, bytes: &[u8]) -> Result<Value, CdrError> {
+    pub fn decode<'a>(
+        self,
+        schema: &MessageSchema,
+        bytes: &'a [u8],
+    ) -> Result<Value<'a>, CdrError> {
         match self {
             Encoding::Cdr => decode(schema, bytes),
             Encoding::Ros1 => {
@@ -129,8 +176,8 @@ impl Encoding {
     }
 }
 
-struct Decoder<'a> {
-    schema: &'a MessageSchema,
+struct Decoder<'s, 'a> {
+    schema: &'s MessageSchema,
     /// After the head; alignment counts from here.
     body: &'a [u8],
     /// Bytes of the head.
@@ -140,8 +187,8 @@ struct Decoder<'a> {
     is_ros1: bool,
 }
 
-impl<'a> Decoder<'a> {
-    fn message(&mut self, definition: &'a Definition) -> Result<Value, CdrError> {
+impl<'s, 'a> Decoder<'s, 'a> {
+    fn message(&mut self, definition: &'s Definition) -> Result<Value<'a>, CdrError> {
         if definition.fields.is_empty() && !self.is_ros1 {
             self.take(1, "(message without fields)")?;
         }
@@ -159,7 +206,11 @@ impl<'a> Decoder<'a> {
         Ok(Value::Message(values))
     }
 
-    fn element(&mut self, element: &ElementType<usize>, field: &str) -> Result<Value, CdrError> {
+    fn element(
+        &mut self,
+        element: &ElementType<usize>,
+        field: &str,
+    ) -> Result<Value<'a>, CdrError> {
         match element {
             ElementType::Number(number) => self.number(*number, field).map(Value::Number),
             ElementType::Text => self.text(field).map(Value::Text),
@@ -173,7 +224,7 @@ impl<'a> Decoder<'a> {
         element: &ElementType<usize>,
         count: u64,
         field: &str,
-    ) -> Result<Value, CdrError> {
+    ) -> Result<Value<'a>, CdrError> {
         let element_bytes = match element {
             ElementType::Number(number) => number.width() as u64,
             ElementType::Text | ElementType::WideText => 4,
@@ -185,32 +236,15 @@ impl<'a> Decoder<'a> {
             return Err(CdrError::Length { field: field.to_owned(), count, left });
         }
         if let ElementType::Number(NumberType::Unsigned(1)) = element {
-            // No more than what is left, which is in memory.
-            return self.take(count as usize, field).map(|bytes| Value::Bytes(bytes.to_vec()));
+            return self.take(count as usize, field).map(Value::Bytes);
         }
-        if let ElementType::Number(number) = element {
+        if let &ElementType::Number(number) = element {
             let width = number.width();
             if count > 0 {
                 self.align(width);
             }
-            // All at once: most bytes of a bag are readings. No more than what is left.
             let bytes = self.take(count as usize * width, field)?;
-            let is_little = self.is_little;
-            let numbers: Vec<f64> = match (number, is_little) {
-                (NumberType::Float(4), true) => {
-                    let (numbers, _) = bytes.as_chunks::<4>();
-                    numbers.iter().map(|&bytes| f64::from(f32::from_le_bytes(bytes))).collect()
-                }
-                (NumberType::Float(8), true) => {
-                    let (numbers, _) = bytes.as_chunks::<8>();
-                    numbers.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
-                }
-                _ => bytes
-                    .chunks_exact(width)
-                    .map(|bytes| value(*number, bytes, is_little))
-                    .collect(),
-            };
-            return Ok(Value::Numbers(numbers));
+            return Ok(Value::Numbers(Numbers { number, bytes, is_little: self.is_little }));
         }
         let values = (0..count).map(|_| self.element(element, field));
         values.collect::<Result<_, _>>().map(Value::List)
@@ -227,7 +261,7 @@ impl<'a> Decoder<'a> {
     }
 
     /// Text after its length, which counts the NUL at its end.
-    fn text(&mut self, field: &str) -> Result<String, CdrError> {
+    fn text(&mut self, field: &str) -> Result<&'a str, CdrError> {
         let length = self.length(field)?;
         let left = self.body.len() - self.at;
         if length as usize > left {
@@ -236,10 +270,7 @@ impl<'a> Decoder<'a> {
         }
         let bytes = self.take(length as usize, field)?;
         let bytes = bytes.strip_suffix(b"\0").unwrap_or(bytes);
-        match std::str::from_utf8(bytes) {
-            Ok(text) => Ok(text.to_owned()),
-            Err(_) => Err(CdrError::NotText { field: field.to_owned() }),
-        }
+        std::str::from_utf8(bytes).map_err(|_| CdrError::NotText { field: field.to_owned() })
     }
 
     fn align(&mut self, width: usize) {
@@ -285,16 +316,16 @@ fn value(number: NumberType, bytes: &[u8], is_little: bool) -> f64 {
 pub struct View<'a> {
     schema: &'a MessageSchema,
     definition: &'a Definition,
-    values: &'a [Value],
+    values: &'a [Value<'a>],
 }
 
 impl<'a> View<'a> {
     /// A view of a whole message of this schema, as [`decode`] gives it.
-    pub fn new(schema: &'a MessageSchema, value: &'a Value) -> Self {
+    pub fn new(schema: &'a MessageSchema, value: &'a Value<'a>) -> Self {
         View { schema, definition: schema.root(), values: fields_of(value) }
     }
 
-    fn field(&self, name: &str) -> Result<(&'a ElementType<usize>, &'a Value), SchemaError> {
+    fn field(&self, name: &str) -> Result<(&'a ElementType<usize>, &'a Value<'a>), SchemaError> {
         let index = self.definition.fields.iter().position(|field| field.name == name);
         index
             .and_then(|index| {
@@ -306,7 +337,7 @@ impl<'a> View<'a> {
             })
     }
 
-    fn wrong(&self, name: &str, found: &Value, expected: &'static str) -> SchemaError {
+    fn wrong(&self, name: &str, found: &Value<'_>, expected: &'static str) -> SchemaError {
         SchemaError::FieldType {
             definition: self.definition.name.clone(),
             field: name.to_owned(),
@@ -348,9 +379,9 @@ impl<'a> View<'a> {
     ///
     /// # Errors
     /// As [`View::number`].
-    pub fn numbers(&self, name: &str) -> Result<&'a [f64], SchemaError> {
+    pub fn numbers(&self, name: &str) -> Result<Numbers<'a>, SchemaError> {
         match self.field(name)?.1 {
-            Value::Numbers(numbers) => Ok(numbers),
+            Value::Numbers(numbers) => Ok(*numbers),
             other => Err(self.wrong(name, other, "an array of numbers")),
         }
     }
@@ -398,7 +429,7 @@ impl<'a> View<'a> {
     }
 }
 
-fn fields_of(value: &Value) -> &[Value] {
+fn fields_of<'a>(value: &'a Value<'a>) -> &'a [Value<'a>] {
     match value {
         Value::Message(values) => values,
         _ => &[],
@@ -411,6 +442,10 @@ mod tests {
 
     fn schema(text: &str) -> MessageSchema {
         MessageSchema::parse("p/A", "ros2msg", text.as_bytes()).unwrap()
+    }
+
+    fn numbers(number: NumberType, bytes: &[u8]) -> Value<'_> {
+        Value::Numbers(Numbers { number, bytes, is_little: true })
     }
 
     #[test]
@@ -426,8 +461,8 @@ mod tests {
             Value::Number(7.0),
             Value::Number(1.5),
             Value::Number(-2.0),
-            Value::Text("ok".into()),
-            Value::Numbers(vec![-1.0, 1.0]),
+            Value::Text("ok"),
+            numbers(NumberType::Signed(1), &[0xff, 1]),
         ]);
         assert_eq!(decode_prefix(&schema, &bytes), Ok((expected, bytes.len())));
         for end in 0..bytes.len() {
@@ -453,7 +488,8 @@ mod tests {
             (view.number("a"), view.number("b"), view.text("s")),
             (Ok(9.0), Ok(1.5), Ok("x"))
         );
-        assert_eq!(view.numbers("d"), Ok(&[-1.0, 1.0][..]));
+        let d = view.numbers("d").unwrap();
+        assert_eq!((d.first(), d.to_vec()), (Some(-1.0), vec![-1.0, 1.0]));
         for end in 0..bytes.len() {
             assert!(Encoding::Ros1.decode(&schema, &bytes[..end]).is_err(), "{end}");
         }
@@ -476,8 +512,10 @@ mod tests {
             big.extend(value.to_be_bytes());
         }
         assert_eq!(decode(&schema, &little), decode(&schema, &big));
-        let values = vec![Value::Number(-5.0), Value::Numbers(vec![0.5, f64::INFINITY])];
-        assert_eq!(decode(&schema, &big), Ok(Value::Message(values)));
+        let value = decode(&schema, &big).unwrap();
+        let view = View::new(&schema, &value);
+        assert_eq!(view.number("a"), Ok(-5.0));
+        assert_eq!(view.numbers("b").unwrap().to_vec(), [0.5, f64::INFINITY]);
         big[1] = 7;
         assert_eq!(decode(&schema, &big), Err(CdrError::Representation(7)));
     }
@@ -502,7 +540,7 @@ mod tests {
         }
         let bytes = self::schema("uint8[] a");
         let decoded = decode(&bytes, &[0, 1, 0, 0, 2, 0, 0, 0, 7, 255]);
-        assert_eq!(decoded, Ok(Value::Message(vec![Value::Bytes(vec![7, 255])])));
+        assert_eq!(decoded, Ok(Value::Message(vec![Value::Bytes(&[7, 255])])));
         let error = decode(&bytes, &[0, 1, 0, 0, 3, 0, 0, 0x80, 7]).unwrap_err();
         assert_eq!(error, CdrError::Length { field: "a".into(), count: 0x8000_0003, left: 1 });
         let empties = self::schema("B[] b\n===\nMSG: p/B\n");

@@ -3,13 +3,13 @@
 use mcl_core::Point;
 use nalgebra::Point3;
 
+use super::content::{Content, Kind, Purpose};
 use super::decoder::{Decoder, Logged, same_frame, time, tree};
 use super::error::BagError;
-use super::messages::TransformMessage;
 use super::moment::{Moment, Stretches};
 use super::motion::Motion;
 use super::point_cloud::CloudMessage;
-use super::topics::{Content, Kind, cloud_topic, odometry_topic, transform_topics};
+use super::topics::{cloud_topic, odometry_topic, transform_topics};
 use crate::log::report::ReadReport;
 
 /// How to read the clouds of a bag.
@@ -46,9 +46,16 @@ pub struct BagCloud {
     pub assumptions: Vec<String>,
 }
 
-pub(crate) fn join(content: &Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
+/// Nothing yet of what clouds are joined of.
+pub(crate) fn content(options: &CloudOptions) -> Content {
+    Content::new(Purpose::Clouds, options.topic.as_deref())
+}
+
+pub(crate) fn join(mut content: Content, options: &CloudOptions) -> Result<BagCloud, BagError> {
+    let messages = std::mem::take(&mut content.messages);
+    let content = &content;
     let topic = cloud_topic(content, options.topic.as_deref())?;
-    let mut decoder = Decoder::new(content);
+    let mut decoder = Decoder::new(content, messages);
     let mut frame: Option<String> = None;
     let clouds = decoder.topic(
         |name, kind| name == topic && kind == Kind::Cloud,
@@ -156,10 +163,7 @@ fn motion<'a>(
     let transforms = decoder.transforms(&topics)?;
     let mut motion = tree(&transforms, &Stretches::default());
     if let Some(topic) = odometry_topic(content, odometry)? {
-        let mut poses = decoder.topic(
-            |name, kind| name == topic && kind == Kind::Odometry,
-            |_, view, _, _| TransformMessage::of_odometry(view),
-        )?;
+        let mut poses = decoder.odometry(topic)?;
         poses.retain(|pose| !pose.value.child.is_empty() && !motion.contains(&pose.value.child));
         for Logged { value, log_time, .. } in poses {
             let at = time(value.header.stamp, log_time);

@@ -1,19 +1,16 @@
 //! From the messages of a bag to values, in the order of the bag.
 
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::cdr::{Encoding, View};
+use super::cdr::View;
+use super::content::{Body, Content, Kept, Kind, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
 use super::error::BagError;
-use super::layout::{SchemaError, plain_name};
 use super::messages::{
     MessageError, PoseMessage, ScanMessage, TransformMessage, malformed, path_poses,
 };
 use super::moment::Stretches;
 use super::motion::Motion;
-use super::schema::MessageSchema;
-use super::topics::{Content, Kept, Kind, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, Topic};
-use super::types;
 use crate::log::report::{Place, ReadReport, SkippedRecord};
 
 /// A message's value with what its record says.
@@ -30,6 +27,10 @@ impl<T> Logged<T> {
         let Logged { sequence, log_time, place, .. } = *self;
         Logged { value, sequence, log_time, place }
     }
+
+    fn split(self) -> (Logged<()>, T) {
+        (self.map(()), self.value)
+    }
 }
 
 /// A transform, and the topic that told it.
@@ -41,20 +42,24 @@ pub(super) struct ToldTransform<'a> {
 
 pub(super) struct Decoder<'a> {
     content: &'a Content,
-    schemas: BTreeMap<usize, MessageSchema>,
+    messages: Vec<Kept>,
+    /// Topics whose messages were decoded.
+    decoded: BTreeSet<usize>,
     pub report: ReadReport,
     /// How messages were decoded, where that is not as the bag describes them.
     pub notes: Vec<String>,
 }
 
 impl<'a> Decoder<'a> {
-    pub fn new(content: &'a Content) -> Self {
+    /// A decoder of these messages of a bag.
+    pub fn new(content: &'a Content, messages: Vec<Kept>) -> Self {
         let report = ReadReport {
             ignored: content.ignored(),
             truncated: content.truncated.clone(),
             ..ReadReport::default()
         };
-        Decoder { content, schemas: BTreeMap::new(), report, notes: Vec::new() }
+        let notes = content.notes.clone();
+        Decoder { content, messages, decoded: BTreeSet::new(), report, notes }
     }
 
     /// The values of all messages of a topic and of these kinds; malformed ones are skipped. What is wrong
@@ -64,53 +69,56 @@ impl<'a> Decoder<'a> {
         wanted: impl Fn(&str, Kind) -> bool,
         mut value: impl FnMut(Kind, &View<'_>, &Kept, &mut Vec<MessageError>) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
+        self.each(wanted, |kind, layout, message, faults| match &message.body {
+            Body::Encoded(data) => {
+                layout.decode(limit(kind), data, |view| value(kind, view, message, faults))
+            }
+            _ => Err(decoded_before()),
+        })
+    }
+
+    /// What an odometry topic says of its two frames.
+    pub fn odometry(&mut self, topic: &str) -> Result<Vec<Logged<TransformMessage>>, BagError> {
+        self.each(
+            |name, kind| name == topic && kind == Kind::Odometry,
+            |kind, layout, message, _| match &message.body {
+                Body::Odometry(moved) => Ok((**moved).clone()),
+                Body::Encoded(data) => {
+                    layout.decode(limit(kind), data, TransformMessage::of_odometry)
+                }
+                Body::Scan(_) => Err(decoded_before()),
+            },
+        )
+    }
+
+    fn each<T>(
+        &mut self,
+        wanted: impl Fn(&str, Kind) -> bool,
+        mut value: impl FnMut(
+            Kind,
+            &Layout,
+            &mut Kept,
+            &mut Vec<MessageError>,
+        ) -> Result<T, MessageError>,
+    ) -> Result<Vec<Logged<T>>, BagError> {
         let content = self.content;
         let mut values = Vec::new();
         let mut count: BTreeMap<usize, usize> = BTreeMap::new();
-        for (place, message) in content.messages.iter().enumerate() {
+        for (place, message) in self.messages.iter_mut().enumerate() {
             let topic = &content.topics[message.topic];
             let Some(kind) = topic.kind.filter(|&kind| wanted(&topic.name, kind)) else { continue };
-            let schema_error = |error| BagError::Schema {
-                topic: topic.name.clone(),
-                schema: topic.type_name().to_owned(),
-                error: Box::new(error),
-            };
-            let Some(encoding) = Encoding::named(&topic.encoding) else {
-                let encoding = topic.encoding.clone();
-                return Err(BagError::Encoding { topic: topic.name.clone(), encoding });
-            };
-            let schema = match self.schemas.entry(message.topic) {
-                Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => {
-                    // Kinds are told by the schema's name, so there is one.
-                    let Some(text) = &topic.schema else { continue };
-                    let standard = text.data.is_empty().then(|| standard(topic)).flatten();
-                    let schema = match standard {
-                        Some(standard) => {
-                            self.notes.push(format!(
-                                "{}: the bag does not describe {}, so it is read as the standard type",
-                                topic.name, text.name
-                            ));
-                            standard
-                        }
-                        None => MessageSchema::parse(&text.name, &text.encoding, &text.data),
-                    };
-                    new.insert(schema.map_err(schema_error)?)
-                }
-            };
+            let layout = topic.layout()?;
+            if self.decoded.insert(message.topic) && layout.is_standard {
+                self.notes.push(format!(
+                    "{}: the bag does not describe {}, so it is read as the standard type",
+                    topic.name,
+                    topic.type_name()
+                ));
+            }
             let count = count.entry(message.topic).or_default();
             *count += 1;
-            let limit = if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES };
             let mut faults = Vec::new();
-            let decoded = if message.data.len() > limit {
-                let found = format!("{} bytes long", message.data.len());
-                Err(malformed("the message", found, format!("at most {limit}")))
-            } else {
-                encoding.decode(schema, &message.data).map_err(MessageError::from).and_then(
-                    |decoded| value(kind, &View::new(schema, &decoded), message, &mut faults),
-                )
-            };
-            match decoded {
+            match value(kind, layout, message, &mut faults) {
                 Ok(value) => values.push(Logged {
                     value,
                     sequence: message.sequence,
@@ -121,7 +129,7 @@ impl<'a> Decoder<'a> {
             }
             for fault in faults {
                 match fault {
-                    MessageError::Schema(error) => return Err(schema_error(error)),
+                    MessageError::Schema(error) => return Err(topic.schema_error(error)),
                     MessageError::Malformed { field, found, expected } => {
                         self.report.skip(SkippedRecord {
                             place: Place::Message {
@@ -144,20 +152,26 @@ impl<'a> Decoder<'a> {
         Ok(values)
     }
 
-    /// The scans of a topic; `of_cloud` makes them of point clouds.
+    /// The scans of a topic, once; `of_cloud` makes them of point clouds.
     pub fn scans(
         &mut self,
         topic: &str,
         of_cloud: impl Fn(&View<'_>) -> Result<ScanMessage, MessageError>,
     ) -> Result<Vec<Logged<ScanMessage>>, BagError> {
         let mut frame: Option<String> = None;
-        let scans = self.topic(
+        let scans = self.each(
             |name, kind| name == topic && kind.is_scan(),
-            |kind, view, _, _| {
-                let scan = match kind {
-                    Kind::Scan => ScanMessage::new(view)?,
-                    Kind::MultiEcho => ScanMessage::multi_echo(view)?,
-                    _ => of_cloud(view)?,
+            |kind, layout, message, _| {
+                let scan = match std::mem::replace(&mut message.body, Body::Encoded(Vec::new())) {
+                    Body::Scan(scan) => *scan,
+                    Body::Odometry(_) => return Err(decoded_before()),
+                    Body::Encoded(data) => {
+                        layout.decode(limit(kind), &data, |view| match kind {
+                            Kind::Scan => ScanMessage::new(view),
+                            Kind::MultiEcho => ScanMessage::multi_echo(view),
+                            _ => of_cloud(view),
+                        })?
+                    }
                 };
                 same_frame("header.frame_id", &mut frame, &scan.header.frame)?;
                 Ok(scan)
@@ -176,15 +190,25 @@ impl<'a> Decoder<'a> {
     /// The poses of a topic, of a kind that has one pose or several.
     pub fn poses(&mut self, topic: &str) -> Result<Vec<Logged<PoseMessage>>, BagError> {
         let (mut frame, mut child) = (None, None);
-        let messages = self.topic(
+        let messages = self.each(
             |name, kind| name == topic && kind.is_pose(),
-            |kind, view, _, faults| {
-                let poses = match kind {
-                    Kind::Odometry => vec![PoseMessage::odometry(view)?],
-                    Kind::PoseWithCovariance => vec![PoseMessage::pose_with_covariance(view)?],
-                    Kind::Transform => vec![PoseMessage::transform(view)?],
-                    Kind::Path => path_poses(view, faults)?,
-                    _ => vec![PoseMessage::pose(view)?],
+            |kind, layout, message, faults| {
+                let poses = match &message.body {
+                    Body::Odometry(moved) => vec![PoseMessage::of((**moved).clone())],
+                    Body::Encoded(data) => layout.decode(limit(kind), data, |view| {
+                        Ok(match kind {
+                            Kind::Odometry => {
+                                vec![PoseMessage::of(TransformMessage::of_odometry(view)?)]
+                            }
+                            Kind::PoseWithCovariance => {
+                                vec![PoseMessage::pose_with_covariance(view)?]
+                            }
+                            Kind::Transform => vec![PoseMessage::of(TransformMessage::one(view)?)],
+                            Kind::Path => path_poses(view, faults)?,
+                            _ => vec![PoseMessage::pose(view)?],
+                        })
+                    })?,
+                    Body::Scan(_) => return Err(decoded_before()),
                 };
                 for pose in &poses {
                     same_frame("header.frame_id", &mut frame, &pose.header.frame)?;
@@ -199,10 +223,10 @@ impl<'a> Decoder<'a> {
         // A path repeats what it said before, and may have corrected it: the last one counts.
         let mut of_paths: BTreeMap<i64, Logged<PoseMessage>> = BTreeMap::new();
         for message in messages {
-            let (kind, several) = &message.value;
+            let (message, (kind, several)) = message.split();
             for pose in several {
-                let pose = message.map(pose.clone());
-                if *kind != Kind::Path {
+                let pose = message.map(pose);
+                if kind != Kind::Path {
                     poses.push(pose);
                     continue;
                 }
@@ -241,10 +265,10 @@ impl<'a> Decoder<'a> {
                 },
             )?;
             for message in messages {
-                let (topic, transforms) = &message.value;
-                let topic = content.topics[*topic].name.as_str();
+                let (message, (topic, transforms)) = message.split();
+                let topic = content.topics[topic].name.as_str();
                 for transform in transforms {
-                    let transform = message.map(transform.clone());
+                    let transform = message.map(transform);
                     told.push(ToldTransform { transform, topic, is_static });
                 }
             }
@@ -264,14 +288,14 @@ pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> M
     motion
 }
 
-/// The layout of a standard type, for a topic without a description.
-pub(super) fn standard(topic: &Topic) -> Option<Result<MessageSchema, SchemaError>> {
-    let kind = types::named(&plain_name(topic.type_name()))?;
-    let (language, text) = match topic.encoding.as_str() {
-        "ros1" => ("ros1msg", kind.description_of_ros1()),
-        _ => ("ros2msg", kind.description()),
-    };
-    Some(MessageSchema::parse(kind.name, language, text.as_bytes()))
+/// A message that was decoded as one of another type than its topic's, which none is.
+fn decoded_before() -> MessageError {
+    malformed("the message", "decoded as another type", "one of its topic's type")
+}
+
+/// Largest message decoded, in bytes.
+fn limit(kind: Kind) -> usize {
+    if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES }
 }
 
 /// Poses in different frames cannot be compared: those in another frame than the first are malformed.

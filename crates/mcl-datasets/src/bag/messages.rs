@@ -98,10 +98,7 @@ impl ScanMessage {
 
     /// `sensor_msgs/MultiEchoLaserScan`: the first echo of each beam.
     pub fn multi_echo(view: &View<'_>) -> Result<Self, MessageError> {
-        let first = |beam: &View<'_>| {
-            let echoes = beam.numbers("echoes")?;
-            Ok(echoes.first().copied().unwrap_or(f64::INFINITY))
-        };
+        let first = |beam: &View<'_>| Ok(beam.numbers("echoes")?.first().unwrap_or(f64::INFINITY));
         let ranges: Result<_, SchemaError> = view.messages("ranges")?.iter().map(first).collect();
         Self::with(view, ranges?)
     }
@@ -181,16 +178,11 @@ pub(super) struct PoseMessage {
 }
 
 impl PoseMessage {
-    pub fn odometry(view: &View<'_>) -> Result<Self, MessageError> {
-        let child = Some(frame(view.text("child_frame_id")?));
-        let pose = planar(&pose(&view.message("pose")?.message("pose")?)?);
-        Ok(PoseMessage { header: header(view)?, child, pose })
-    }
-
+    /// The pose of the one frame of a transform in the other: `nav_msgs/Odometry`,
     /// `geometry_msgs/TransformStamped`.
-    pub fn transform(view: &View<'_>) -> Result<Self, MessageError> {
-        let TransformMessage { header, child, parent_from_child } = TransformMessage::one(view)?;
-        Ok(PoseMessage { header, child: Some(child), pose: planar(&parent_from_child) })
+    pub fn of(transform: TransformMessage) -> Self {
+        let TransformMessage { header, child, parent_from_child } = transform;
+        PoseMessage { header, child: Some(child), pose: planar(&parent_from_child) }
     }
 
     pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
@@ -230,7 +222,8 @@ impl TransformMessage {
         Ok(transforms)
     }
 
-    fn one(view: &View<'_>) -> Result<Self, MessageError> {
+    /// `geometry_msgs/TransformStamped`.
+    pub fn one(view: &View<'_>) -> Result<Self, MessageError> {
         Ok(TransformMessage {
             header: header(view)?,
             child: frame(view.text("child_frame_id")?),
@@ -240,11 +233,9 @@ impl TransformMessage {
 
     /// What a `nav_msgs/Odometry` says of its two frames.
     pub fn of_odometry(view: &View<'_>) -> Result<Self, MessageError> {
-        Ok(TransformMessage {
-            header: header(view)?,
-            child: frame(view.text("child_frame_id")?),
-            parent_from_child: pose(&view.message("pose")?.message("pose")?)?,
-        })
+        let child = frame(view.text("child_frame_id")?);
+        let parent_from_child = pose(&view.message("pose")?.message("pose")?)?;
+        Ok(TransformMessage { header: header(view)?, child, parent_from_child })
     }
 }
 
@@ -331,7 +322,8 @@ mod tests {
             let mut message = Encoder::default();
             message.header(Stamp::from_nanoseconds(1), "laser").f64s(&angles);
             message.f32(0.0).f32(9.0).u32(3).f32(1.0).f32(2.0).f32(3.0);
-            let value = cdr::decode(&schema, &message.into_bytes()).unwrap();
+            let bytes = message.into_bytes();
+            let value = cdr::decode(&schema, &bytes).unwrap();
             ScanMessage::new(&View::new(&schema, &value))
         };
         assert_eq!(read([-0.5, 0.25]).unwrap().geometry.angle(2), 0.0);

@@ -72,6 +72,7 @@
 mod beams;
 pub mod cdr;
 pub(crate) mod clouds;
+pub(crate) mod content;
 mod decoder;
 mod encode;
 pub(crate) mod error;
@@ -101,14 +102,15 @@ use std::io::{BufReader, Read};
 pub use crate::container::chunk::MAX_CHUNK_BYTES;
 pub use crate::container::folder::listed_files;
 pub use clouds::{BagCloud, CloudOptions};
+use content::{Content, Purpose};
+pub use content::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES};
 pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::PoseTopic;
 pub use sink::{Delivery, TopicId, WriteBagError};
 pub use survey::{Choice, Survey, TopicFacts};
-use topics::{Content, Purpose};
-pub use topics::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES, PoseRole};
+pub use topics::PoseRole;
 pub use writer::{
     BASE_FRAME, BagWriter, Format, LASER_FRAME, MAP_FRAME, check_scans, write, write_as,
 };
@@ -122,7 +124,7 @@ use crate::log::options::ReadOptions;
 /// # Errors
 /// [`BagError`] for bytes that are no bag or damaged, and for a bag without scans.
 pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
-    recording::assemble(content_of(input, recording::purpose(options))?, options)
+    recording::assemble(filled(recording::content(options), input)?, options)
 }
 
 /// Reads the point clouds of one topic of a bag of one file.
@@ -131,7 +133,7 @@ pub fn read(input: impl Read, options: &ReadOptions) -> Result<Log, BagError> {
 /// [`BagError`] for bytes that are no bag or damaged, for a bag without point clouds or with several
 /// topics of them, and for several clouds of a scanner that nothing tells the place of.
 pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud, BagError> {
-    clouds::join(&content_of(input, Purpose::Clouds)?, options)
+    clouds::join(filled(clouds::content(options), input)?, options)
 }
 
 /// Reads the poses of one topic of a bag of one file: the topic asked for, or the one that its type and
@@ -144,11 +146,10 @@ pub fn read_poses(
     topic: Option<&str>,
     role: PoseRole,
 ) -> Result<PoseTopic, BagError> {
-    poses::poses(&content_of(input, Purpose::Scans)?, topic, role)
+    poses::poses(filled(Content::new(Purpose::Scans, None), input)?, topic, role)
 }
 
-fn content_of(input: impl Read, purpose: Purpose) -> Result<Content, BagError> {
-    let mut content = Content::new(purpose);
+fn filled(mut content: Content, input: impl Read) -> Result<Content, BagError> {
     content.add(Input { stream: Box::new(BufReader::new(input)), file: None }, None)?;
     Ok(content)
 }

@@ -212,7 +212,7 @@ mod tests {
                 expected[place] = value;
             }
             expected[35] = 9.0;
-            assert_eq!(pose.numbers("covariance"), Ok(&expected[..]));
+            assert_eq!(pose.numbers("covariance").unwrap().to_vec(), expected);
         });
     }
 

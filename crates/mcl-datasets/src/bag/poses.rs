@@ -2,11 +2,12 @@
 
 use mcl_core::{Pose2, Stamp, Trajectory};
 
+use super::content::{Content, Kind};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
 use super::messages::{PoseMessage, ScanMessage};
 use super::moment::Stretches;
-use super::topics::{Content, Kind, Pair, PoseRole, pose_topic, transform_topics};
+use super::topics::{Pair, PoseRole, pose_topic, transform_topics};
 use crate::log::report::ReadReport;
 
 /// A pose topic of a bag.
@@ -28,13 +29,15 @@ pub struct PoseTopic {
 }
 
 pub(crate) fn poses(
-    content: &Content,
+    mut content: Content,
     asked: Option<&str>,
     role: PoseRole,
 ) -> Result<PoseTopic, BagError> {
+    let messages = std::mem::take(&mut content.messages);
+    let content = &content;
     let name = pose_topic(content, asked, role)?;
     let pair = Pair::of(name).filter(|_| content.topics.iter().all(|topic| topic.name != name));
-    let mut decoder = Decoder::new(content);
+    let mut decoder = Decoder::new(content, messages);
     let messages = if pair.is_none() { decoder.poses(name)? } else { Vec::new() };
     let sample = |logged: &Logged<PoseMessage>| {
         let at = time(logged.value.header.stamp, logged.log_time);

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mcl_core::{LaserScan, Pose2, Recording, Stamp};
 
 use super::beams::{self, Moved, Swept};
+use super::content::{Content, Kind, Purpose};
 use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
 use super::messages::{PoseMessage, ScanMessage};
@@ -12,9 +13,7 @@ use super::moment::{Moment, Stretches};
 use super::motion::{Motion, Mount};
 use super::slice;
 use super::survey::Survey;
-use super::topics::{
-    Chosen, Content, Kind, Pair, Purpose, choose, possible_references, transform_topics,
-};
+use super::topics::{Chosen, Pair, choose, possible_references, transform_topics};
 use super::track::{Placed, PoseTrack};
 use crate::log::content::{Log, LogKind};
 use crate::log::options::{ReadOptions, ReferenceTrack};
@@ -25,16 +24,18 @@ use crate::log::report::ReadReport;
 const STEPS_OFF: f64 = 1.5;
 const NANOSECONDS: f64 = 1e9;
 
-/// What a recording is read of.
-pub(crate) fn purpose(options: &ReadOptions) -> Purpose {
-    if options.slice.is_some() { Purpose::Slices } else { Purpose::Scans }
+/// Nothing yet of what a recording is made of.
+pub(crate) fn content(options: &ReadOptions) -> Content {
+    let purpose = if options.slice.is_some() { Purpose::Slices } else { Purpose::Scans };
+    Content::new(purpose, options.topics.scan.as_deref())
 }
 
 /// Makes a recording of a bag's content.
-pub(crate) fn assemble(content: Content, options: &ReadOptions) -> Result<Log, BagError> {
+pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Log, BagError> {
+    let messages = std::mem::take(&mut content.messages);
     let Chosen { scan: scan_topic, odometry: odometry_topic, reference: reference_topic, doubts } =
         choose(&content, options)?;
-    let mut decoder = Decoder::new(&content);
+    let mut decoder = Decoder::new(&content, messages);
     let whole = match options.slice {
         Some(_) => None,
         None => Some(decoder.scans(scan_topic, ScanMessage::new)?),
@@ -239,7 +240,8 @@ impl Assembly<'_> {
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
         let mut swept = Swept::default();
-        for ((logged, &moment), &occurrence) in self.scans.iter().zip(&moments).zip(&occurrences) {
+        let numbered = self.scans.iter_mut().zip(&moments).zip(&occurrences);
+        for ((logged, &moment), &occurrence) in numbered {
             let header = logged.value.header.stamp;
             let stamp = match &self.content.unstamped {
                 Some(unstamped) => {
@@ -276,7 +278,7 @@ impl Assembly<'_> {
                 true => None,
                 false => Moved::of(moment, occurrence, increment_s, tracks),
             };
-            let (ranges, sweep) = swept.place(&logged.value, then, increment_s, moved);
+            let (ranges, sweep) = swept.place(&mut logged.value, then, increment_s, moved);
             scans.push(LaserScan {
                 stamp: stamp.map(Stamp::from_nanoseconds),
                 geometry: mount.seen_from_above(logged.value.geometry),

@@ -3,9 +3,9 @@
 use mcl_core::Stamp;
 use serde::Serialize;
 
+use super::content::{Content, Kind, Topic};
 use super::layout::ElementType;
-use super::schema::MessageSchema;
-use super::topics::{Content, Kind, Topic, choose, possible_references};
+use super::topics::{choose, possible_references};
 use crate::log::options::ReadOptions;
 
 /// Topics whose frames are looked for; a file may have 65,535.
@@ -61,7 +61,7 @@ impl Survey {
             .map(|(index, topic)| TopicFacts {
                 name: topic.name.clone(),
                 type_name: topic
-                    .schema
+                    .description
                     .as_ref()
                     .map_or(String::new(), |schema| schema.name.clone()),
                 messages: topic.messages,
@@ -127,11 +127,7 @@ fn choices(content: &Content, options: &ReadOptions) -> Vec<Choice> {
 
 /// `header.frame_id` of the first message.
 fn frame(topic: &Topic) -> Option<String> {
-    let text = topic.schema.as_ref()?;
-    let schema = match text.data.is_empty() {
-        true => super::decoder::standard(topic)?.ok()?,
-        false => MessageSchema::parse(&text.name, &text.encoding, &text.data).ok()?,
-    };
+    let schema = topic.schema().0.ok()?;
     let is_header = match schema.root().fields.first()?.element {
         ElementType::Message(index) => schema.definition(index).name == "std_msgs/Header",
         _ => false,

@@ -165,7 +165,8 @@ impl<W: Write + Seek> Sink for Ros1Writer<W> {
         message: Encoder,
     ) -> Result<(), WriteBagError> {
         let schema = &self.connections[usize::from(topic.0)].schema;
-        let value = cdr::decode(schema, &message.into_bytes())
+        let bytes = message.into_bytes();
+        let value = cdr::decode(schema, &bytes)
             .map_err(|error| std::io::Error::other(error.to_string()))?;
         let mut data = Vec::new();
         encode(schema, schema.root(), &value, &mut data);
@@ -233,7 +234,7 @@ fn bag_header(index_start: u64, connections: u32, chunks: u32) -> Vec<u8> {
 }
 
 /// A message in the encoding of ROS 1, whose headers have a number before the stamp.
-fn encode(schema: &MessageSchema, definition: &Definition, value: &Value, out: &mut Vec<u8>) {
+fn encode(schema: &MessageSchema, definition: &Definition, value: &Value<'_>, out: &mut Vec<u8>) {
     let Value::Message(values) = value else { return };
     if definition.name == "std_msgs/Header" {
         out.extend(0_u32.to_le_bytes());
@@ -246,6 +247,7 @@ fn encode(schema: &MessageSchema, definition: &Definition, value: &Value, out: &
         };
         match value {
             Value::Numbers(numbers) => {
+                let numbers = numbers.to_vec();
                 length(numbers.len());
                 numbers.iter().for_each(|number| {
                     element(schema, &field.element, &Value::Number(*number), out)
@@ -253,7 +255,7 @@ fn encode(schema: &MessageSchema, definition: &Definition, value: &Value, out: &
             }
             Value::Bytes(bytes) => {
                 length(bytes.len());
-                out.extend(bytes);
+                out.extend_from_slice(bytes);
             }
             Value::List(items) => {
                 length(items.len());
@@ -264,7 +266,12 @@ fn encode(schema: &MessageSchema, definition: &Definition, value: &Value, out: &
     }
 }
 
-fn element(schema: &MessageSchema, kind: &ElementType<usize>, value: &Value, out: &mut Vec<u8>) {
+fn element(
+    schema: &MessageSchema,
+    kind: &ElementType<usize>,
+    value: &Value<'_>,
+    out: &mut Vec<u8>,
+) {
     match (kind, value) {
         (ElementType::Number(NumberType::Float(4)), Value::Number(number)) => {
             out.extend((*number as f32).to_le_bytes());

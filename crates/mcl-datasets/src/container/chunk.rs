@@ -1,5 +1,6 @@
 //! Chunks: parts of a container that are compressed on their own.
 
+use std::borrow::Cow;
 use std::io::{self, Read};
 
 use lz4_flex::frame::FrameDecoder;
@@ -26,7 +27,7 @@ pub(super) fn unpack(
     packed: &[u8],
     size: u64,
     is_cut: bool,
-) -> Result<Vec<u8>, StreamProblem> {
+) -> Result<Cow<'_, [u8]>, StreamProblem> {
     if size > MAX_CHUNK_BYTES {
         return Err(StreamProblem::ChunkTooLarge { size, limit: MAX_CHUNK_BYTES });
     }
@@ -56,10 +57,13 @@ pub(crate) fn inflate(
     compression: Compression,
     packed: &[u8],
     limit: u64,
-) -> (Vec<u8>, io::Result<()>) {
+) -> (Cow<'_, [u8]>, io::Result<()>) {
     let mut bytes = Vec::new();
     let outcome = match compression {
-        Compression::None => packed.take(limit).read_to_end(&mut bytes),
+        Compression::None => {
+            let length = usize::try_from(limit).unwrap_or(usize::MAX).min(packed.len());
+            return (Cow::Borrowed(&packed[..length]), Ok(()));
+        }
         Compression::Bzip2 => {
             bzip2::bufread::MultiBzDecoder::new(packed).take(limit).read_to_end(&mut bytes)
         }
@@ -67,5 +71,5 @@ pub(crate) fn inflate(
         Compression::Zstd => zstd::stream::read::Decoder::with_buffer(packed)
             .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
     };
-    (bytes, outcome.map(|_| ()))
+    (Cow::Owned(bytes), outcome.map(|_| ()))
 }

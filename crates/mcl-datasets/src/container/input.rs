@@ -1,37 +1,73 @@
 //! The bytes of a container that stands in order.
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
+use super::item::Input;
 use super::problem::StreamProblem;
-use crate::packed::damage;
+use crate::packed::{SNIFFED_BYTES, damage};
 
 /// Counts and sums up what is read.
-pub(super) struct Counted<R> {
-    input: R,
-    /// Bytes read so far.
+pub(super) struct Counted<'a> {
+    source: Source<'a>,
+    /// Bytes read or passed over so far.
     pub offset: u64,
-    /// Checksum of all of them.
-    pub crc: crc32fast::Hasher,
+    /// Checksum of all of them, while it is of use.
+    pub crc: Option<crc32fast::Hasher>,
     /// Why the compressed file ends early, if it does.
     pub damaged: Option<String>,
 }
 
-impl<R: Read> Counted<R> {
-    pub fn new(input: R) -> Self {
-        Counted { input, offset: 0, crc: crc32fast::Hasher::new(), damaged: None }
+enum Source<'a> {
+    Stream(Box<dyn Read + 'a>),
+    File { file: BufReader<File>, length: u64 },
+}
+
+impl<'a> Counted<'a> {
+    pub fn new(input: Input<'a>) -> Self {
+        match input.file.and_then(seekable) {
+            Some(file) => Self::of(file),
+            None => Self::of_stream(input.stream),
+        }
+    }
+
+    pub fn of_stream(stream: impl Read + 'a) -> Self {
+        Self::of(Source::Stream(Box::new(stream)))
+    }
+
+    fn of(source: Source<'a>) -> Self {
+        Counted { source, offset: 0, crc: None, damaged: None }
+    }
+
+    /// Length of the file; `None` where nothing can be read out of order.
+    pub fn length(&self) -> Option<u64> {
+        match self.source {
+            Source::Stream(_) => None,
+            Source::File { length, .. } => Some(length),
+        }
     }
 
     /// Appends up to `length` bytes to `bytes`, fewer only at the end of the file.
     pub fn read_up_to(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<(), StreamProblem> {
         let start = bytes.len();
-        let outcome = self.input.by_ref().take(length).read_to_end(bytes);
+        let outcome = match &mut self.source {
+            Source::Stream(stream) => stream.take(length).read_to_end(bytes),
+            Source::File { file, .. } => file.take(length).read_to_end(bytes),
+        };
         self.offset += (bytes.len() - start) as u64;
-        self.crc.update(&bytes[start..]);
+        if let Some(crc) = &mut self.crc {
+            crc.update(&bytes[start..]);
+        }
         self.ended(outcome.map(|_| ()))
     }
 
     /// Passes over up to `length` bytes, and says over how many.
     pub fn skip(&mut self, length: u64) -> Result<u64, StreamProblem> {
+        if let (Some(end), None) = (self.length(), &self.crc) {
+            let skipped = length.min(end.saturating_sub(self.offset));
+            self.seek(self.offset + skipped)?;
+            return Ok(skipped);
+        }
         let mut skipped = 0;
         let mut buffer = Vec::new();
         while skipped < length {
@@ -43,6 +79,30 @@ impl<R: Read> Counted<R> {
             skipped += buffer.len() as u64;
         }
         Ok(skipped)
+    }
+
+    /// Goes to a place of a file; what is not read in order has no checksum.
+    pub fn seek(&mut self, offset: u64) -> Result<(), StreamProblem> {
+        if let Source::File { file, .. } = &mut self.source {
+            file.seek_relative(offset as i64 - self.offset as i64)?;
+            self.offset = offset;
+            self.crc = None;
+        }
+        Ok(())
+    }
+
+    /// Up to `length` bytes from a place of a file on; nothing of another input.
+    pub fn peek(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, StreamProblem> {
+        let mut bytes = Vec::new();
+        if let Source::File { file, .. } = &mut self.source {
+            // Past the buffer, which stays as it is.
+            let file = file.get_mut();
+            let at = file.stream_position()?;
+            file.seek(SeekFrom::Start(offset))?;
+            file.take(length).read_to_end(&mut bytes)?;
+            file.seek(SeekFrom::Start(at))?;
+        }
+        Ok(bytes)
     }
 
     /// A compressed file that is cut or damaged ends there.
@@ -58,4 +118,12 @@ impl<R: Read> Counted<R> {
             },
         }
     }
+}
+
+/// A regular file, read from its first byte on: a pipe gives its bytes only once.
+fn seekable<'a>(path: &std::path::Path) -> Option<Source<'a>> {
+    let is_file = path.metadata().is_ok_and(|data| data.is_file());
+    let file = is_file.then(|| File::open(path).ok()).flatten()?;
+    let length = file.metadata().ok()?.len();
+    Some(Source::File { file: BufReader::with_capacity(SNIFFED_BYTES, file), length })
 }

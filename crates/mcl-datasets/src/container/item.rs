@@ -48,6 +48,17 @@ pub struct Message<'a> {
     pub position: Position,
 }
 
+/// Messages of a channel that nobody wants to see, as the file's index tells of them.
+#[derive(Debug, Clone, Copy)]
+pub struct Passed<'a> {
+    /// Their topic.
+    pub channel: &'a Channel,
+    /// How many they are.
+    pub count: usize,
+    /// When the first and the last of them were recorded, in nanoseconds.
+    pub log_times: (u64, u64),
+}
+
 /// What a visitor of a container gets to see.
 #[derive(Debug, Clone, Copy)]
 pub enum Item<'a> {
@@ -55,18 +66,34 @@ pub enum Item<'a> {
     Channel(&'a Channel),
     /// A message.
     Message(Message<'a>),
+    /// Messages that were passed over.
+    Passed(Passed<'a>),
+    /// How the file was read, where that is not as usual.
+    Note(&'a str),
     /// A metadata record: its name, and pairs of keys and values.
     Metadata(&'a str, &'a [(&'a str, &'a str)]),
 }
 
-/// Takes what a container yields, in its order.
-pub type Visit<'v> = dyn FnMut(Item<'_>) -> Result<(), StreamProblem> + 'v;
+/// What a visitor wants of the messages that follow on a channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wanted {
+    /// To see them.
+    #[default]
+    Shown,
+    /// To know how many they are: they may be passed over.
+    Counted,
+}
+
+/// Takes what a container yields, in its order; after a channel and each message of it, the answer is of the
+/// messages that follow on this channel.
+pub type Visit<'v> = dyn FnMut(Item<'_>) -> Result<Wanted, StreamProblem> + 'v;
 
 /// The bytes of a container.
 pub struct Input<'a> {
     /// From the first one on, unpacked if the file is compressed.
     pub stream: Box<dyn BufRead + 'a>,
-    /// The file, where it is one and not compressed, for formats that do not stand in order.
+    /// The file, where it is one and not compressed: for formats that do not stand in order, and to pass over
+    /// what is not wanted.
     pub file: Option<&'a Path>,
 }
 

@@ -6,6 +6,7 @@
 
 pub(crate) mod chunk;
 pub mod folder;
+mod index;
 mod input;
 pub mod item;
 pub mod mcap;

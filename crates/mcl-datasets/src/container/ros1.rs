@@ -1,18 +1,18 @@
-//! ROS 1 bags, version 2.0: chunked or not, compressed or not, with or without an index, which is not
-//! used.
+//! ROS 1 bags, version 2.0: chunked or not, compressed or not, with or without an index, by which chunks
+//! without any message that is wanted are passed over.
 //!
 //! A record is a header (fields `name=value`) and data, each after its length. Chunks hold records of
 //! connections (topics, with the description of their messages) and messages; records of the index
 //! follow each chunk and stand at the end. A recorder that is stopped leaves a last chunk whose length
 //! it never wrote, and no index.
 
-use std::collections::BTreeMap;
-use std::io::Read;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use super::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
+use super::index::{self, Spans, Summary};
 use super::input::Counted;
-use super::item::{Channel, Container, Input, Item, Message, SchemaText, Visit};
+use super::item::{Channel, Container, Input, Item, Message, Passed, SchemaText, Visit, Wanted};
 use super::position::Position;
 use super::problem::{BadRecord, StreamError, StreamProblem};
 
@@ -26,6 +26,8 @@ pub(crate) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 /// Longest data accepted of records that are passed over unread: the index of a chunk.
 const MAX_SKIPPED_BYTES: u64 = u32::MAX as u64;
+/// Longest index accepted, in bytes: that of a bag of some terabytes.
+const MAX_INDEX_BYTES: u64 = 256 << 20;
 
 // Kinds of records, the field `op` of their headers.
 pub(crate) const MESSAGE: u8 = 2;
@@ -37,8 +39,10 @@ pub(crate) const CONNECTION: u8 = 7;
 
 fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
     let mut reader = Reader {
-        input: Counted::new(input.stream),
+        input: Counted::new(input),
         connections: BTreeMap::new(),
+        chunks: HashMap::new(),
+        has_counted: false,
         index_start: 0,
         expected_in_index: 0,
         found_in_index: 0,
@@ -54,11 +58,31 @@ fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, Strea
 struct Connection {
     channel: Channel,
     messages: u32,
+    wanted: Wanted,
 }
 
-struct Reader<R> {
-    input: Counted<R>,
+impl Connection {
+    /// Tells of messages that were passed over.
+    fn pass(
+        &mut self,
+        count: usize,
+        log_times: (u64, u64),
+        visit: &mut Visit<'_>,
+    ) -> Result<(), StreamProblem> {
+        self.messages = self.messages.wrapping_add(count as u32);
+        let channel = &self.channel;
+        self.wanted = visit(Item::Passed(Passed { channel, count, log_times }))?;
+        Ok(())
+    }
+}
+
+struct Reader<'a> {
+    input: Counted<'a>,
     connections: BTreeMap<u32, Connection>,
+    /// The chunks by their place, as the index at the end tells, where it can be read and is believed.
+    chunks: HashMap<u64, Summary>,
+    /// Whether there are messages that are not wanted.
+    has_counted: bool,
     /// Where the index at the end begins; 0 if the bag was never closed.
     index_start: u64,
     expected_in_index: u64,
@@ -75,7 +99,7 @@ enum Piece {
     Cut,
 }
 
-impl<R: Read> Reader<R> {
+impl Reader<'_> {
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         let mut magic = Vec::new();
         self.input.read_up_to(MAGIC.len() as u64, &mut magic)?;
@@ -115,6 +139,19 @@ impl<R: Read> Reader<R> {
             if length > limit {
                 return Err(StreamProblem::RecordLength { opcode, length, limit });
             }
+            if opcode == CHUNK {
+                self.has_open_chunk = length == 0;
+                let passed = match self.is_plain(&fields(&header)?, length) {
+                    true => {
+                        self.plain_chunk(length, visit)?;
+                        true
+                    }
+                    false => self.pass(length, visit)?,
+                };
+                if passed {
+                    continue;
+                }
+            }
             let piece = match is_skipped {
                 true => match self.input.skip(length)? < length {
                     true => Piece::Cut,
@@ -126,10 +163,7 @@ impl<R: Read> Reader<R> {
             let fields = fields(&header)?;
             match opcode {
                 BAG_HEADER => self.bag_header(&fields)?,
-                CHUNK => {
-                    self.has_open_chunk = length == 0;
-                    self.chunk(&fields, &data, is_cut, visit)?;
-                }
+                CHUNK => self.chunk(&fields, &data, is_cut, visit)?,
                 CONNECTION | MESSAGE if !is_cut => self.record(opcode, &fields, &data, visit)?,
                 _ => {}
             }
@@ -172,9 +206,138 @@ impl<R: Read> Reader<R> {
             return Err(StreamProblem::Encrypted(String::from_utf8_lossy(encryptor).into_owned()));
         }
         self.index_start = u64::from_le_bytes(fields.array("index_pos")?);
-        let count = |name| fields.array(name).map(|bytes| u64::from(u32::from_le_bytes(bytes)));
+        let count = |name| fields.u32(name).map(u64::from);
         self.expected_in_index = count("conn_count")? + count("chunk_count")?;
+        if self.record_start == MAGIC.len() as u64 {
+            self.chunks = self.summaries(count("chunk_count")?)?.unwrap_or_default();
+        }
         Ok(())
+    }
+
+    /// The chunks as the index at the end of the file tells of them; `None` where it cannot be read or is not
+    /// whole.
+    fn summaries(&mut self, count: u64) -> Result<Option<HashMap<u64, Summary>>, StreamProblem> {
+        let length = self.input.length().unwrap_or(0).saturating_sub(self.index_start);
+        if self.index_start == 0 || length > MAX_INDEX_BYTES {
+            return Ok(None);
+        }
+        let bytes = self.input.peek(self.index_start, length)?;
+        let mut rest = bytes.as_slice();
+        let mut chunks = HashMap::new();
+        while let Some((header, data, after)) = record(rest) {
+            rest = after;
+            let Some((at, summary)) = fields(header).ok().and_then(|info| summary(&info, data))
+            else {
+                continue;
+            };
+            chunks.insert(at, summary);
+        }
+        Ok((rest.is_empty() && chunks.len() as u64 == count).then_some(chunks))
+    }
+
+    /// Passes over a compressed chunk, if the index says that nothing of it is wanted, and the records that follow
+    /// the chunk say so, too.
+    fn pass(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<bool, StreamProblem> {
+        let Some(summary) = self.chunks.remove(&self.record_start) else { return Ok(false) };
+        let is_counted = |id: &u32| {
+            self.connections.get(id).is_some_and(|known| known.wanted == Wanted::Counted)
+        };
+        if summary.counts.is_empty() || !summary.counts.keys().all(is_counted) {
+            return Ok(false);
+        }
+        let start = self.input.offset;
+        let is_there = self.input.skip(length)? == length;
+        let spans = if is_there { self.spans()? } else { None };
+        let agrees = spans.as_ref().is_some_and(|spans| spans.agree(&summary));
+        let Some(spans) = spans.filter(|_| agrees) else {
+            self.input.seek(start)?;
+            self.chunks.clear();
+            visit(Item::Note(index::NOTE))?;
+            return Ok(false);
+        };
+        for (id, span) in spans.0 {
+            let connection =
+                self.connections.get_mut(&id).ok_or(StreamProblem::UnknownChannel(id))?;
+            connection.pass(span.count, span.log_times, visit)?;
+        }
+        Ok(true)
+    }
+
+    /// Whether a chunk is not compressed, whole, and in a file of which not everything is wanted.
+    fn is_plain(&self, chunk: &Fields<'_>, length: u64) -> bool {
+        let end = self.input.offset.saturating_add(length);
+        chunk.find("compression") == Some(b"none")
+            && chunk.u32("size").map(u64::from) == Ok(length)
+            && self.input.length().is_some_and(|there| end <= there)
+            && self.has_counted
+    }
+
+    /// The records of such a chunk, without reading the messages that are not wanted.
+    fn plain_chunk(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<(), StreamProblem> {
+        let end = self.input.offset + length;
+        let (mut header, mut data) = (Vec::new(), Vec::new());
+        while self.input.offset < end {
+            let there = end - self.input.offset;
+            let cut = StreamProblem::CutInChunk { there: there as usize };
+            // Each part with its length.
+            let Some(header_length) = self.length()?.filter(|length| length + 8 <= there) else {
+                return Err(cut);
+            };
+            self.piece(header_length, &mut header)?;
+            let whole = |length: &u64| header_length + length + 8 <= there;
+            let Some(length) = self.length()?.filter(whole) else { return Err(cut) };
+            let fields = chunk_fields(&header)?;
+            let counted = fields.message().and_then(|(id, log_time)| {
+                let known = self.connections.get_mut(&id)?;
+                (known.wanted == Wanted::Counted).then_some((known, log_time))
+            });
+            match counted {
+                Some((known, log_time)) => {
+                    self.input.skip(length)?;
+                    known.pass(1, (log_time, log_time), visit)?;
+                }
+                None => {
+                    self.piece(length, &mut data)?;
+                    self.record(fields.opcode()?, &fields, &data, visit)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What the records of the index that follow a chunk say of it; `None` where they are damaged. The input
+    /// goes to their end.
+    fn spans(&mut self) -> Result<Option<Spans>, StreamProblem> {
+        let mut spans = Spans::default();
+        let (mut header, mut data) = (Vec::new(), Vec::new());
+        loop {
+            let start = self.input.offset;
+            match self.length()? {
+                Some(length) if length <= MAX_HEADER_BYTES => self.piece(length, &mut header)?,
+                _ => return Ok(None),
+            };
+            let Ok(fields) = fields(&header) else { return Ok(None) };
+            if fields.opcode() != Ok(INDEX) {
+                self.input.seek(start)?;
+                return Ok(Some(spans));
+            }
+            match self.length()? {
+                Some(length) if length <= MAX_CHUNK_BYTES => self.piece(length, &mut data)?,
+                _ => return Ok(None),
+            };
+            let (entries, rest) = data.as_chunks::<12>();
+            let Ok(id) = fields.u32("conn") else { return Ok(None) };
+            if !rest.is_empty() || fields.u32("count") != Ok(entries.len() as u32) {
+                return Ok(None);
+            }
+            spans.add(
+                id,
+                entries.iter().filter_map(|entry| {
+                    let (&time, offset) = entry.split_first_chunk()?;
+                    Some((nanoseconds(time), u64::from(u32::from_le_bytes(*offset.first_chunk()?))))
+                }),
+            );
+        }
     }
 
     fn chunk(
@@ -184,7 +347,7 @@ impl<R: Read> Reader<R> {
         is_cut: bool,
         visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
-        let size = u64::from(u32::from_le_bytes(fields.array("size")?));
+        let size = u64::from(fields.u32("size")?);
         let compression = match fields.text("compression")? {
             "none" => Compression::None,
             "bz2" => Compression::Bzip2,
@@ -198,7 +361,7 @@ impl<R: Read> Reader<R> {
             return Ok(());
         }
         let records = unpack(compression, packed, size, is_cut)?;
-        let mut rest = records.as_slice();
+        let mut rest = &*records;
         while !rest.is_empty() {
             let Some((header, data, after)) = record(rest) else {
                 let there = rest.len();
@@ -207,14 +370,8 @@ impl<R: Read> Reader<R> {
                     false => Err(StreamProblem::CutInChunk { there }),
                 };
             };
-            let fields = self::fields(header)?;
-            let opcode = fields.opcode()?;
-            if !matches!(opcode, CONNECTION | MESSAGE) {
-                return Err(
-                    BadRecord::new("Chunk", "op", "neither a connection nor a message").into()
-                );
-            }
-            self.record(opcode, &fields, data, visit)?;
+            let fields = chunk_fields(header)?;
+            self.record(fields.opcode()?, &fields, data, visit)?;
             rest = after;
         }
         Ok(())
@@ -227,7 +384,7 @@ impl<R: Read> Reader<R> {
         data: &[u8],
         visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
-        let id = u32::from_le_bytes(fields.array("conn")?);
+        let id = fields.u32("conn")?;
         if opcode == CONNECTION {
             let topic = fields.text("topic")?.to_owned();
             // The publisher's own header, laid out like that of a record.
@@ -245,26 +402,27 @@ impl<R: Read> Reader<R> {
                 }
                 Some(_) => {}
                 None => {
-                    visit(Item::Channel(&channel))?;
-                    self.connections.insert(id, Connection { channel, messages: 0 });
+                    let wanted = visit(Item::Channel(&channel))?;
+                    self.has_counted |= wanted == Wanted::Counted;
+                    self.connections.insert(id, Connection { channel, messages: 0, wanted });
                 }
             }
             return Ok(());
         }
-        let [s0, s1, s2, s3, n0, n1, n2, n3] = fields.array("time")?;
-        let seconds = u64::from(u32::from_le_bytes([s0, s1, s2, s3]));
-        let log_time = seconds * 1_000_000_000 + u64::from(u32::from_le_bytes([n0, n1, n2, n3]));
+        let log_time = nanoseconds(fields.array("time")?);
         let connection = self.connections.get_mut(&id).ok_or(StreamProblem::UnknownChannel(id))?;
         let sequence = connection.messages;
         connection.messages = sequence.wrapping_add(1);
-        visit(Item::Message(Message {
+        connection.wanted = visit(Item::Message(Message {
             channel: &connection.channel,
             sequence,
             log_time,
             publish_time: log_time,
             data,
             position: Position::Byte(self.record_start),
-        }))
+        }))?;
+        self.has_counted |= connection.wanted == Wanted::Counted;
+        Ok(())
     }
 
     /// At the end of the file, where no record is cut.
@@ -298,32 +456,47 @@ impl<R: Read> Reader<R> {
     }
 }
 
-/// The fields of a header.
-struct Fields<'a>(Vec<(&'a [u8], &'a [u8])>);
+/// The fields of a header: its bytes, which are well formed.
+struct Fields<'a>(&'a [u8]);
 
 /// Fields `name=value`, each after its length.
-fn fields(mut header: &[u8]) -> Result<Fields<'_>, BadRecord> {
-    let mut fields = Vec::new();
-    while !header.is_empty() {
-        let (field, rest) = blob(header).ok_or(BadRecord::new(
+fn fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
+    let mut rest = header;
+    while !rest.is_empty() {
+        let (field, after) = blob(rest).ok_or(BadRecord::new(
             "Header",
             "length of a field",
             "longer than the header",
         ))?;
-        let end = field.iter().position(|&byte| byte == b'=').ok_or(BadRecord::new(
-            "Header",
-            "field",
-            "without \"=\"",
-        ))?;
-        fields.push((&field[..end], &field[end + 1..]));
-        header = rest;
+        if !field.contains(&b'=') {
+            return Err(BadRecord::new("Header", "field", "without \"=\""));
+        }
+        rest = after;
     }
-    Ok(Fields(fields))
+    Ok(Fields(header))
+}
+
+/// The fields of a record in a chunk.
+fn chunk_fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
+    let fields = fields(header)?;
+    match fields.opcode()? {
+        CONNECTION | MESSAGE => Ok(fields),
+        _ => Err(BadRecord::new("Chunk", "op", "neither a connection nor a message")),
+    }
 }
 
 impl<'a> Fields<'a> {
     fn find(&self, name: &str) -> Option<&'a [u8]> {
-        self.0.iter().find(|(found, _)| *found == name.as_bytes()).map(|&(_, value)| value)
+        let mut rest = self.0;
+        while let Some((field, after)) = blob(rest) {
+            if let Some(value) =
+                field.strip_prefix(name.as_bytes()).and_then(|end| end.strip_prefix(b"="))
+            {
+                return Some(value);
+            }
+            rest = after;
+        }
+        None
     }
 
     fn array<const N: usize>(&self, name: &'static str) -> Result<[u8; N], BadRecord> {
@@ -339,6 +512,38 @@ impl<'a> Fields<'a> {
     fn opcode(&self) -> Result<u8, BadRecord> {
         self.array("op").map(|[opcode]| opcode)
     }
+
+    fn u32(&self, name: &'static str) -> Result<u32, BadRecord> {
+        self.array(name).map(u32::from_le_bytes)
+    }
+
+    /// Connection and time of a message; `None` for other records.
+    fn message(&self) -> Option<(u32, u64)> {
+        let time = nanoseconds(self.array("time").ok()?);
+        (self.opcode() == Ok(MESSAGE)).then_some((self.u32("conn").ok()?, time))
+    }
+}
+
+/// A chunk of the index at the end of a file, with its place.
+fn summary(info: &Fields<'_>, data: &[u8]) -> Option<(u64, Summary)> {
+    if info.opcode() != Ok(CHUNK_INFO) {
+        return None;
+    }
+    let at = u64::from_le_bytes(info.array("chunk_pos").ok()?);
+    let [first, last] = ["start_time", "end_time"].map(|name| info.array(name).ok());
+    let (counts, _) = data.as_chunks::<8>();
+    let count = |&[a, b, c, d, e, f, g, h]: &[u8; 8]| {
+        let count = u32::from_le_bytes([e, f, g, h]) as usize;
+        (u32::from_le_bytes([a, b, c, d]), Some(count))
+    };
+    let log_times = (nanoseconds(first?), nanoseconds(last?));
+    Some((at, Summary { log_times, counts: counts.iter().map(count).collect() }))
+}
+
+/// Seconds and nanoseconds of ROS 1 as nanoseconds.
+fn nanoseconds([a, b, c, d, e, f, g, h]: [u8; 8]) -> u64 {
+    let [seconds, rest] = [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes);
+    u64::from(seconds) * 1_000_000_000 + u64::from(rest)
 }
 
 /// Bytes after their length, and what follows them.

@@ -19,7 +19,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, Row};
 use tempfile::{NamedTempFile, TempDir};
 
 use super::chunk::MAX_CHUNK_BYTES;
-use super::item::{Channel, Container, Input, Item, Message, SchemaText, Visit};
+use super::item::{Channel, Container, Input, Item, Message, Passed, SchemaText, Visit, Wanted};
 use super::position::Position;
 use super::problem::{StreamError, StreamProblem};
 use crate::packed::damage;
@@ -164,8 +164,8 @@ impl Database {
 
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
         let mut topics = self.topics().map_err(StreamError::at_start)?;
-        for topic in topics.values() {
-            visit(Item::Channel(&topic.channel)).map_err(StreamError::at_start)?;
+        for topic in topics.values_mut() {
+            topic.wanted = visit(Item::Channel(&topic.channel)).map_err(StreamError::at_start)?;
         }
         let mut rows = Rows::default();
         let end = self.messages(&mut topics, &mut rows, visit);
@@ -228,7 +228,7 @@ impl Database {
                 message_encoding: text(row, 3, "topics.serialization_format")?,
                 schema: Some(Arc::new(SchemaText { name, encoding, data })),
             };
-            topics.insert(number, Topic { channel, messages: 0 });
+            topics.insert(number, Topic { channel, messages: 0, wanted: Wanted::Shown });
             Ok(())
         })?;
         Ok(topics)
@@ -264,8 +264,11 @@ impl Database {
         at: &mut Rows,
         visit: &mut Visit<'_>,
     ) -> Result<(), Stop> {
-        let query = "SELECT rowid, topic_id, timestamp, data FROM messages NOT INDEXED";
+        // The data stands last in a row, and what is not asked for is not read.
+        let query = "SELECT rowid, topic_id, timestamp, length(data) FROM messages NOT INDEXED";
         let mut statement = self.connection.prepare(query).map_err(Stop::of)?;
+        let of_row = "SELECT data FROM messages NOT INDEXED WHERE rowid = ?1";
+        let mut of_row = self.connection.prepare(of_row).map_err(Stop::of)?;
         let mut rows = statement.query([]).map_err(Stop::of)?;
         let mut left = self.bytes;
         while let Some(row) = rows.next().map_err(Stop::of)? {
@@ -276,25 +279,39 @@ impl Database {
             }
             let topic = integer(row, 1, "messages.topic_id")?;
             let log_time = integer(row, 2, "messages.timestamp")?;
-            let data = match row.get_ref(3).map_err(Stop::of)? {
-                ValueRef::Blob(data) => data,
-                ValueRef::Null => &[],
-                other => {
-                    return Err(wrong_type("messages.data", &other, "a BLOB").into());
-                }
-            };
-            left = left.checked_sub(data.len() as u64).ok_or_else(|| {
+            let length: Option<i64> = row.get(3).map_err(Stop::of)?;
+            left = left.checked_sub(length.map_or(0, i64::unsigned_abs)).ok_or_else(|| {
                 Stop::Damage("the messages take more bytes than the file has".to_owned())
             })?;
             let topic = topics.get_mut(&topic).ok_or(StreamProblem::UnknownTopic(topic))?;
             let sequence = topic.messages;
             topic.messages = sequence.wrapping_add(1);
+            let channel = &topic.channel;
+            let log_time = u64::try_from(log_time).unwrap_or(0);
+            if topic.wanted == Wanted::Counted {
+                at.used = Some(number);
+                let passed = Passed { channel, count: 1, log_times: (log_time, log_time) };
+                topic.wanted = visit(Item::Passed(passed))?;
+                continue;
+            }
+            let mut found = of_row.query([number]).map_err(Stop::of)?;
+            let row = found.next().map_err(Stop::of)?;
+            let data = match row.map(|row| row.get_ref(0)).transpose().map_err(Stop::of)? {
+                Some(ValueRef::Blob(data)) => data,
+                Some(ValueRef::Null) => &[],
+                Some(other) => {
+                    return Err(wrong_type("messages.data", &other, "a BLOB").into());
+                }
+                None => {
+                    return Err(Stop::Damage(format!("row {number} is not where it should be")));
+                }
+            };
             at.used = Some(number);
-            visit(Item::Message(Message {
-                channel: &topic.channel,
+            topic.wanted = visit(Item::Message(Message {
+                channel,
                 sequence,
-                log_time: u64::try_from(log_time).unwrap_or(0),
-                publish_time: u64::try_from(log_time).unwrap_or(0),
+                log_time,
+                publish_time: log_time,
                 data,
                 position: Position::Row(number),
             }))?;
@@ -314,6 +331,7 @@ struct Rows {
 struct Topic {
     channel: Channel,
     messages: u32,
+    wanted: Wanted,
 }
 
 /// Why no more messages come.

@@ -7,11 +7,12 @@ use std::path::Path;
 use encoding_rs_io::DecodeReaderBytes;
 
 use crate::bag::clouds::{self, BagCloud, CloudOptions};
+use crate::bag::content::{Content, Purpose};
 use crate::bag::error::BagError;
 use crate::bag::poses::{self, PoseTopic};
-use crate::bag::recording::{self, purpose};
+use crate::bag::recording;
 use crate::bag::survey::Survey;
-use crate::bag::topics::{Content, PoseRole, Purpose};
+use crate::bag::topics::PoseRole;
 use crate::carmen;
 use crate::carmen::ScanKind;
 use crate::carmen::reader::CarmenError;
@@ -41,7 +42,8 @@ pub fn read_log(path: &Path) -> Result<Log, LogError> {
 pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> {
     // Opening a directory succeeds on Unix; reading it fails with a less helpful message.
     if path.is_dir() {
-        let content = content_of_folder(path, purpose(options))?;
+        let mut content = recording::content(options);
+        add_folder(&mut content, path)?;
         return recording::assemble(content, options).map_err(at(path));
     }
     read_opened(open(path)?, path, true, options)
@@ -70,7 +72,8 @@ fn read_opened(
 ) -> Result<Log, LogError> {
     let input = some(input, path)?;
     if container::of(input.head()).is_some() {
-        let content = content_of(input, path, is_file, purpose(options))?;
+        let mut content = recording::content(options);
+        content.add(source(input, path, is_file), None).map_err(at(path))?;
         return recording::assemble(content, options).map_err(at(path));
     }
     let is_utf16 = matches!(input.head(), [0xff, 0xfe, ..] | [0xfe, 0xff, ..]);
@@ -124,10 +127,11 @@ pub fn is_bag(path: &Path) -> Result<bool, LogError> {
 /// # Errors
 /// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
 pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
-    poses::poses(&content(path, Purpose::Scans)?, topic, role).map_err(at(path))
+    poses::poses(filled(Content::new(Purpose::Scans, None), path)?, topic, role).map_err(at(path))
 }
 
 /// What is in a bag, a file or a folder, however little of it could be read as a log; `None` for what is no bag.
+/// Of one that is damaged, what comes before; [`Survey::truncated`] says what is wrong.
 ///
 /// # Errors
 /// [`LogError`] when it cannot be opened or is damaged before its first message.
@@ -135,7 +139,14 @@ pub fn survey(path: &Path, options: &ReadOptions) -> Result<Option<Survey>, LogE
     if !is_bag(path)? {
         return Ok(None);
     }
-    Ok(Some(Survey::of(&content(path, Purpose::Topics)?, options)))
+    let mut content = Content::new(Purpose::Topics, None);
+    if let Err(error) = add(&mut content, path) {
+        if content.is_empty() {
+            return Err(error);
+        }
+        content.truncated = Some(error.to_string());
+    }
+    Ok(Some(Survey::of(&content, options)))
 }
 
 /// Reads the point clouds of one topic of a bag, a file or a folder.
@@ -144,7 +155,7 @@ pub fn survey(path: &Path, options: &ReadOptions) -> Result<Option<Survey>, LogE
 /// [`LogError`] when it cannot be opened or is no bag, and as
 /// [`bag::read_clouds`](crate::bag::read_clouds).
 pub fn read_clouds(path: &Path, options: &CloudOptions) -> Result<BagCloud, LogError> {
-    clouds::join(&content(path, Purpose::Clouds)?, options).map_err(at(path))
+    clouds::join(filled(clouds::content(options), path)?, options).map_err(at(path))
 }
 
 /// Whether a folder holds a bag: a `metadata.yaml`, or files that are named like those of bags.
@@ -153,41 +164,34 @@ pub fn is_bag_folder(path: &Path) -> bool {
 }
 
 /// The content of the bag at a path, a file or a folder.
-fn content(path: &Path, purpose: Purpose) -> Result<Content, LogError> {
+fn filled(mut content: Content, path: &Path) -> Result<Content, LogError> {
+    add(&mut content, path)?;
+    Ok(content)
+}
+
+fn add(content: &mut Content, path: &Path) -> Result<(), LogError> {
     if path.is_dir() {
-        return content_of_folder(path, purpose);
+        return add_folder(content, path);
     }
     let input = some(open(path)?, path)?;
     if container::of(input.head()).is_none() {
         refuse_foreign(&input, path)?;
     }
-    content_of(input, path, true, purpose)
+    content.add(source(input, path, true), None).map_err(at(path))
 }
 
-fn content_of(
-    input: Unpacked<'_>,
-    path: &Path,
-    is_file: bool,
-    purpose: Purpose,
-) -> Result<Content, LogError> {
-    let mut content = Content::new(purpose);
-    content.add(source(input, path, is_file), None).map_err(at(path))?;
-    Ok(content)
-}
-
-fn content_of_folder(folder: &Path, purpose: Purpose) -> Result<Content, LogError> {
+fn add_folder(content: &mut Content, folder: &Path) -> Result<(), LogError> {
     if !folder::is_bag(folder) {
         return Err(LogError::Directory { path: folder.to_owned() });
     }
     let bag = folder::open(folder).map_err(|error| at(folder)(error.into()))?;
-    let mut content = Content::new(purpose);
     content.types = bag.types;
     for path in bag.files {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let input = some(open(&path)?, &path)?;
         content.add(source(input, &path, true), Some(&name)).map_err(at(&path))?;
     }
-    Ok(content)
+    Ok(())
 }
 
 fn source<'a>(input: Unpacked<'a>, path: &'a Path, is_file: bool) -> Input<'a> {

@@ -1,5 +1,6 @@
 //! The same messages as a ROS 1 bag, written in code.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use mcl_datasets::bag::cdr::{Value, decode};
@@ -21,14 +22,19 @@ pub struct Ros1Options {
 pub const ROS1: Ros1Options = Ros1Options { compression: "none", chunk: 20, has_index: true };
 
 /// A message in the encoding of ROS 1, whose headers have a number before the stamp.
-pub fn encode(schema: &MessageSchema, definition: &Definition, value: &Value, out: &mut Vec<u8>) {
+pub fn encode(
+    schema: &MessageSchema,
+    definition: &Definition,
+    value: &Value<'_>,
+    out: &mut Vec<u8>,
+) {
     let Value::Message(values) = value else { panic!("a message") };
     if definition.name == "std_msgs/Header" {
         out.extend(7_u32.to_le_bytes());
     }
     for (field, value) in definition.fields.iter().zip(values) {
         let items: Vec<Value> = match value {
-            Value::Numbers(numbers) => numbers.iter().map(|&n| Value::Number(n)).collect(),
+            Value::Numbers(numbers) => numbers.to_vec().into_iter().map(Value::Number).collect(),
             Value::Bytes(bytes) => bytes.iter().map(|&b| Value::Number(f64::from(b))).collect(),
             Value::List(items) => items.clone(),
             one => vec![one.clone()],
@@ -138,9 +144,13 @@ pub fn connection(out: &mut Vec<u8>, id: u32, topic: &str, name: &str, text: &st
 }
 
 pub fn message(out: &mut Vec<u8>, id: u32, log_time: u64, data: &[u8]) {
-    let time = [(log_time / 1_000_000_000) as u32, (log_time % 1_000_000_000) as u32];
-    let time = time.map(u32::to_le_bytes).concat();
+    let time = time(log_time);
     record(out, &[("op", &[2]), ("conn", &id.to_le_bytes()), ("time", &time)], data);
+}
+
+fn time(log_time: u64) -> Vec<u8> {
+    let time = [(log_time / 1_000_000_000) as u32, (log_time % 1_000_000_000) as u32];
+    time.map(u32::to_le_bytes).concat()
 }
 
 /// A bag of these messages, whose data is in CDR, in this order.
@@ -148,9 +158,10 @@ pub fn ros1_bag(entries: &[Entry], options: Ros1Options) -> Vec<u8> {
     let connections = connections(entries);
     let mut body = Vec::new();
     let mut seen = Vec::new();
-    let mut chunks = 0_u32;
+    let mut infos = Vec::new();
     for part in entries.chunks(options.chunk) {
         let mut records = Vec::new();
+        let mut index: BTreeMap<u32, Vec<u8>> = BTreeMap::new();
         for entry in part {
             let name = entry.schema.0.replace("/msg/", "/");
             let is_of = |(topic, found, _): &(&str, String, String)| {
@@ -168,24 +179,48 @@ pub fn ros1_bag(entries: &[Entry], options: Ros1Options) -> Vec<u8> {
                 Ok(value) => encode(&schema, schema.root(), &value, &mut data),
                 Err(_) => data.push(1),
             }
+            let offset = (records.len() as u32).to_le_bytes();
+            index
+                .entry(id as u32)
+                .or_default()
+                .extend([&time(entry.log_time)[..], &offset].concat());
             message(&mut records, id as u32, entry.log_time, &data);
         }
+        let at = (bag_header(0, 0, 0).len() + body.len()) as u64;
         let packed = pack(options.compression, &records);
         chunk(&mut body, options.compression, records.len() as u32, &packed);
-        record(&mut body, &[("op", &[4]), ("ver", &1_u32.to_le_bytes())], &[0; 36]);
-        chunks += 1;
+        let mut counts = Vec::new();
+        for (id, entries) in &index {
+            let (id, count) = (id.to_le_bytes(), (entries.len() as u32 / 12).to_le_bytes());
+            counts.extend([id, count].concat());
+            let fields: [(&str, &[u8]); 4] =
+                [("op", &[4]), ("ver", &1_u32.to_le_bytes()), ("conn", &id), ("count", &count)];
+            record(&mut body, &fields, entries);
+        }
+        let times = || part.iter().map(|entry| entry.log_time);
+        let [first, last] = [times().min(), times().max()].map(|at| time(at.unwrap()));
+        let count = (index.len() as u32).to_le_bytes();
+        let mut info = Vec::new();
+        let fields: [(&str, &[u8]); 6] = [
+            ("op", &[6]),
+            ("ver", &1_u32.to_le_bytes()),
+            ("chunk_pos", &at.to_le_bytes()),
+            ("start_time", &first),
+            ("end_time", &last),
+            ("count", &count),
+        ];
+        record(&mut info, &fields, &counts);
+        infos.push(info);
     }
     let start = bag_header(0, 0, 0).len() + body.len();
     if !options.has_index {
         return [bag_header(0, 0, 0), body].concat();
     }
-    let mut out = bag_header(start as u64, connections.len() as u32, chunks);
+    let mut out = bag_header(start as u64, connections.len() as u32, infos.len() as u32);
     out.extend(body);
     for (id, (topic, name, text)) in connections.iter().enumerate() {
         connection(&mut out, id as u32, topic, name, text);
     }
-    for _ in 0..chunks {
-        record(&mut out, &[("op", &[6]), ("ver", &1_u32.to_le_bytes())], &[0; 12]);
-    }
+    out.extend(infos.concat());
     out
 }

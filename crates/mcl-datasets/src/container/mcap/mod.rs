@@ -1,5 +1,5 @@
 //! The messages of one MCAP file, from its first byte to its last: chunked or not, with or without an
-//! index, which is not used.
+//! index, by which chunks without any message that is wanted are passed over.
 //!
 //! Records are framed here and not by the `mcap` crate, because its reader neither tells where in the
 //! file a record is, nor keeps what a cut chunk still holds, and overflows on a record that is longer
@@ -7,16 +7,20 @@
 
 mod fields;
 mod records;
+mod summary;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
 use std::sync::Arc;
 
 use mcap::records::op;
 
 use crate::container::chunk::MAX_CHUNK_BYTES;
+use crate::container::index::{self, Spans, Summary};
 use crate::container::input::Counted;
-use crate::container::item::{Channel, Container, Input, Item, Message, SchemaText, Visit};
+use crate::container::item::{
+    Channel, Container, Input, Item, Message, Passed, SchemaText, Visit, Wanted,
+};
 use crate::container::position::Position;
 use crate::container::problem::{StreamError, StreamProblem};
 use fields::Fields;
@@ -26,13 +30,15 @@ pub static CONTAINER: Container =
     Container { name: "MCAP", magic: mcap::MAGIC, ending: "mcap", storage: Some("mcap"), read };
 
 fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
-    read_stream(input.stream, visit)
+    read_counted(Counted::new(input), visit)
 }
 
 /// Largest record accepted outside of chunks that is passed over unread (attachments), in bytes.
 pub const MAX_SKIPPED_BYTES: u64 = 1 << 40;
 /// Bytes of a chunk record before its content, generously.
 const CHUNK_HEADER_BYTES: u64 = 1 << 16;
+/// Bytes of it that are looked at to pass over a chunk.
+const CHUNK_HEAD_BYTES: u64 = 64;
 /// Code and length of a record.
 const PREFIX_BYTES: usize = 9;
 
@@ -49,36 +55,43 @@ pub fn read_stream(
     input: impl Read,
     mut visit: impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
 ) -> Result<Option<String>, StreamError> {
+    read_counted(Counted::of_stream(input), &mut |item| visit(item).map(|()| Wanted::Shown))
+}
+
+fn read_counted(input: Counted<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
     let mut reader = Reader {
-        input: Counted::new(input),
+        input,
         channels: BTreeMap::new(),
         schemas: BTreeMap::new(),
+        chunks: HashMap::new(),
         record_start: 0,
     };
-    match reader.read(&mut visit) {
+    match reader.read(visit) {
         Ok(end) => Ok(end),
         Err(problem) => Err(StreamError { position: Position::Byte(reader.record_start), problem }),
     }
 }
 
-struct Reader<R> {
-    input: Counted<R>,
-    channels: BTreeMap<u16, Channel>,
+struct Reader<'a> {
+    input: Counted<'a>,
+    channels: BTreeMap<u16, (Channel, Wanted)>,
     schemas: BTreeMap<u16, Arc<SchemaText>>,
+    /// The chunks by their place, as the summary of the file tells, where there is one and it is believed.
+    chunks: HashMap<u64, Summary>,
     /// Where the record being read begins.
     record_start: u64,
 }
 
-impl<R: Read> Reader<R> {
-    fn read(
-        &mut self,
-        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
-    ) -> Result<Option<String>, StreamProblem> {
+impl Reader<'_> {
+    fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         let mut body = Vec::new();
         self.input.read_up_to(mcap::MAGIC.len() as u64, &mut body)?;
         if !mcap::MAGIC.starts_with(&body) {
             return Err(StreamProblem::Magic);
         }
+        self.input.crc = Some(crc32fast::Hasher::new());
+        self.input.crc.iter_mut().for_each(|crc| crc.update(&body));
+        self.chunks = summary::read(&mut self.input)?.unwrap_or_default();
         let mut is_data_complete = false;
         loop {
             self.record_start = self.input.offset;
@@ -109,6 +122,9 @@ impl<R: Read> Reader<R> {
                 }
                 continue;
             }
+            if opcode == op::CHUNK && self.pass(length, visit)? {
+                continue;
+            }
             body.clear();
             self.input.read_up_to(length, &mut body)?;
             let is_cut = (body.len() as u64) < length;
@@ -132,8 +148,8 @@ impl<R: Read> Reader<R> {
                 }
                 op::DATA_END => {
                     let declared = Fields::new("DataEnd", &body).u32("data_section_crc")?;
-                    let found = crc_before.finalize();
-                    if declared != 0 && declared != found {
+                    let found = crc_before.map(|crc| crc.finalize());
+                    if let Some(found) = found.filter(|found| declared != 0 && declared != *found) {
                         return Err(StreamProblem::DataCrc { declared, found });
                     }
                     is_data_complete = true;
@@ -150,7 +166,7 @@ impl<R: Read> Reader<R> {
         &mut self,
         opcode: u8,
         body: &[u8],
-        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+        visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
         match opcode {
             op::SCHEMA => {
@@ -186,13 +202,13 @@ impl<R: Read> Reader<R> {
                 };
                 let channel = Channel { id: u32::from(id), topic, message_encoding, schema };
                 match self.channels.get(&id) {
-                    Some(known) if *known != channel => {
+                    Some((known, _)) if *known != channel => {
                         return Err(StreamProblem::Conflict("Channel", u32::from(id)));
                     }
                     Some(_) => {}
                     None => {
-                        visit(Item::Channel(&channel))?;
-                        self.channels.insert(id, channel);
+                        let wanted = visit(Item::Channel(&channel))?;
+                        self.channels.insert(id, (channel, wanted));
                     }
                 }
             }
@@ -202,9 +218,11 @@ impl<R: Read> Reader<R> {
                 let sequence = fields.u32("sequence")?;
                 let log_time = fields.u64("log_time")?;
                 let publish_time = fields.u64("publish_time")?;
-                let channel =
-                    self.channels.get(&id).ok_or(StreamProblem::UnknownChannel(u32::from(id)))?;
-                visit(Item::Message(Message {
+                let (channel, wanted) = self
+                    .channels
+                    .get_mut(&id)
+                    .ok_or(StreamProblem::UnknownChannel(u32::from(id)))?;
+                *wanted = visit(Item::Message(Message {
                     channel,
                     sequence,
                     log_time,
@@ -218,18 +236,84 @@ impl<R: Read> Reader<R> {
         Ok(())
     }
 
+    /// Passes over a chunk of `length` bytes, if the summary says that nothing of it is wanted, and the records
+    /// that follow the chunk say so, too.
+    fn pass(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<bool, StreamProblem> {
+        let Some(summary) = self.chunks.remove(&self.record_start) else { return Ok(false) };
+        let channel = |id: &u32| self.channels.get(&u16::try_from(*id).ok()?);
+        let is_counted =
+            |id: &u32| channel(id).is_some_and(|(_, wanted)| *wanted == Wanted::Counted);
+        if summary.counts.is_empty() || !summary.counts.keys().all(is_counted) {
+            return Ok(false);
+        }
+        let start = self.input.offset;
+        let head = self.input.peek(start, CHUNK_HEAD_BYTES.min(length))?;
+        let (log_times, plain) = records::head(&head).unwrap_or_default();
+        // A checksum of all would have to be made of all.
+        self.input.crc = None;
+        let is_there = self.input.skip(length)? == length;
+        let spans = if is_there { self.spans()? } else { None };
+        let mut agrees = log_times == summary.log_times
+            && spans.as_ref().is_some_and(|spans| spans.agree(&summary));
+        for (&id, span) in spans.iter().flat_map(|spans| &spans.0) {
+            let Some(plain) = plain.filter(|_| agrees) else { break };
+            let (offset, time) = span.sample;
+            let at = start.saturating_add(plain).saturating_add(offset);
+            let bytes = self.input.peek(at, summary::MESSAGE_HEAD_BYTES)?;
+            agrees &= summary::message(&bytes) == Some((id, time));
+        }
+        let Some(spans) = spans.filter(|_| agrees) else {
+            self.input.seek(start)?;
+            self.chunks.clear();
+            visit(Item::Note(index::NOTE))?;
+            return Ok(false);
+        };
+        for (id, span) in spans.0 {
+            let known = u16::try_from(id).ok().and_then(|id| self.channels.get_mut(&id));
+            let (channel, wanted) = known.ok_or(StreamProblem::UnknownChannel(id))?;
+            let (count, log_times) = (span.count, span.log_times);
+            *wanted = visit(Item::Passed(Passed { channel, count, log_times }))?;
+        }
+        Ok(true)
+    }
+
+    /// What the records of the index that follow a chunk say of it; `None` where they are damaged. The input
+    /// goes to their end.
+    fn spans(&mut self) -> Result<Option<Spans>, StreamProblem> {
+        let mut spans = Spans::default();
+        let mut body = Vec::new();
+        loop {
+            let start = self.input.offset;
+            body.clear();
+            self.input.read_up_to(PREFIX_BYTES as u64, &mut body)?;
+            let length = match prefix(&body) {
+                Some((op::MESSAGE_INDEX, length)) if length <= MAX_CHUNK_BYTES => length,
+                Some((op::MESSAGE_INDEX, _)) | None => return Ok(None),
+                Some(_) => {
+                    self.input.seek(start)?;
+                    return Ok(Some(spans));
+                }
+            };
+            body.clear();
+            self.input.read_up_to(length, &mut body)?;
+            if body.len() as u64 != length || !summary::add_entries(&body, &mut spans) {
+                return Ok(None);
+            }
+        }
+    }
+
     fn chunk(
         &mut self,
         body: &[u8],
         is_cut: bool,
-        visit: &mut impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
+        visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
         let records = match records::of(body, is_cut) {
             // The cut is in the chunk's own fields: nothing of it can be told.
             Err(StreamProblem::Record(_)) if is_cut => return Ok(()),
             other => other?,
         };
-        let mut rest = records.as_slice();
+        let mut rest = &*records;
         while let Some((opcode, length)) = prefix(rest) {
             let body = &rest[PREFIX_BYTES..];
             let Some((body, after)) =

@@ -1,12 +1,14 @@
 //! What a chunk of an MCAP file holds: its compression undone, its length and checksum checked.
 
+use std::borrow::Cow;
+
 use super::fields::Fields;
 use crate::container::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
-use crate::container::problem::StreamProblem;
+use crate::container::problem::{BadRecord, StreamProblem};
 
 /// The records of a chunk, back to back. Of a chunk whose file is cut off (`is_cut`), as much as can
 /// be told of it.
-pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Vec<u8>, StreamProblem> {
+pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Cow<'_, [u8]>, StreamProblem> {
     let mut fields = Fields::new("Chunk", body);
     fields.bytes("message_start_time, message_end_time", 16)?;
     let size = fields.u64("uncompressed_size")?;
@@ -37,4 +39,17 @@ pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Vec<u8>, StreamProblem> {
         return Err(StreamProblem::ChunkCrc { declared: crc, found });
     }
     Ok(records)
+}
+
+/// When the first and the last message of a chunk were recorded, in nanoseconds, and where in its body the
+/// records begin, if they are not compressed.
+pub(super) fn head(body: &[u8]) -> Result<((u64, u64), Option<u64>), BadRecord> {
+    let mut fields = Fields::new("Chunk", body);
+    let log_times = (fields.u64("message_start_time")?, fields.u64("message_end_time")?);
+    fields.u64("uncompressed_size")?;
+    fields.u32("uncompressed_crc")?;
+    let is_plain = fields.text("compression")?.is_empty();
+    fields.u64("records")?;
+    let start = body.len() - fields.rest().len();
+    Ok((log_times, is_plain.then_some(start as u64)))
 }

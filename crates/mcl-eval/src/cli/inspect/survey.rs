@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Error, Result};
 use mcl_core::text::{counted, printable};
-use mcl_datasets::bag::{BagError, Choice, Survey, TopicFacts};
+use mcl_datasets::bag::{Choice, Survey, TopicFacts};
 use mcl_datasets::log::{LogError, survey};
 use serde::Serialize;
 
@@ -94,25 +94,15 @@ impl Surveyed {
     }
 }
 
-/// Shows a bag that no log can be read from; with any other file, the error is returned.
+/// Shows what can be read of a bag that no log can be read from as asked, or that is damaged; with any other
+/// file, the error is returned.
 pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     let name = args.data.log.log.as_str();
-    let is_of_content = match error.downcast_ref::<LogError>() {
-        // What was asked for is not there, or the file itself is damaged.
-        Some(LogError::Bag { error, .. }) => !matches!(
-            **error,
-            BagError::Stream(_) | BagError::NoTopic { .. } | BagError::WrongType { .. }
-        ),
-        _ => false,
-    };
-    if !is_of_content {
+    if error.downcast_ref::<LogError>().is_none() {
         return Err(error);
     }
     let file = input_files([name]).into_iter().find(|path: &PathBuf| path.exists());
-    let found = match file {
-        Some(path) => survey(&path, &args.data.options().read)?,
-        None => None,
-    };
+    let found = file.and_then(|path| survey(&path, &args.data.options().read).ok().flatten());
     let Some(found) = found.filter(|found| found.topics.iter().any(|topic| topic.messages > 0))
     else {
         return Err(error);

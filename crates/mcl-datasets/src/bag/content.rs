@@ -1,0 +1,472 @@
+//! The content of a bag: its topics, and the messages of those that could be of use.
+
+use std::borrow::Cow;
+use std::cell::OnceCell;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::Arc;
+
+use super::cdr::{Encoding, View};
+use super::error::BagError;
+use super::layout::{SchemaError, plain_name};
+use super::messages::{MessageError, ScanMessage, TransformMessage, malformed};
+use super::schema::MessageSchema;
+use super::types;
+use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
+use crate::container::chunk::{Compression, inflate};
+use crate::container::item::{Channel, Input, Item, Message, SchemaText, Wanted};
+use crate::container::position::Position;
+use crate::container::problem::StreamProblem;
+use crate::container::read;
+use crate::packed::ZSTD_MAGIC;
+
+/// Memory that the messages kept of a bag may take, in bytes: some 700,000 scans of 720 beams.
+pub const MAX_KEPT_BYTES: u64 = 4 << 30;
+
+/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
+/// kind takes some fifty times its bytes.
+pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
+/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes 24 bytes per point
+/// beside them, and a message of nothing but names of fields some fifteen times its bytes.
+pub const MAX_CLOUD_BYTES: usize = 64 << 20;
+
+/// Bytes of a topic's first message that are looked at: those of its header.
+const HEAD_BYTES: usize = 512;
+/// Topics named in a message; a file may have 65,535.
+const LISTED_TOPICS: usize = 100;
+/// Topics whose messages are decoded as they are read; of more, only those that are used are.
+const DECODED_TOPICS: usize = 64;
+
+const SCAN: &str = "sensor_msgs/LaserScan";
+const ODOMETRY: &str = "nav_msgs/Odometry";
+const POSE: &str = "geometry_msgs/PoseStamped";
+const POSE_WITH_COVARIANCE: &str = "geometry_msgs/PoseWithCovarianceStamped";
+const TRANSFORMS: &str = "tf2_msgs/TFMessage";
+const CLOUD: &str = "sensor_msgs/PointCloud2";
+const MULTI_ECHO: &str = "sensor_msgs/MultiEchoLaserScan";
+const TRANSFORM: &str = "geometry_msgs/TransformStamped";
+const PATH: &str = "nav_msgs/Path";
+/// Kinds of messages with a pose, and their names.
+pub(super) const POSE_KINDS: [Kind; 5] =
+    [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry, Kind::Transform, Kind::Path];
+
+/// What messages of a type are used as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Scan,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Transforms,
+    Cloud,
+    MultiEcho,
+    Transform,
+    Path,
+}
+
+impl Kind {
+    fn of(type_name: &str) -> Option<Self> {
+        Some(match type_name {
+            SCAN => Kind::Scan,
+            ODOMETRY => Kind::Odometry,
+            POSE => Kind::Pose,
+            POSE_WITH_COVARIANCE => Kind::PoseWithCovariance,
+            TRANSFORMS | "tf/tfMessage" => Kind::Transforms,
+            CLOUD => Kind::Cloud,
+            MULTI_ECHO => Kind::MultiEcho,
+            TRANSFORM => Kind::Transform,
+            PATH => Kind::Path,
+            _ => return None,
+        })
+    }
+}
+
+impl Kind {
+    /// Whether a scan is in it, or can be made of it.
+    pub fn is_scan(self) -> bool {
+        matches!(self, Kind::Scan | Kind::MultiEcho | Kind::Cloud)
+    }
+
+    pub fn is_pose(self) -> bool {
+        POSE_KINDS.contains(&self)
+    }
+}
+
+/// A topic with one type and description of its messages.
+#[derive(Debug)]
+pub(super) struct Topic {
+    pub name: String,
+    pub encoding: String,
+    pub description: Option<Arc<SchemaText>>,
+    /// What its messages are used as, if at all.
+    pub kind: Option<Kind>,
+    pub messages: usize,
+    /// When the first and the last of them were logged, in nanoseconds.
+    pub logged: Option<(u64, u64)>,
+    /// The first bytes of the first of them.
+    pub head: Vec<u8>,
+    layout: OnceCell<Result<Layout, NoLayout>>,
+}
+
+/// How the messages of a topic are laid out.
+#[derive(Debug)]
+pub(super) struct Layout {
+    encoding: Encoding,
+    pub schema: MessageSchema,
+    /// Whether the bag does not describe the type, so that the standard's description is taken.
+    pub is_standard: bool,
+}
+
+/// Why no message of a topic can be decoded.
+#[derive(Debug)]
+enum NoLayout {
+    Encoding,
+    Schema(SchemaError),
+}
+
+impl Topic {
+    pub fn type_name(&self) -> &str {
+        self.description.as_ref().map_or("no type", |schema| &schema.name)
+    }
+
+    pub fn is_cloud(&self) -> bool {
+        Kind::of(&plain_name(self.type_name())) == Some(Kind::Cloud)
+    }
+
+    /// How its messages are laid out.
+    pub fn layout(&self) -> Result<&Layout, BagError> {
+        let layout = self.layout.get_or_init(|| self.parsed()).as_ref();
+        layout.map_err(|error| match error {
+            NoLayout::Encoding => {
+                BagError::Encoding { topic: self.name.clone(), encoding: self.encoding.clone() }
+            }
+            NoLayout::Schema(error) => self.schema_error(error.clone()),
+        })
+    }
+
+    pub fn schema_error(&self, error: SchemaError) -> BagError {
+        BagError::Schema {
+            topic: self.name.clone(),
+            schema: self.type_name().to_owned(),
+            error: Box::new(error),
+        }
+    }
+
+    fn parsed(&self) -> Result<Layout, NoLayout> {
+        let encoding = Encoding::named(&self.encoding).ok_or(NoLayout::Encoding)?;
+        let (schema, is_standard) = self.schema();
+        Ok(Layout { encoding, schema: schema.map_err(NoLayout::Schema)?, is_standard })
+    }
+
+    /// The schema that the bag describes, or else, and whether it is that, the standard's for this type.
+    pub fn schema(&self) -> (Result<MessageSchema, SchemaError>, bool) {
+        let Some(text) = &self.description else {
+            return (Err(SchemaError::NoRoot(String::new())), false);
+        };
+        let standard = || types::named(&plain_name(&text.name));
+        if let Some(kind) = text.data.is_empty().then(standard).flatten() {
+            let (language, text) = match self.encoding.as_str() {
+                "ros1" => ("ros1msg", kind.description_of_ros1()),
+                _ => ("ros2msg", kind.description()),
+            };
+            return (MessageSchema::parse(kind.name, language, text.as_bytes()), true);
+        }
+        (MessageSchema::parse(&text.name, &text.encoding, &text.data), false)
+    }
+
+    /// What a message says, decoded where that takes no more than its bytes; a message that cannot be read stays
+    /// as it is, and so does what is wrong with it.
+    fn body(&self, data: &[u8]) -> Option<Body> {
+        let layout = self.layout().ok()?;
+        let scan = |value: fn(&View<'_>) -> Result<ScanMessage, MessageError>| {
+            let scan = layout.decode(MAX_MESSAGE_BYTES, data, value);
+            scan.map(|scan| Body::Scan(Box::new(scan)))
+        };
+        match self.kind? {
+            Kind::Scan => scan(ScanMessage::new),
+            Kind::MultiEcho => scan(ScanMessage::multi_echo),
+            Kind::Odometry => layout
+                .decode(MAX_MESSAGE_BYTES, data, TransformMessage::of_odometry)
+                .map(|moved| Body::Odometry(Box::new(moved))),
+            _ => return None,
+        }
+        .ok()
+    }
+}
+
+impl Layout {
+    /// What `value` makes of an encoded message of at most `limit` bytes.
+    pub fn decode<T>(
+        &self,
+        limit: usize,
+        data: &[u8],
+        value: impl FnOnce(&View<'_>) -> Result<T, MessageError>,
+    ) -> Result<T, MessageError> {
+        if data.len() > limit {
+            let found = format!("{} bytes long", data.len());
+            return Err(malformed("the message", found, format!("at most {limit}")));
+        }
+        let decoded = self.encoding.decode(&self.schema, data)?;
+        value(&View::new(&self.schema, &decoded))
+    }
+}
+
+/// A message of a topic that could be of use.
+#[derive(Debug)]
+pub(super) struct Kept {
+    /// Index of its topic.
+    pub topic: usize,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub position: Position,
+    pub body: Body,
+}
+
+/// What a message says.
+#[derive(Debug)]
+pub(super) enum Body {
+    Encoded(Vec<u8>),
+    Scan(Box<ScanMessage>),
+    /// What a `nav_msgs/Odometry` says of its two frames.
+    Odometry(Box<TransformMessage>),
+}
+
+impl Kept {
+    /// Memory that it takes; empty ones count, too.
+    fn bytes(&self) -> u64 {
+        let of_body = match &self.body {
+            Body::Encoded(data) => data.len(),
+            Body::Scan(scan) => size_of::<ScanMessage>() + size_of_val(&*scan.ranges),
+            Body::Odometry(_) => size_of::<TransformMessage>(),
+        };
+        (of_body + size_of::<Kept>()) as u64
+    }
+}
+
+/// What a bag is read for: messages of other kinds are counted, but not kept in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Purpose {
+    /// Laser scans and poses.
+    #[default]
+    Scans,
+    /// Point clouds, of which scans are made, and poses.
+    Slices,
+    /// Point clouds, and where they were taken.
+    Clouds,
+    /// Nothing: to see what is there.
+    Topics,
+}
+
+impl Purpose {
+    fn keeps(self, kind: Kind) -> bool {
+        match self {
+            Purpose::Scans | Purpose::Topics => kind != Kind::Cloud,
+            Purpose::Slices => !matches!(kind, Kind::Scan | Kind::MultiEcho),
+            Purpose::Clouds => matches!(kind, Kind::Cloud | Kind::Odometry | Kind::Transforms),
+        }
+    }
+}
+
+/// The content of a bag, of one file or several.
+#[derive(Debug, Default)]
+pub(crate) struct Content {
+    purpose: Purpose,
+    /// The topic of scans or clouds that is asked for; of others, messages are only counted.
+    asked: Option<String>,
+    pub(super) topics: Vec<Topic>,
+    pub(super) messages: Vec<Kept>,
+    /// Types of messages by topic, where something beside the bag's files says them.
+    pub types: BTreeMap<String, String>,
+    /// Why the bag ends early, if it does.
+    pub truncated: Option<String>,
+    /// How it was read, where that is not as usual.
+    pub(super) notes: Vec<String>,
+    /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
+    /// stamps of 0 are times otherwise.
+    pub unstamped: Option<BTreeSet<u32>>,
+    /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
+    /// file may have 65,535.
+    by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
+    kept_bytes: u64,
+}
+
+impl Content {
+    /// Nothing yet.
+    pub fn new(purpose: Purpose, asked: Option<&str>) -> Self {
+        Content { purpose, asked: asked.map(str::to_owned), ..Content::default() }
+    }
+
+    /// Reads one more file; `name` tells it from the others of a split bag.
+    pub fn add(&mut self, input: Input<'_>, name: Option<&str>) -> Result<(), BagError> {
+        let mut by_id: BTreeMap<u32, usize> = BTreeMap::new();
+        let truncated = read(input, &mut |item| match item {
+            Item::Channel(channel) => {
+                let topic = self.topic_of(channel);
+                by_id.insert(channel.id, topic);
+                Ok(self.wanted(topic))
+            }
+            Item::Message(message) => {
+                let Some(&topic) = by_id.get(&message.channel.id) else {
+                    return Ok(Wanted::Counted);
+                };
+                self.topics[topic].count(1, (message.log_time, message.log_time));
+                self.keep(topic, &message)?;
+                Ok(self.wanted(topic))
+            }
+            Item::Passed(passed) => {
+                if let Some(&topic) = by_id.get(&passed.channel.id) {
+                    self.topics[topic].count(passed.count, passed.log_times);
+                }
+                Ok(Wanted::Counted)
+            }
+            Item::Metadata(METADATA_NAME, entries) => {
+                let unstamped = entries.iter().find(|(key, _)| *key == UNSTAMPED_KEY);
+                let list = unstamped.map_or("", |(_, list)| list);
+                let numbers = list.split_ascii_whitespace().filter_map(|n| n.parse::<u32>().ok());
+                self.unstamped.get_or_insert_default().extend(numbers);
+                Ok(Wanted::Shown)
+            }
+            Item::Note(note) => {
+                self.notes.push(note.to_owned());
+                Ok(Wanted::Shown)
+            }
+            Item::Metadata(..) => Ok(Wanted::Shown),
+        })?;
+        let told = |reason| match name {
+            Some(name) => format!("{name}: {reason}"),
+            None => reason,
+        };
+        self.truncated = self.truncated.take().or(truncated.map(told));
+        Ok(())
+    }
+
+    /// Index of a channel's topic.
+    fn topic_of(&mut self, channel: &Channel) -> usize {
+        let typed = |name: &String| {
+            let (encoding, data) = (String::new(), Vec::new());
+            Arc::new(SchemaText { name: name.clone(), encoding, data })
+        };
+        let description = channel.schema.clone();
+        let description = description.or_else(|| self.types.get(&channel.topic).map(typed));
+        let (name, encoding) = (channel.topic.clone(), channel.message_encoding.clone());
+        let key = (name.clone(), encoding.clone(), description.clone());
+        *self.by_description.entry(key).or_insert_with(|| {
+            let kind = description.as_ref().and_then(|text| Kind::of(&plain_name(&text.name)));
+            self.topics.push(Topic {
+                name,
+                encoding,
+                description,
+                kind: kind.filter(|&kind| self.purpose.keeps(kind)),
+                messages: 0,
+                logged: None,
+                head: Vec::new(),
+                layout: OnceCell::new(),
+            });
+            self.topics.len() - 1
+        })
+    }
+
+    fn is_kept(&self, topic: &Topic) -> bool {
+        let is_other = |kind: Kind| {
+            kind.is_scan() && self.asked.as_ref().is_some_and(|asked| *asked != topic.name)
+        };
+        self.purpose != Purpose::Topics && topic.kind.is_some_and(|kind| !is_other(kind))
+    }
+
+    /// The first message of each topic is looked at, and those of topics of use are kept.
+    fn wanted(&self, topic: usize) -> Wanted {
+        let topic = &self.topics[topic];
+        match topic.messages == 0 || self.is_kept(topic) {
+            true => Wanted::Shown,
+            false => Wanted::Counted,
+        }
+    }
+
+    fn keep(&mut self, topic: usize, message: &Message<'_>) -> Result<(), StreamProblem> {
+        let found = &self.topics[topic];
+        let (is_first, is_kept) = (found.messages == 1, self.is_kept(found));
+        if !is_first && !is_kept {
+            return Ok(());
+        }
+        let data = unpacked(message);
+        if is_first {
+            self.topics[topic].head = data[..data.len().min(HEAD_BYTES)].to_vec();
+        }
+        if !is_kept {
+            return Ok(());
+        }
+        let decoded = (topic < DECODED_TOPICS).then(|| self.topics[topic].body(&data)).flatten();
+        let kept = Kept {
+            topic,
+            sequence: message.sequence,
+            log_time: message.log_time,
+            position: message.position,
+            body: decoded.unwrap_or_else(|| Body::Encoded(data.into_owned())),
+        };
+        self.kept_bytes += kept.bytes();
+        if self.kept_bytes > MAX_KEPT_BYTES {
+            return Err(StreamProblem::TooMuch(MAX_KEPT_BYTES));
+        }
+        self.messages.push(kept);
+        Ok(())
+    }
+
+    /// Whether no message was found.
+    pub fn is_empty(&self) -> bool {
+        self.topics.iter().all(|topic| topic.messages == 0)
+    }
+
+    /// Every topic with its type and number of messages.
+    pub fn list(&self) -> String {
+        list(self.topics.iter())
+    }
+
+    /// Messages of kinds that are not read.
+    pub fn ignored(&self) -> usize {
+        self.topics.iter().filter(|topic| topic.kind.is_none()).map(|topic| topic.messages).sum()
+    }
+
+    /// Names of the topics with messages of one of these kinds.
+    pub(super) fn names(&self, kinds: &[Kind]) -> Vec<&str> {
+        let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
+        let used = self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0);
+        let names: BTreeSet<&str> = used.map(|topic| topic.name.as_str()).collect();
+        names.into_iter().collect()
+    }
+}
+
+impl Topic {
+    fn count(&mut self, count: usize, (first, last): (u64, u64)) {
+        self.messages += count;
+        let (known_first, known_last) = self.logged.unwrap_or((first, last));
+        self.logged = Some((known_first.min(first), known_last.max(last)));
+    }
+}
+
+/// The bytes of a message, which rosbag2 may have compressed on its own. CDR begins with a NUL, so these
+/// first bytes tell. What does not unpack stays as it is, and is no message of its type.
+fn unpacked<'a>(message: &Message<'a>) -> Cow<'a, [u8]> {
+    if message.channel.message_encoding == "cdr" && message.data.starts_with(ZSTD_MAGIC) {
+        let (data, outcome) = inflate(Compression::Zstd, message.data, MAX_CLOUD_BYTES as u64 + 1);
+        if outcome.is_ok() {
+            return data;
+        }
+    }
+    Cow::Borrowed(message.data)
+}
+
+/// Topics with their types and numbers of messages.
+pub(super) fn list<'a>(topics: impl Iterator<Item = &'a Topic>) -> String {
+    let mut topics: Vec<String> = topics
+        .map(|topic| {
+            let s = if topic.messages == 1 { "" } else { "s" };
+            format!("{} ({}, {} message{s})", topic.name, topic.type_name(), topic.messages)
+        })
+        .collect();
+    topics.sort();
+    let more = topics.len().saturating_sub(LISTED_TOPICS);
+    if more > 0 {
+        topics.truncate(LISTED_TOPICS);
+        topics.push(format!("… and {more} more"));
+    }
+    if topics.is_empty() { "none".to_owned() } else { topics.join(", ") }
+}

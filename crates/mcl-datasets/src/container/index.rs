@@ -1,0 +1,58 @@
+//! What the index of a file says of its chunks, so that those without any message that is wanted are passed
+//! over. It is believed only where two places of the file say the same: its summary, and the records that
+//! follow each chunk.
+
+use std::collections::BTreeMap;
+
+/// What is told where the index is wrong.
+pub(super) const NOTE: &str =
+    "the index of the bag does not say what is in it, so all of it is read";
+
+/// Messages of one channel in a chunk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Span {
+    pub count: usize,
+    /// When the first and the last of them were recorded, in nanoseconds.
+    pub log_times: (u64, u64),
+    /// Where one of them stands in the unpacked chunk, and when it was recorded.
+    pub sample: (u64, u64),
+}
+
+/// A chunk in the summary of a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Summary {
+    /// When the first and the last of its messages were recorded, in nanoseconds.
+    pub log_times: (u64, u64),
+    /// Its channels with the number of messages, where that is said.
+    pub counts: BTreeMap<u32, Option<usize>>,
+}
+
+/// The messages of a chunk by channel, as the records that follow it tell.
+#[derive(Debug, Default)]
+pub(super) struct Spans(pub BTreeMap<u32, Span>);
+
+impl Spans {
+    /// Adds entries of a channel: when each message was recorded, and where it stands.
+    pub fn add(&mut self, channel: u32, entries: impl Iterator<Item = (u64, u64)>) {
+        for (time, offset) in entries {
+            let one = Span { count: 0, log_times: (time, time), sample: (offset, time) };
+            let span = self.0.entry(channel).or_insert(one);
+            span.count += 1;
+            let (first, last) = span.log_times;
+            span.log_times = (first.min(time), last.max(time));
+        }
+    }
+
+    /// Whether the summary says the same.
+    pub fn agree(&self, summary: &Summary) -> bool {
+        let first = self.0.values().map(|span| span.log_times.0).min();
+        let last = self.0.values().map(|span| span.log_times.1).max();
+        let is_counted = |(channel, count): (&u32, &Option<usize>)| {
+            let found = self.0.get(channel);
+            found.is_some_and(|span| count.is_none_or(|count| span.count == count))
+        };
+        first.zip(last) == Some(summary.log_times)
+            && self.0.len() == summary.counts.len()
+            && summary.counts.iter().all(is_counted)
+    }
+}
