@@ -237,7 +237,7 @@ fn a_lost_robot_finds_itself() {
     let scans: Vec<usize> = (0..recording.scans.len()).collect();
     let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
     let lost = FilterSettings {
-        particles: 5_000,
+        particles: 5_000.into(),
         initial_pose: InitialPose::Uniform {},
         sigma_hit: 0.2,
         ..settings()
