@@ -1,3 +1,5 @@
+use std::num::NonZero;
+
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use crate::memory::check_room;
@@ -58,6 +60,14 @@ impl<const D: usize> NearestNeighbors<D> {
     pub fn nearest(&self, query: &Point<D>) -> Neighbor {
         let found = self.tree.query(query).nearest_one::<SquaredEuclidean<f64>>().execute();
         Neighbor { index: found.item as usize, distance_squared: found.distance }
+    }
+
+    /// Squared distance (m²) from an indexed point to the nearest other one, 0 if another lies at the same place;
+    /// infinite without another.
+    pub fn nearest_other(&self, point: &Point<D>) -> f64 {
+        const TWO: NonZero<usize> = NonZero::new(2).unwrap();
+        let found = self.tree.query(point).nearest_n::<SquaredEuclidean<f64>>(TWO).execute();
+        found.get(1).map_or(f64::INFINITY, |neighbor| neighbor.distance)
     }
 
     /// The nearest point to a finite query; of all points within [`TIE_DISTANCE`] of the smallest

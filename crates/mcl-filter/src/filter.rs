@@ -1,3 +1,4 @@
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
@@ -13,12 +14,13 @@ use crate::recovery::Averages;
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
 use crate::start::LikelyPlaces;
 use crate::{
-    CheckedSettings, Estimate, FilterError, FilterSettings, InitialPose, Particles, Proposal, Resampling,
+    CheckedSettings, Estimate, FilterError, FilterSettings, InitialPose, Particles, Proposal,
+    Resampling,
 };
 
 /// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
-/// 128.
-const BRIDGE_STAGES: i32 = 8;
+/// 181.
+const BRIDGE_STAGES: i32 = 16;
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -111,9 +113,15 @@ pub struct ParticleFilter<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Start {
     /// No scan has said yet where the robot may be.
-    Waiting { beams: f64, agreement: f64 },
+    Waiting {
+        beams: f64,
+        agreement: f64,
+    },
     /// Particles are in places that differ.
-    Searching { beams: f64, agreement: f64 },
+    Searching {
+        beams: f64,
+        agreement: f64,
+    },
     Done,
 }
 
@@ -277,7 +285,7 @@ impl<'a> ParticleFilter<'a> {
     /// Takes the place of a motion that nobody knows, before the scan at its end: the particles are spread by
     /// independent Gaussian noise of these standard deviations on x and y (m) and on the heading (rad). So few of
     /// them would be where the robot is that they are then drawn towards the scan: resampled by its likelihood,
-    /// at first to a small power, and spread by half as much, again and again.
+    /// at first to a small power, and spread by less, again and again.
     ///
     /// # Errors
     /// [`FilterError::NonFiniteParticle`], and those of [`update`](Self::update).
@@ -298,7 +306,8 @@ impl<'a> ParticleFilter<'a> {
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
         let number = self.particles.len();
         for stage in 0..BRIDGE_STAGES {
-            let scale = 0.5_f64.powi(stage);
+            // Spreads shrink by √½ from stage to stage, and the powers of the likelihood sum to 1.
+            let scale = FRAC_1_SQRT_2.powi(stage);
             let Particles { x, y, theta, .. } = &mut self.particles;
             for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
                 let [along, across, turn]: Noise =
@@ -312,7 +321,7 @@ impl<'a> ParticleFilter<'a> {
                 break;
             }
             self.weigh(0..number, outlier_fraction);
-            let power = 0.5_f64.powi(BRIDGE_STAGES - stage);
+            let power = (SQRT_2 - 1.0) * FRAC_1_SQRT_2.powi(BRIDGE_STAGES - stage);
             let Buffers { weights, chosen, scratch, log_likelihoods, .. } = &mut self.buffers;
             let particles = &mut self.particles;
             for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {

@@ -37,4 +37,5 @@ pub use recovery::Recovery;
 pub use sensor::MapDistances;
 pub use settings::{
     Beams, CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
+    SigmaHit,
 };

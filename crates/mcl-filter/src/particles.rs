@@ -144,6 +144,12 @@ impl Particles {
         self.log_weight.resize(self.len(), equal);
     }
 
+    /// No particles yet.
+    #[cfg(test)]
+    pub(crate) fn empty() -> Self {
+        Particles { x: Vec::new(), y: Vec::new(), theta: Vec::new(), log_weight: Vec::new() }
+    }
+
     /// Removes all particles.
     pub(crate) fn clear(&mut self) {
         for component in [&mut self.x, &mut self.y, &mut self.theta, &mut self.log_weight] {

@@ -231,11 +231,14 @@ mod tests {
         let log_likelihoods: Vec<f64> =
             noise.iter().map(|noise| log_likelihood(noise, means, variances)).collect();
         let log_weights = vec![-(4000f64.ln()); 4000];
-        let mut scratch = Vec::new();
-        let exponent = temper(&log_weights, &log_likelihoods, &mut scratch).unwrap();
+        let pilots =
+            Pilots { noise: &noise, log_weights: &log_weights, log_likelihoods: &log_likelihoods };
+        let mut weighing = Weighing::default();
+        let all = log_weights.iter().copied().zip(log_likelihoods.iter().copied());
+        let Tempered { exponent, effective } = weighing.temper(all).unwrap();
         assert!(exponent < 1.0, "the likelihood is to be sharp: {exponent}");
-        let proposal =
-            NoiseProposal::fit(&noise, &log_weights, &log_likelihoods, &mut scratch).unwrap();
+        assert!((400.0..1600.0).contains(&effective), "{effective}");
+        let proposal = NoiseProposal::fit(pilots, 0..0, &mut weighing).unwrap();
         for k in 0..3 {
             let variance = 1.0 / (1.0 + 1.0 / variances[k]);
             let mean = means[k] / variances[k] * variance;
@@ -243,9 +246,8 @@ mod tests {
             // narrow by chance looks as if it did, and untempering enlarges that.
             let found = (proposal.spread * proposal.spread)[(k, k)] / variance;
             assert!(found > 1.0 && found < 1.5 * WIDENING, "axis {k}: {found} of {variance}");
-            // Tempering pulls the mean towards the prior's: within one standard deviation.
             let off = (proposal.mean[k] - mean).abs();
-            assert!(off < variance.sqrt(), "axis {k}: mean off by {off}");
+            assert!(off < 0.5 * variance.sqrt(), "axis {k}: mean off by {off}");
         }
     }
 
@@ -293,6 +295,13 @@ mod tests {
     fn too_few_pilots_give_no_proposal() {
         let noise = standard(LEAST_PILOTS - 1, 2);
         let zeros = vec![0.0; noise.len()];
-        assert!(NoiseProposal::fit(&noise, &zeros, &zeros, &mut Vec::new()).is_none());
+        let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
+        assert!(NoiseProposal::fit(pilots, 0..0, &mut Weighing::default()).is_none());
+        // As do those that are left after a fold.
+        let noise = standard(LEAST_PILOTS, 2);
+        let zeros = vec![0.0; noise.len()];
+        let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
+        assert!(NoiseProposal::fit(pilots, 3..4, &mut Weighing::default()).is_none());
+        assert!(NoiseProposal::fit(pilots, 3..3, &mut Weighing::default()).is_some());
     }
 }

@@ -151,9 +151,7 @@ impl<'a> Search<'a> {
     fn weigh(&self, level: &Level, nodes: &mut [Node], scratch: &mut Lookups) {
         let Lookups { points, distances, floors, ways } = scratch;
         ways.clear();
-        ways.extend(
-            self.beams.iter().map(|[x, y]| SQRT_2 * level.half + x.hypot(*y) * level.turn),
-        );
+        ways.extend(self.beams.iter().map(|[x, y]| SQRT_2 * level.half + x.hypot(*y) * level.turn));
         for nodes in nodes.chunks_mut(BATCH) {
             points.clear();
             for node in &*nodes {
@@ -192,9 +190,8 @@ impl<'a> Search<'a> {
             }
         }
         self.weigh(&level, &mut nodes, &mut scratch);
-        let largest = |nodes: &[Node], least: f64| {
-            nodes.iter().map(|node| node.value).fold(least, f64::max)
-        };
+        let largest =
+            |nodes: &[Node], least: f64| nodes.iter().map(|node| node.value).fold(least, f64::max);
         let mut best = largest(&nodes, f64::NEG_INFINITY);
         for left in (0..LEVELS).rev() {
             level = level.next();
@@ -226,9 +223,8 @@ impl Node {
     /// The eight halves along each axis.
     fn children(&self) -> impl Iterator<Item = Node> + use<> {
         let place = self.place;
-        (0..8u32).map(move |half| {
-            Node::at([0, 1, 2].map(|axis| 2 * place[axis] + (half >> axis & 1)))
-        })
+        (0..8u32)
+            .map(move |half| Node::at([0, 1, 2].map(|axis| 2 * place[axis] + (half >> axis & 1))))
     }
 }
 
@@ -296,10 +292,210 @@ impl LikelyPlaces {
             particles.log_weight.push(self.log_share + (sum / density).ln() - (number as f64).ln());
         }
     }
+}
 
-    /// Number of boxes.
-    #[cfg(test)]
-    fn len(&self) -> usize {
-        self.places.len()
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::ObstacleGrid;
+    use crate::{Beams, FilterSettings, SigmaHit};
+    use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
+    use proptest::prelude::*;
+
+    const REACH: f64 = 12.0;
+
+    fn field(distances: &MapDistances) -> LikelihoodField<'_> {
+        let settings = FilterSettings {
+            sigma_hit: SigmaHit::Metres(0.3),
+            max_range: REACH,
+            ..FilterSettings::default()
+        };
+        LikelihoodField::new(distances, &settings.check().unwrap()).unwrap()
+    }
+
+    /// A room of 6 m × 4 m without symmetry: a pillar and a niche.
+    fn room() -> Vec<Point<2>> {
+        let along = |from: Point<2>, to: Point<2>| {
+            (0..=20).map(move |i| [0, 1].map(|k| from[k] + (to[k] - from[k]) * f64::from(i) / 20.0))
+        };
+        let corners = [
+            [0.0, 0.0],
+            [6.0, 0.0],
+            [6.0, 4.0],
+            [2.5, 4.0],
+            [2.5, 5.0],
+            [1.5, 5.0],
+            [1.5, 4.0],
+            [0.0, 4.0],
+        ];
+        let walls =
+            (0..corners.len()).flat_map(|i| along(corners[i], corners[(i + 1) % corners.len()]));
+        walls.chain(along([4.0, 1.0], [4.0, 1.5])).collect()
+    }
+
+    /// What a scanner that looks all around sees from a pose: per beam the nearest point within half a beam.
+    fn scan(points: &[Point<2>], pose: Pose2) -> LaserScan {
+        let beams = 72;
+        let angle_step = 2.0 * PI / f64::from(beams);
+        let ranges = (0..beams).map(|beam| {
+            let direction = pose.theta - PI + f64::from(beam) * angle_step;
+            let seen = points.iter().filter_map(|p| {
+                let (dx, dy) = (p[0] - pose.x, p[1] - pose.y);
+                let off = mcl_core::wrap_angle(dy.atan2(dx) - direction).abs();
+                (off < 0.5 * angle_step).then(|| dx.hypot(dy))
+            });
+            seen.fold(f64::INFINITY, f64::min)
+        });
+        LaserScan {
+            stamp: None,
+            geometry: ScanGeometry { start_angle: -PI, angle_step, beams: beams as usize },
+            ranges: ranges.collect(),
+            map_from_laser: None,
+            odometry: None,
+            sweep: Default::default(),
+        }
+    }
+
+    fn endpoints(scan: &LaserScan) -> ScanEndpoints {
+        let mut endpoints = ScanEndpoints::default();
+        endpoints.load(scan, &Pose2::IDENTITY, Beams::All, REACH).unwrap();
+        endpoints
+    }
+
+    fn kinds(points: &[Point<2>], cut: f64) -> [MapDistances; 3] {
+        let map = PointMap::new(points.to_vec()).unwrap();
+        let resolution = 0.25;
+        let map_from_grid = Pose2::new(-1.0, -2.0, 0.3);
+        let mut occupied = vec![false; 40 * 40];
+        for &point in points {
+            let [column, row] =
+                map_from_grid.inverse().transform_point(point).map(|place| place / resolution);
+            if (0.0..40.0).contains(&column) && (0.0..40.0).contains(&row) {
+                occupied[row as usize * 40 + column as usize] = true;
+            }
+        }
+        let grid = ObstacleGrid { width: 40, resolution, map_from_grid, occupied: &occupied };
+        [
+            MapDistances::grid(&map, cut).unwrap(),
+            MapDistances::reference(&map, cut).unwrap(),
+            MapDistances::cells(&grid, cut).unwrap(),
+        ]
+    }
+
+    proptest! {
+        /// No pose in a box is likelier than the box's bound, of any size and on any kind of map with bounds.
+        #[test]
+        fn the_bound_is_a_bound(
+            points in prop::collection::vec([0.0..6.0f64, 0.0..5.0f64], 1..40),
+            cut in prop::sample::select(vec![0.5, 2.0]),
+            ends in prop::collection::vec([-8.0..8.0f64, -8.0..8.0f64], 1..20),
+            place in [0..60u32, 0..60u32, 0..40u32],
+            half in 0.01..1.0f64,
+            turn in 0.001..0.5f64,
+            inside in prop::collection::vec([-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64], 30),
+        ) {
+            let points: Vec<Point<2>> = points.into_iter().chain([[3.0, 2.0]]).collect();
+            for distances in &kinds(&points, cut) {
+                let search = Search {
+                    distances,
+                    table: BeamTable::new(0.7, 0.05, 0.3),
+                    beams: ends.clone(),
+                    boxes: [1; 3],
+                    root: Level { corner: [-3.0, -3.0], half, turn },
+                };
+                let mut nodes = [Node::at(place)];
+                search.weigh(&search.root, &mut nodes, &mut Lookups::default());
+                let centre = search.root.centre(place);
+                prop_assert!(nodes[0].value <= nodes[0].bound);
+                for [x, y, theta] in inside.iter().copied() {
+                    let pose = Pose2 {
+                        x: centre.x + half * x,
+                        y: centre.y + half * y,
+                        theta: centre.theta + turn * theta,
+                    };
+                    let (sin, cos) = pose.theta.sin_cos();
+                    let exact = ends.iter().map(|[bx, by]| {
+                        let place = [pose.x + cos * bx - sin * by, pose.y + sin * bx + cos * by];
+                        let mut squared = Vec::new();
+                        distances.distances_squared(&[place], &mut squared);
+                        search.table.at(squared[0].sqrt())
+                    });
+                    prop_assert!(exact.sum::<f64>() <= nodes[0].bound + 1e-9);
+                }
+            }
+        }
+    }
+
+    /// Branch and bound keeps exactly the leaves that weighing all of them keeps.
+    #[test]
+    fn no_leaf_is_lost() {
+        let points = room();
+        let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
+        for distances in &kinds(&points, 2.0) {
+            let field = field(distances);
+            let search = Search::new(&field, &scan);
+            for below in [3.0, 20.0] {
+                let (level, kept, best) = search.leaves(below).unwrap();
+                let [columns, rows, headings] = search.boxes.map(|boxes| boxes << LEVELS);
+                let mut all = Vec::new();
+                for heading in 0..headings {
+                    for row in 0..rows {
+                        all.extend((0..columns).map(|column| Node::at([column, row, heading])));
+                    }
+                }
+                search.weigh(&level, &mut all, &mut Lookups::default());
+                let most = all.iter().map(|node| node.value).fold(f64::NEG_INFINITY, f64::max);
+                assert_eq!(most, best);
+                all.retain(|node| node.value >= best - below);
+                let sorted = |nodes: &[Node]| {
+                    let mut places: Vec<[u32; 3]> = nodes.iter().map(|node| node.place).collect();
+                    places.sort_unstable();
+                    places
+                };
+                assert!(all.len() > 1);
+                assert_eq!(sorted(&kept), sorted(&all));
+            }
+        }
+    }
+
+    #[test]
+    fn a_scan_is_found_where_it_was_taken() {
+        let points = room();
+        let map = PointMap::new(points.clone()).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let field = field(&distances);
+        for pose in [Pose2::new(1.7, 1.2, 0.4), Pose2::new(5.0, 3.0, -2.5)] {
+            let scan = endpoints(&scan(&points, pose));
+            let places = LikelyPlaces::search(&field, &scan, 1.0).unwrap();
+            let mut particles = Particles::empty();
+            places.draw(1000, &mut Seed::new(1).rng(), &mut particles);
+            let near = particles.iter().filter(|(found, _)| found.distance(&pose) < 0.5);
+            assert!(near.count() > 900, "{pose:?}");
+        }
+    }
+
+    /// The weights make up for where poses are drawn: the mean of L/q is ∫L over all poses, whatever the
+    /// exponent that q has, as long as nothing of L is cut off.
+    #[test]
+    fn draws_are_weighed_by_their_density() {
+        let points = room();
+        let map = PointMap::new(points.clone()).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let field = field(&distances);
+        let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
+        let evidence = [1.0, 0.5, 0.25].map(|exponent| {
+            let places = LikelyPlaces::search(&field, &scan, exponent).unwrap();
+            let mut particles = Particles::empty();
+            places.draw(100_000, &mut Seed::new(2).rng(), &mut particles);
+            let terms: Vec<f64> = particles
+                .iter()
+                .map(|(pose, log)| log + field.log_likelihood(&scan, pose))
+                .collect();
+            let most = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()
+        });
+        for other in &evidence[1..] {
+            assert!((other - evidence[0]).abs() < 0.1, "{evidence:?}");
+        }
     }
 }

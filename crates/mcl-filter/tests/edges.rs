@@ -3,8 +3,8 @@
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::sensor::DistanceField;
 use mcl_filter::{
-    FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, Proposal, Replay,
-    Resampling, localize,
+    FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, Preset, Proposal,
+    Replay, Resampling, SigmaHit, localize,
 };
 use proptest::prelude::*;
 
@@ -80,7 +80,7 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
             )| {
                 FilterSettings {
                     particles,
-                    sigma_hit,
+                    sigma_hit: SigmaHit::Metres(sigma_hit),
                     z_rand,
                     max_distance,
                     max_range,
@@ -214,8 +214,8 @@ fn a_million_particles_agree_with_ten_thousand() {
     let initial_pose = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.2 };
     for proposal in Proposal::ALL {
         let run = |particles| {
-            let settings =
-                FilterSettings { particles, initial_pose, proposal, ..Default::default() };
+            let book = Preset::Book.settings();
+            let settings = FilterSettings { particles, initial_pose, proposal, ..book };
             let settings = settings.check().unwrap();
             let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
             let increments = [None, Some(Pose2::IDENTITY), Some(Pose2::IDENTITY)];

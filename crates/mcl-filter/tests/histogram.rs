@@ -5,7 +5,10 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use mcl_core::{LaserScan, PointMap, Pose2, ScanGeometry, Seed};
-use mcl_filter::{FilterSettings, InitialPose, MapDistances, ParticleFilter, Proposal, Resampling};
+use mcl_filter::{
+    FilterSettings, InitialPose, MapDistances, MotionKind, ParticleFilter, Proposal, Resampling,
+    SigmaHit,
+};
 
 const WORLD: [[f64; 2]; 12] = [
     [0.0, 0.0],
@@ -135,8 +138,9 @@ fn agrees_with_exact_filtering_for_every_resampling() {
         let settings = FilterSettings {
             particles: 10_000.into(),
             initial_pose: InitialPose::Known { std_x: STD[0], std_y: STD[1], std_theta: STD[2] },
+            motion: MotionKind::Book,
             alpha: ALPHA,
-            sigma_hit: SIGMA_HIT,
+            sigma_hit: SigmaHit::Metres(SIGMA_HIT),
             z_rand: Z_RAND,
             max_distance: MAX_DISTANCE,
             max_range: MAX_RANGE,

@@ -4,8 +4,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
 use mcl_filter::{
-    Bridge, CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, OdometryNoise,
-    ParticleFilter, Proposal, Replay, Run, localize, localize_with, noisy_increments,
+    Bridge, CheckedSettings, FilterError, FilterSettings, InitialPose, MapDistances, MotionKind,
+    OdometryNoise, ParticleFilter, Proposal, Replay, Run, SigmaHit, localize, localize_with,
+    noisy_increments,
 };
 
 /// Corners of the room (m): no symmetry turns it into itself.
@@ -81,7 +82,11 @@ fn odometry(recording: &Recording) -> Vec<Option<Pose2>> {
 }
 
 fn settings() -> FilterSettings {
-    FilterSettings { sigma_hit: 0.1, ..FilterSettings::default() }
+    FilterSettings {
+        motion: MotionKind::Book,
+        sigma_hit: SigmaHit::Metres(0.1),
+        ..FilterSettings::default()
+    }
 }
 
 fn checked() -> CheckedSettings {
@@ -149,7 +154,7 @@ fn watching_changes_nothing_and_shows_every_step() {
     let mut steps = Vec::new();
     let watched = localize_with(&replay, &distances, &checked(), start, Seed::new(3), |step| {
         let equal = -(step.particles.len() as f64).ln();
-        assert_eq!(step.particles.len(), settings().particles);
+        assert_eq!(step.particles.len(), settings().particles.most);
         assert!(!step.report.resampled || step.particles.iter().all(|(_, l)| l == equal));
         steps.push((step.scan, *step.report));
         Ok::<(), FilterError>(())
@@ -239,7 +244,7 @@ fn a_lost_robot_finds_itself() {
     let lost = FilterSettings {
         particles: 5_000.into(),
         initial_pose: InitialPose::Uniform {},
-        sigma_hit: 0.2,
+        sigma_hit: SigmaHit::Metres(0.2),
         ..settings()
     };
     let run = localize(&replay, &distances, &lost.check().unwrap(), None, Seed::new(1)).unwrap();

@@ -27,7 +27,9 @@ use mcl_core::{
     LaserScan, LineSegment, NdtCell, NdtMap, PointMap, Pose2, ScanGeometry, Seed, SegmentMap,
 };
 use mcl_filter::sensor::{LikelihoodField, NdtReading, ObstacleGrid, ScanEndpoints};
-use mcl_filter::{Beams, FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter};
+use mcl_filter::{
+    Beams, FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, SigmaHit,
+};
 
 const ROOM: [&str; 5] = ["#####", "#...#", "#...#", "#...#", "#####"];
 const POSES: [(Pose2, f64); 4] = [
@@ -59,7 +61,7 @@ fn scan(ranges: [f64; 4]) -> LaserScan {
 
 fn settings() -> FilterSettings {
     FilterSettings {
-        sigma_hit: 0.5,
+        sigma_hit: SigmaHit::Metres(0.5),
         z_rand: 0.2,
         max_range: 5.0,
         max_distance: 1.0,
@@ -127,7 +129,7 @@ fn an_ndt_map_of_round_gaussians_is_the_room() {
         let found = log_likelihood(&distances, settings(), [2.0; 4], pose);
         assert!((found - expected).abs() < 1e-5, "{pose:?}: {found} for {expected}");
     }
-    let other = FilterSettings { sigma_hit: 0.4, ..settings() }.check().unwrap();
+    let other = FilterSettings { sigma_hit: SigmaHit::Metres(0.4), ..settings() }.check().unwrap();
     assert_eq!(
         LikelihoodField::new(&distances, &other).err(),
         Some(FilterError::SigmaHitMismatch { found: 0.5, expected: 0.4 })
@@ -183,7 +185,7 @@ fn without_random_measurements_nothing_underflows() {
         let pure = FilterSettings { z_rand: 0.0, ..settings() };
         let found = log_likelihood(distances, pure.clone(), [2.0; 4], POSES[1].0);
         assert!((found - 4.0 * (-0.225_791 - 0.5)).abs() < 1e-5, "{found}");
-        let sharp = FilterSettings { sigma_hit: 0.01, ..pure };
+        let sharp = FilterSettings { sigma_hit: SigmaHit::Metres(0.01), ..pure };
         let found = log_likelihood(distances, sharp, [2.0; 4], POSES[3].0);
         // ln(1/(0.01·√2π)) = 3.686232; d²/2σ² = 1/0.0002. An error of d of 10⁻⁷ m, a unit in the
         // last place of the fast path's f32, makes one of d/σ²·10⁻⁷ = 10⁻³ per beam.
@@ -210,8 +212,12 @@ fn distances_of_another_cut_are_refused() {
 fn the_filter_weighs_by_the_product_of_likelihoods() {
     let [grid, _] = &distances();
     let known = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.1 };
-    let settings =
-        FilterSettings { particles: 50.into(), initial_pose: known, ess_fraction: 0.0, ..settings() };
+    let settings = FilterSettings {
+        particles: 50.into(),
+        initial_pose: known,
+        ess_fraction: 0.0,
+        ..settings()
+    };
     let checked = settings.clone().check().unwrap();
     let start = Some(POSES[0].0);
     let mut filter =

@@ -79,3 +79,69 @@ impl GaussianMotion {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Motion;
+    use mcl_core::Seed;
+    use std::f64::consts::PI;
+
+    const POSITION: [f64; 3] = [0.03, 0.1, 0.2];
+    const HEADING: [f64; 3] = [0.05, 0.2, 0.3];
+
+    fn motion(increment: Pose2) -> GaussianMotion {
+        GaussianModel::new(POSITION, HEADING).motion(&increment)
+    }
+
+    #[test]
+    fn the_spread_by_hand() {
+        let GaussianMotion { position_std, heading_std, .. } = motion(Pose2::new(0.3, -0.4, 0.6));
+        // 0.03² + (0.1·0.5)² + (0.2·0.6)², and so for the heading.
+        assert!((position_std - 0.0178_f64.sqrt()).abs() < 1e-15);
+        assert!((heading_std - 0.0449_f64.sqrt()).abs() < 1e-15);
+    }
+
+    /// Table 5.6 spreads a robot that turns in place along one line, and one that hardly moves not at all.
+    #[test]
+    fn every_direction_has_the_same_noise_and_no_step_has_none() {
+        let ahead = motion(Pose2::new(0.5, 0.0, 0.2));
+        for (x, y) in [(-0.5, 0.0), (0.0, 0.5), (0.3, -0.4)] {
+            let other = motion(Pose2::new(x, y, -0.2));
+            assert_eq!(other.position_std.to_bits(), ahead.position_std.to_bits());
+            assert_eq!(other.heading_std.to_bits(), ahead.heading_std.to_bits());
+        }
+        let still = motion(Pose2::IDENTITY);
+        assert_eq!([still.position_std, still.heading_std], [0.03, 0.05]);
+        // No threshold: a little more motion, a little more noise.
+        let (less, more) =
+            (motion(Pose2::new(0.0099, 0.0, 1.0)), motion(Pose2::new(0.0101, 0.0, 1.0)));
+        assert!((more.position_std - less.position_std).abs() < 1e-6);
+    }
+
+    #[test]
+    fn moments_are_those_of_the_model() {
+        const N: usize = 50_000;
+        let increment = Pose2::new(-0.5, 0.1, 2.0);
+        let start = Pose2::new(1.0, 2.0, 3.0);
+        let (mut x, mut y, mut theta) = (vec![1.0; N], vec![2.0; N], vec![3.0; N]);
+        let motion = motion(increment);
+        Motion::Gaussian(motion).sample(&mut x, &mut y, &mut theta, &mut Seed::new(3).rng());
+        let moved = |i: usize| start.between(&Pose2::new(x[i], y[i], theta[i]));
+        type Off = fn(Pose2) -> f64;
+        let axes: [(Off, f64); 3] = [
+            (|p| p.x + 0.5, motion.position_std),
+            (|p| p.y - 0.1, motion.position_std),
+            (|p| wrap_angle(p.theta - 2.0), motion.heading_std),
+        ];
+        for (off, std) in axes {
+            let values: Vec<f64> = (0..N).map(|i| off(moved(i))).collect();
+            let mean = values.iter().sum::<f64>() / N as f64;
+            let variance = values.iter().map(|v| v * v).sum::<f64>() / N as f64;
+            // Standard errors are σ/√N and σ²·√(2/N); 4.5 of them miss once in 150,000.
+            assert!(mean.abs() < 4.5 * std / (N as f64).sqrt(), "{mean}");
+            assert!((variance / (std * std) - 1.0).abs() < 4.5 * (2.0 / N as f64).sqrt());
+        }
+        assert!(theta.iter().all(|theta| theta.abs() <= PI));
+    }
+}

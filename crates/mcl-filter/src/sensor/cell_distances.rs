@@ -74,6 +74,11 @@ impl CellDistances {
         self.max_distance
     }
 
+    /// Edge length of a cell (m).
+    pub fn resolution(&self) -> f64 {
+        1.0 / self.per_metre
+    }
+
     /// The smallest box around the centres of the occupied cells.
     pub fn bounds(&self) -> Bounds<2> {
         self.bounds

@@ -86,6 +86,17 @@ impl MapDistances {
         }
     }
 
+    /// How far apart the things that a map is made of are (m): of points the mean distance to the nearest other
+    /// one, of an occupancy grid the edge of a cell; 0 for segments and Gaussians, which stand for whole walls.
+    pub fn spacing(&self) -> f64 {
+        match self {
+            MapDistances::Grid(field) => field.exact.spacing,
+            MapDistances::Reference(exact) => exact.spacing,
+            MapDistances::Cells(cells) => cells.resolution(),
+            MapDistances::Ndt(_) | MapDistances::Segments(_) => 0.0,
+        }
+    }
+
     /// Replaces `distances` by the distance of each point from the map, cut (m), and `floors` by a bound: from no
     /// place within w of a point is the distance less than the point's floor − w. Distances are
     /// continuous but for those of cells and of Gaussians; of the latter no bound is known but 0.
@@ -110,7 +121,7 @@ impl MapDistances {
     }
 
     /// Replaces `squared` by the squared distance of each point from the map, cut (m²).
-    pub(super) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
+    pub(crate) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
         squared.clear();
         let points = points.iter().copied();
         // The kind is chosen once, not per point.
@@ -128,10 +139,14 @@ impl MapDistances {
     }
 }
 
+/// Points of a map whose distances to the nearest other one say how far apart points are.
+const SPACED_POINTS: usize = 2000;
+
 /// Exact distances from a nearest-neighbour tree.
 pub struct ExactDistances {
     tree: NearestNeighbors<2>,
     bounds: Bounds<2>,
+    spacing: f64,
     max_distance: f64,
     max_distance_squared: f64,
 }
@@ -144,8 +159,10 @@ impl ExactDistances {
     /// points cannot be indexed.
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         check_length("max_distance", max_distance)?;
+        let tree = NearestNeighbors::new(map.points())?;
         Ok(ExactDistances {
-            tree: NearestNeighbors::new(map.points())?,
+            spacing: spacing(map.points(), &tree),
+            tree,
             bounds: map.bounds(),
             max_distance,
             max_distance_squared: max_distance * max_distance,
@@ -162,6 +179,16 @@ impl ExactDistances {
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
         self.tree.nearest(&point).distance_squared.min(self.max_distance_squared)
     }
+}
+
+/// Mean distance from a point to the nearest other one (m), of points evenly spread over the list where it
+/// is long; 0 for a single point.
+fn spacing(points: &[Point<2>], tree: &NearestNeighbors<2>) -> f64 {
+    let every = points.len().div_ceil(SPACED_POINTS);
+    let distances = points.iter().step_by(every).map(|point| tree.nearest_other(point).sqrt());
+    let count = points.len().div_ceil(every);
+    let mean = distances.sum::<f64>() / count as f64;
+    if mean.is_finite() { mean } else { 0.0 }
 }
 
 /// Exact distances from a grid in which each cell lists the few map points that can be the nearest

@@ -65,13 +65,13 @@ impl<'a> LikelihoodField<'a> {
                 expected: settings.max_distance,
             });
         }
-        let sigma = settings.sigma_hit;
+        let sigma = settings.sigma_hit.metres(distances.spacing());
         if let MapDistances::Ndt(ndt) = distances
             && ndt.sigma_hit() != sigma
         {
             return Err(FilterError::SigmaHitMismatch { found: ndt.sigma_hit(), expected: sigma });
         }
-        let [hit, random] = settings.mixture();
+        let [hit, random] = settings.mixture(sigma);
         // Every factor is in [random, hit + random], so the logarithm of a product of n factors is
         // within ±n·max(|ln random|, |ln(hit + random)|): below LARGEST_LOG a product can neither
         // underflow nor overflow. A single factor cannot either, as random > 0 where it is used.
@@ -89,6 +89,11 @@ impl<'a> LikelihoodField<'a> {
         })
     }
 
+    /// σ_hit (m), as set or as the map's spacing gives it.
+    pub fn sigma_hit(&self) -> f64 {
+        (0.5 / self.decay).sqrt()
+    }
+
     /// The distances underneath.
     pub fn distances(&self) -> &'a MapDistances {
         self.distances
@@ -96,7 +101,7 @@ impl<'a> LikelihoodField<'a> {
 
     /// What a beam's likelihood is made of: z_hit/(σ_hit·√2π), z_rand/z_max, and σ_hit (m).
     pub(crate) fn parts(&self) -> [f64; 3] {
-        [self.hit, self.random, (0.5 / self.decay).sqrt()]
+        [self.hit, self.random, self.sigma_hit()]
     }
 
     /// Log-likelihood of a scan seen from a finite pose of the robot, tempered by the exponent; 0 for
@@ -273,7 +278,7 @@ impl Poses<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Beams, FilterSettings};
+    use crate::{Beams, FilterSettings, SigmaHit};
     use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
     use proptest::prelude::*;
     use rand::RngExt;
@@ -291,7 +296,7 @@ mod tests {
             let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
             let distances = MapDistances::reference(&map, 2.0).unwrap();
             let settings =
-                FilterSettings { z_rand, sigma_hit, max_range, ..FilterSettings::default() };
+                FilterSettings { z_rand, sigma_hit: SigmaHit::Metres(sigma_hit), max_range, ..FilterSettings::default() };
             let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
             let (a, b) = ((1.0 - z_rand) / (sigma_hit * TAU.sqrt()), z_rand / max_range);
             let expected: f64 = squared
@@ -329,7 +334,7 @@ mod tests {
             let map = PointMap::new(points.collect()).unwrap();
             let settings = FilterSettings {
                 z_rand,
-                sigma_hit,
+                sigma_hit: SigmaHit::Metres(sigma_hit),
                 max_distance,
                 max_range: longest,
                 ..FilterSettings::default()
@@ -398,7 +403,8 @@ mod tests {
         };
         let x = [0.0, 0.02, 0.04, 1.0];
         let poses = Poses { x: &x, y: &[0.0; 4], sin: &[0.0; 4], cos: &[1.0; 4] };
-        let settings = FilterSettings { sigma_hit: 0.3, ..FilterSettings::default() };
+        let settings =
+            FilterSettings { sigma_hit: SigmaHit::Metres(0.3), ..FilterSettings::default() };
         let settings = settings.check().unwrap();
         for distances in [&grid, &reference] {
             let field = LikelihoodField::new(distances, &settings).unwrap();

@@ -69,7 +69,9 @@ impl StudyMap<2> {
     /// When the map cannot be indexed.
     pub fn distances(&self, settings: &CheckedSettings) -> Result<Arc<MapDistances>> {
         let settings = settings.values();
-        let sigma_hit = if let Shape::Ndt { .. } = self.shape { settings.sigma_hit } else { 0.0 };
+        // What Gaussians stand for has no spacing.
+        let sigma_hit = settings.sigma_hit.metres(0.0);
+        let sigma_hit = if let Shape::Ndt { .. } = self.shape { sigma_hit } else { 0.0 };
         let key = [settings.max_distance, sigma_hit].map(f64::to_bits);
         // While one thread builds a field, others wait for it: they would do the same work.
         let mut kept = self.distances.lock().unwrap_or_else(PoisonError::into_inner);
@@ -91,7 +93,6 @@ impl StudyMap<2> {
                 MapDistances::cells(&obstacles, max_distance)?
             }
             Shape::Ndt { map, wide } => {
-                let sigma_hit = settings.sigma_hit;
                 let endpoint_std = if *wide { sigma_hit } else { 0.0 };
                 MapDistances::ndt(map, NdtReading { sigma_hit, endpoint_std }, max_distance)?
             }

@@ -3,7 +3,7 @@ use std::sync::LazyLock;
 
 use clap::{Args, ValueEnum};
 use mcl_filter::{
-    Beams, FilterSettings, MotionKind, ParticleNumber, Preset, Proposal, Resampling,
+    Beams, FilterSettings, MotionKind, ParticleNumber, Preset, Proposal, Resampling, SigmaHit,
 };
 
 use super::{LogArgs, deviations, numbers};
@@ -26,7 +26,10 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
             Some(_) => "-".into(),
         }),
         row("--beam-floor", |s| s.beam_floor.map_or_else(|| "-".into(), |floor| floor.to_string())),
-        row("  (least of largest)", |s| format!("{:.2}", s.relative_floor())),
+        row("  (least of largest)", |s| match s.sigma_hit {
+            SigmaHit::Metres(metres) => format!("{:.2}", s.relative_floor(metres)),
+            SigmaHit::Auto => "by the map".into(),
+        }),
         row("--outlier-fraction", |s| s.outlier_fraction.to_string()),
         row("--max-distance", |s| s.max_distance.to_string()),
         row("--motion", |s| s.motion.to_string()),
@@ -89,9 +92,10 @@ pub struct LocalizeArgs {
     /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, as 3deg.
     #[arg(long, value_name = "N|Ddeg|all")]
     pub beams: Option<Beams>,
-    /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres.
-    #[arg(long, value_name = "M")]
-    pub sigma_hit: Option<f64>,
+    /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres; or auto: by the map's
+    /// spacing.
+    #[arg(long, value_name = "M|auto")]
+    pub sigma_hit: Option<SigmaHit>,
     /// Probability of a random measurement (table 6.3).
     #[arg(long, value_name = "P", conflicts_with = "beam_floor")]
     pub z_rand: Option<f64>,

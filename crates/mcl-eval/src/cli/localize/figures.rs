@@ -119,9 +119,9 @@ impl Localization {
             without_diverged,
             mean_ci95,
             used_beams_per_scan: used_beams as f64 / (runs.len() * scans) as f64,
-            ns_per_beam: (used_beams > 0)
-                .then(|| nanoseconds / weighed),
-            particles_per_scan: runs.iter().map(|run| run.particles).sum::<f64>() / runs.len() as f64,
+            ns_per_beam: (used_beams > 0).then(|| nanoseconds / weighed),
+            particles_per_scan: runs.iter().map(|run| run.particles).sum::<f64>()
+                / runs.len() as f64,
             each,
         })
     }
@@ -130,12 +130,12 @@ impl Localization {
     pub fn text(
         &self,
         args: &LocalizeArgs,
-        filter: &FilterSettings,
+        (filter, sigma_hit): (&FilterSettings, f64),
         source: &LogSource,
         map_points: usize,
     ) -> String {
         let mut text = format!(
-            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, {:.1} beams used per scan, \
+            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, σ_hit {sigma_hit:.2} m, {:.1} beams used per scan, \
              each at least {:.2} of the largest likelihood\n",
             source.title,
             args.map.display(),
@@ -145,10 +145,11 @@ impl Localization {
             args.preset,
             match filter.particles.is_fixed() {
                 true => thousands(filter.particles.most),
-                false => format!("{} ({:.0} on average)", filter.particles, self.particles_per_scan),
+                false =>
+                    format!("{} ({:.0} on average)", filter.particles, self.particles_per_scan),
             },
             self.used_beams_per_scan,
-            filter.relative_floor()
+            filter.relative_floor(sigma_hit)
         );
         text += &format!("reference: {}\n", reference_of(source));
         match (self.weighted, self.translation, self.heading) {

@@ -56,6 +56,8 @@ pub struct Setup<'a> {
     preset: Preset,
     filter: &'a FilterSettings,
     /// Least likelihood of a beam as a fraction of the largest.
+    /// σ_hit on this map (m).
+    sigma_hit: f64,
     relative_floor: f64,
     /// Standard deviations in metres and radians.
     odometry_noise: [f64; 2],
@@ -80,7 +82,7 @@ impl<'a> Setup<'a> {
         args: &'a LocalizeArgs,
         source: &'a LogSource,
         map_points: usize,
-        filter: &'a FilterSettings,
+        (filter, sigma_hit): (&'a FilterSettings, f64),
         first_pose: Option<Pose2>,
     ) -> Self {
         Setup {
@@ -93,7 +95,8 @@ impl<'a> Setup<'a> {
             seed: args.seed,
             preset: args.preset,
             filter,
-            relative_floor: filter.relative_floor(),
+            sigma_hit,
+            relative_floor: filter.relative_floor(sigma_hit),
             odometry_noise: args.odometry_noise.unwrap_or_default(),
             robot_from_laser: source.recording.robot_from_laser,
             first_pose,

@@ -10,8 +10,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
-    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise, Recovery,
-    Replay, Run, localize_with, noisy_increments,
+    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise,
+    Recovery, Replay, Run, localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -58,7 +58,9 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let start = first_pose(args, &source)?;
     // The filter would refuse too many unknown steps as well, but only after a part of the work.
     let bridged = bridge(&source)?;
-    let setup = Setup::new(args, &source, map.len(), settings.values(), start);
+    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+    let sigma_hit = settings.values().sigma_hit.metres(distances.spacing());
+    let setup = Setup::new(args, &source, map.len(), (settings.values(), sigma_hit), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
     let mut first_recorder = None;
     if let Some(path) = &args.replay {
@@ -68,7 +70,6 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     }
     let first_recorder = Mutex::new(first_recorder);
 
-    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
     let reference = reference_poses(&source);
     let metric = WeightedPoseError::default();
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
@@ -113,7 +114,9 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
-    print(args.json, &found, |found| found.text(args, settings.values(), &source, map.len()))?;
+    print(args.json, &found, |found| {
+        found.text(args, (settings.values(), sigma_hit), &source, map.len())
+    })?;
     Ok(Outcome::of(complete))
 }
 
