@@ -127,7 +127,8 @@ impl<'a> Search<'a> {
             let turn = (SQRT_2 * half / lever).min(MOST_TURN);
             (PI / (parts * turn)).ceil().min(1e4)
         };
-        let columns = |half: f64| extent.map(|extent| (extent / (2.0 * parts * half)).ceil());
+        let columns =
+            |half: f64| extent.map(|extent| (extent / (2.0 * parts * half)).ceil().max(1.0));
         let mut half = (0.5 * sigma).clamp(HALF[0], HALF[1]);
         while columns(half).into_iter().product::<f64>() * headings(half) > MOST_ROOTS {
             half *= 1.25;
@@ -434,7 +435,7 @@ mod tests {
         for distances in &kinds(&points, 2.0) {
             let field = field(distances);
             let search = Search::new(&field, &scan);
-            for below in [3.0, 20.0] {
+            for below in [10.0, 40.0] {
                 let (level, kept, best) = search.leaves(below).unwrap();
                 let [columns, rows, headings] = search.boxes.map(|boxes| boxes << LEVELS);
                 let mut all = Vec::new();
@@ -475,7 +476,7 @@ mod tests {
     }
 
     /// The weights make up for where poses are drawn: the mean of L/q is ∫L over all poses, whatever the
-    /// exponent that q has, as long as nothing of L is cut off.
+    /// exponent that q has, as long as it is small enough for nothing of L to be cut off.
     #[test]
     fn draws_are_weighed_by_their_density() {
         let points = room();
@@ -483,7 +484,7 @@ mod tests {
         let distances = MapDistances::grid(&map, 2.0).unwrap();
         let field = field(&distances);
         let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
-        let evidence = [1.0, 0.5, 0.25].map(|exponent| {
+        let evidence = [0.5, 0.25, 0.125].map(|exponent| {
             let places = LikelyPlaces::search(&field, &scan, exponent).unwrap();
             let mut particles = Particles::empty();
             places.draw(100_000, &mut Seed::new(2).rng(), &mut particles);
@@ -495,7 +496,7 @@ mod tests {
             most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()
         });
         for other in &evidence[1..] {
-            assert!((other - evidence[0]).abs() < 0.1, "{evidence:?}");
+            assert!((other - evidence[0]).abs() < 0.03, "{evidence:?}");
         }
     }
 }
