@@ -70,7 +70,7 @@ fn distances_double(bencher: Bencher, per_mille: usize) {
 /// A step of tracking: the particles follow a robot that comes and goes.
 fn bench_step(bencher: Bencher, distances: &MapDistances) {
     let settings = FilterSettings {
-        particles: PARTICLES,
+        particles: PARTICLES.into(),
         initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
         max_distance: MAX_DISTANCE,
         ..FilterSettings::default()

@@ -3,14 +3,20 @@ use std::ops::Range;
 
 use mcl_core::memory::with_room;
 use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed, wrap_angle};
+use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
 use crate::proposal::{FOLDS, Noise, NoiseProposal, Pilots, Weighing};
+use crate::recovery::Averages;
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
-use crate::{CheckedSettings, Estimate, FilterError, FilterSettings, Particles, Proposal};
+use crate::start::LikelyPlaces;
+use crate::{
+    CheckedSettings, Estimate, FilterError, FilterSettings, InitialPose, Particles, Proposal,
+    Resampling,
+};
 
 /// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
 /// 181.
@@ -29,8 +35,14 @@ pub struct StepReport {
     /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
     /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
-    /// improbable. With none, the weights are those of the step before.
+    /// improbable. With none, the weights are those of the step before. 0 as well for a scan that was not used
+    /// because the robot had hardly moved: then the estimate is predicted.
     pub used_beams: usize,
+    /// Number of particles that the estimate is made of.
+    pub particles: usize,
+    /// Exponent on the likelihood of the scan: that of the settings, or less while particles that started from a
+    /// scan do not agree.
+    pub likelihood_exponent: f64,
 }
 
 /// Monte Carlo localization (*Probabilistic Robotics*, table 8.2) with selective resampling.
@@ -50,7 +62,7 @@ pub struct StepReport {
 /// let left = (-20..=20).map(|i| [0.1 * f64::from(i), 3.0]);
 /// let map = PointMap::new(ahead.chain(left).collect())?;
 ///
-/// let settings = FilterSettings { particles: 2000, ..FilterSettings::default() }.check()?;
+/// let settings = FilterSettings { particles: 2000.into(), ..FilterSettings::default() }.check()?;
 /// let distances = MapDistances::grid(&map, settings.values().max_distance)?;
 /// let start = Some(Pose2::IDENTITY);
 /// let mut filter =
@@ -87,7 +99,42 @@ pub struct ParticleFilter<'a> {
     turned: f64,
     predictions: u64,
     updates: u64,
+    /// Motion since the last used scan, while scans are left out.
+    pending: Option<Pose2>,
+    /// Whether the next scan is used wherever it is from.
+    is_due: bool,
+    predicted: u64,
+    start: Start,
+    averages: Averages,
     buffers: Buffers,
+}
+
+/// How far global localization has come.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Start {
+    /// No scan has said yet where the robot may be.
+    Waiting {
+        beams: f64,
+        agreement: f64,
+    },
+    /// Particles are in places that differ.
+    Searching {
+        beams: f64,
+        agreement: f64,
+    },
+    Done,
+}
+
+impl Start {
+    /// The exponent for a scan of this many beams.
+    fn exponent(self, exponent: f64, used_beams: usize) -> f64 {
+        match self {
+            Start::Done => exponent,
+            Start::Waiting { beams, .. } | Start::Searching { beams, .. } => {
+                exponent.min(beams / used_beams as f64)
+            }
+        }
+    }
 }
 
 /// Reused from step to step.
@@ -110,7 +157,7 @@ struct Buffers {
 impl Buffers {
     /// With room for everything that the number of particles decides, so that no step takes more.
     fn for_particles(settings: &FilterSettings) -> Result<Self, OutOfMemory> {
-        let number = settings.particles;
+        let number = settings.particles.most;
         let room = || with_room(number, PARTICLES);
         let mut buffers = Buffers {
             sin: room()?,
@@ -150,12 +197,16 @@ impl<'a> ParticleFilter<'a> {
         }
         let values = settings.values();
         let particles = Particles::draw(
-            values.particles,
+            values.particles.most,
             values.initial_pose,
             map_from_robot,
             &distances.bounds(),
             &mut seed.derive("initial-pose").rng(),
         )?;
+        let start = match values.initial_pose {
+            InitialPose::Scan { beams, agreement } => Start::Waiting { beams, agreement },
+            InitialPose::Known { .. } | InitialPose::Uniform {} => Start::Done,
+        };
         Ok(ParticleFilter {
             field: LikelihoodField::new(distances, settings)?,
             motion: MotionModel::of(values),
@@ -168,6 +219,11 @@ impl<'a> ParticleFilter<'a> {
             turned: 0.0,
             predictions: 0,
             updates: 0,
+            pending: None,
+            is_due: true,
+            predicted: 0,
+            start,
+            averages: Averages::default(),
             buffers: Buffers::for_particles(values)?,
         })
     }
@@ -198,10 +254,23 @@ impl<'a> ParticleFilter<'a> {
             let scan = self.updates as usize;
             return Err(FilterError::NonFiniteOdometry { scan, increment: *increment });
         }
-        let mut rng = self.seed.derive("motion").derive_index(self.predictions).rng();
-        self.predictions += 1;
         self.travelled += increment.x.hypot(increment.y);
         self.turned += increment.theta.abs();
+        let FilterSettings { update_distance, update_angle, .. } = *self.settings.values();
+        if update_distance == 0.0 && update_angle == 0.0 {
+            return self.apply(increment);
+        }
+        let pending = self.pending.unwrap_or(Pose2::IDENTITY).compose(increment);
+        self.pending = Some(pending);
+        self.is_due |= pending.x.hypot(pending.y) >= update_distance && update_distance > 0.0
+            || pending.theta.abs() >= update_angle && update_angle > 0.0;
+        Ok(())
+    }
+
+    /// Moves every particle by an increment.
+    fn apply(&mut self, increment: &Pose2) -> Result<(), FilterError> {
+        let mut rng = self.seed.derive("motion").derive_index(self.predictions).rng();
+        self.predictions += 1;
         let motion = self.motion.motion(increment);
         match self.settings.values().proposal {
             Proposal::Motion => {
@@ -227,7 +296,11 @@ impl<'a> ParticleFilter<'a> {
         heading: f64,
     ) -> Result<(), FilterError> {
         // The last motion says nothing any more of where to draw particles from.
+        if let Some(pending) = self.pending.take() {
+            self.apply(&pending)?;
+        }
         self.moved = None;
+        self.is_due = true;
         self.load(scan)?;
         let FilterSettings { outlier_fraction, resampling, .. } = *self.settings.values();
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
@@ -255,7 +328,7 @@ impl<'a> ParticleFilter<'a> {
                 *log_weight += power * likelihood;
             }
             particles.normalize(weights)?;
-            resampling.draw(weights, &mut rng, scratch, chosen);
+            resampling.draw(weights, number, &mut rng, scratch, chosen);
             particles.choose(chosen, scratch);
         }
         Ok(())
@@ -289,7 +362,17 @@ impl<'a> ParticleFilter<'a> {
     /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
     /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
+        let FilterSettings { update_distance, update_angle, .. } = *self.settings.values();
+        if update_distance > 0.0 || update_angle > 0.0 {
+            if !std::mem::take(&mut self.is_due) {
+                return Ok(self.report_prediction());
+            }
+            if let Some(pending) = self.pending.take() {
+                self.apply(&pending)?;
+            }
+        }
         self.load(scan)?;
+        self.draw_from_scan()?;
         let outlier_fraction = self.settings.values().outlier_fraction;
         let number = self.particles.len();
         match self.moved.take().filter(|_| !self.buffers.endpoints.is_empty()) {
@@ -306,8 +389,7 @@ impl<'a> ParticleFilter<'a> {
         }
 
         let settings = self.settings.values();
-        let Buffers { endpoints, sin, cos, weights, chosen, scratch, log_likelihoods, .. } =
-            &mut self.buffers;
+        let Buffers { endpoints, sin, cos, weights, log_likelihoods, .. } = &mut self.buffers;
         let particles = &mut self.particles;
         for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
             *log_weight += likelihood;
@@ -318,21 +400,109 @@ impl<'a> ParticleFilter<'a> {
         let ess = effective_sample_size(weights);
         let is_due =
             self.travelled >= settings.resample_distance || self.turned >= settings.resample_angle;
-        let resampled = is_due && ess < settings.ess_fraction * particles.len() as f64;
-        if resampled {
-            (self.travelled, self.turned) = (0.0, 0.0);
-            let mut rng = self.seed.derive("resampling").derive_index(self.updates).rng();
-            settings.resampling.draw(weights, &mut rng, scratch, chosen);
-            particles.choose(chosen, scratch);
+        let used_beams = endpoints.len();
+        let exponent = self.start.exponent(settings.likelihood_exponent, used_beams);
+        let mut injected = 0.0;
+        if let Start::Searching { agreement, .. } = self.start {
+            let covariance = &estimate.covariance;
+            if covariance[(0, 0)] + covariance[(1, 1)] < agreement * agreement {
+                self.start = Start::Done;
+            }
+        } else if let (Some(recovery), true) = (&settings.recover, used_beams > 0) {
+            let beam = (log_sum / (exponent * used_beams as f64)).exp();
+            injected = self.averages.add(beam, recovery);
         }
-        self.updates += 1;
-        Ok(StepReport {
+        let resampled =
+            is_due && (injected > 0.0 || ess < settings.ess_fraction * particles.len() as f64);
+        let report = StepReport {
             estimate,
             effective_sample_size: ess,
-            log_evidence: if endpoints.is_empty() { 0.0 } else { log_sum },
+            log_evidence: if used_beams == 0 { 0.0 } else { log_sum },
             resampled,
-            used_beams: endpoints.len(),
-        })
+            used_beams,
+            particles: particles.len(),
+            likelihood_exponent: exponent,
+        };
+        if resampled {
+            self.resample(injected)?;
+        }
+        self.updates += 1;
+        Ok(report)
+    }
+
+    /// Replaces the particles by as many as the settings ask for, a share of them from where the scan is likely.
+    fn resample(&mut self, injected: f64) -> Result<(), FilterError> {
+        (self.travelled, self.turned) = (0.0, 0.0);
+        let seed = |purpose| self.seed.derive(purpose).derive_index(self.updates);
+        let FilterSettings { particles: number, kld, resampling, recover, .. } =
+            self.settings.values();
+        let Buffers { endpoints, weights, chosen, scratch, .. } = &mut self.buffers;
+        let particles = &mut self.particles;
+        let wanted = if number.is_fixed() {
+            number.most
+        } else {
+            let mut rng = seed("particle-number").rng();
+            Resampling::Multinomial.draw(weights, number.most, &mut rng, scratch, chosen);
+            kld.enough(number.least, number.most, chosen.iter().map(|&i| particles.pose(i)))
+        };
+        let mut rng = seed("injection").rng();
+        let random = match injected > 0.0 {
+            true => (injected * wanted as f64 + rng.random::<f64>()) as usize,
+            false => 0,
+        };
+        resampling.draw(weights, wanted - random, &mut seed("resampling").rng(), scratch, chosen);
+        particles.choose(chosen, scratch);
+        if let (Some(recovery), true) = (recover, random > 0) {
+            let exponent = recovery.beams / endpoints.len() as f64;
+            let places = LikelyPlaces::search(&self.field, endpoints, exponent.min(1.0))?;
+            places.draw(random, &mut rng, particles);
+            particles.make_equal();
+            particles.check_places()?;
+        }
+        Ok(())
+    }
+
+    /// Replaces the particles by poses drawn from where the first scan with readings is likely.
+    fn draw_from_scan(&mut self) -> Result<(), FilterError> {
+        let Start::Waiting { beams, agreement } = self.start else { return Ok(()) };
+        let endpoints = &self.buffers.endpoints;
+        if endpoints.is_empty() {
+            return Ok(());
+        }
+        let FilterSettings { likelihood_exponent, particles, .. } = *self.settings.values();
+        let exponent = self.start.exponent(likelihood_exponent, endpoints.len());
+        let places = LikelyPlaces::search(&self.field, endpoints, exponent)?;
+        let mut rng = self.seed.derive("start").rng();
+        self.particles.clear();
+        places.draw(particles.most, &mut rng, &mut self.particles);
+        self.particles.check_places()?;
+        self.moved = None;
+        self.start = Start::Searching { beams, agreement };
+        Ok(())
+    }
+
+    /// The estimate moved by the motion since the last used scan.
+    fn report_prediction(&mut self) -> StepReport {
+        let mut rng = self.seed.derive("prediction").derive_index(self.predicted).rng();
+        self.predicted += 1;
+        let mut moved = self.particles.clone();
+        let Particles { x, y, theta, log_weight } = &mut moved;
+        if let Some(pending) = &self.pending {
+            self.motion.motion(pending).sample(x, y, theta, &mut rng);
+        }
+        let Buffers { sin, cos, weights, .. } = &mut self.buffers;
+        weights.clear();
+        weights.extend(log_weight.iter().map(|log_weight| log_weight.exp()));
+        (*sin, *cos) = theta.iter().map(|theta| theta.sin_cos()).unzip();
+        StepReport {
+            estimate: Estimate::of((x, y), theta, (sin, cos), weights),
+            effective_sample_size: effective_sample_size(weights),
+            log_evidence: 0.0,
+            resampled: false,
+            used_beams: 0,
+            particles: moved.len(),
+            likelihood_exponent: self.settings.values().likelihood_exponent,
+        }
     }
 
     /// Takes over the beams of a scan, and makes room for what is computed of them.
@@ -367,6 +537,11 @@ impl<'a> ParticleFilter<'a> {
         }
         if !endpoints.is_empty() {
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);
+        }
+        if self.start != Start::Done {
+            let exponent = self.settings.values().likelihood_exponent;
+            let tempering = self.start.exponent(exponent, endpoints.len()) / exponent;
+            log_likelihoods.iter_mut().for_each(|likelihood| *likelihood *= tempering);
         }
     }
 

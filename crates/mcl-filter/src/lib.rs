@@ -13,20 +13,27 @@
 mod error;
 mod estimate;
 mod filter;
+mod kld;
 mod localize;
 pub mod motion;
+mod number;
 mod particles;
 mod proposal;
+mod recovery;
 mod resampling;
 pub mod sensor;
 mod settings;
+mod start;
 
 pub use error::FilterError;
 pub use estimate::Estimate;
 pub use filter::{ParticleFilter, StepReport};
+pub use kld::Kld;
 pub use localize::{Bridge, Replay, Run, Step, localize, localize_with};
 pub use motion::{OdometryNoise, noisy_increments};
+pub use number::ParticleNumber;
 pub use particles::{Particles, effective_sample_size};
+pub use recovery::Recovery;
 pub use sensor::MapDistances;
 pub use settings::{
     Beams, CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,

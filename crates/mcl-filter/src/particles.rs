@@ -25,7 +25,8 @@ pub struct Particles {
 
 impl Particles {
     /// `number` particles of equal weight: for [`InitialPose::Known`] Gaussian about
-    /// `map_from_robot`, for [`InitialPose::Uniform`] uniform over `bounds` and all headings.
+    /// `map_from_robot`, else uniform over `bounds` and all headings: for [`InitialPose::Scan`] until there is a
+    /// scan.
     ///
     /// # Errors
     /// [`FilterError::NoInitialPose`] when a pose is needed and `None`;
@@ -60,7 +61,7 @@ impl Particles {
                     ));
                 }
             }
-            InitialPose::Uniform {} => {
+            InitialPose::Uniform {} | InitialPose::Scan { .. } => {
                 for _ in 0..number {
                     let [x, y, turn]: [f64; 3] = std::array::from_fn(|_| rng.random());
                     particles.push(Pose2::new(
@@ -75,7 +76,8 @@ impl Particles {
         Ok(particles)
     }
 
-    fn push(&mut self, pose: Pose2) {
+    /// Appends a pose; its weight is left to the caller.
+    pub(crate) fn push(&mut self, pose: Pose2) {
         self.x.push(pose.x);
         self.y.push(pose.y);
         self.theta.push(wrap_angle(pose.theta));
@@ -92,7 +94,7 @@ impl Particles {
         (0..self.len()).map(|i| (self.pose(i), self.log_weight[i]))
     }
 
-    fn pose(&self, i: usize) -> Pose2 {
+    pub(crate) fn pose(&self, i: usize) -> Pose2 {
         Pose2::new(self.x[i], self.y[i], self.theta[i])
     }
 
@@ -132,8 +134,27 @@ impl Particles {
     /// Replaces the particles by those chosen, with equal weights; `buffer` is overwritten.
     pub(crate) fn choose(&mut self, chosen: &[usize], buffer: &mut Vec<f64>) {
         self.reorder(chosen, buffer);
-        let equal = -(chosen.len() as f64).ln();
-        self.log_weight.fill(equal);
+        self.make_equal();
+    }
+
+    /// Gives all particles the same weight.
+    pub(crate) fn make_equal(&mut self) {
+        let equal = -(self.len() as f64).ln();
+        self.log_weight.clear();
+        self.log_weight.resize(self.len(), equal);
+    }
+
+    /// No particles yet.
+    #[cfg(test)]
+    pub(crate) fn empty() -> Self {
+        Particles { x: Vec::new(), y: Vec::new(), theta: Vec::new(), log_weight: Vec::new() }
+    }
+
+    /// Removes all particles.
+    pub(crate) fn clear(&mut self) {
+        for component in [&mut self.x, &mut self.y, &mut self.theta, &mut self.log_weight] {
+            component.clear();
+        }
     }
 
     /// Replaces particle i by particle `order[i]`, with its weight; `buffer` is overwritten.

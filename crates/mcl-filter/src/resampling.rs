@@ -6,19 +6,19 @@ use rand::RngExt;
 use crate::Resampling;
 
 impl Resampling {
-    /// Fills `chosen` with as many indices as there are weights, such that index i is expected
-    /// N·wᵢ times. The weights are at least 0 and not all 0; they need not sum to one. An index of
+    /// Fills `chosen` with `number` indices, such that index i is expected number·wᵢ times. The weights are at least 0 and not all 0; they need not sum to one. An index of
     /// weight 0 is never chosen. `scratch` is a buffer.
     pub fn draw(
         self,
         weights: &[f64],
+        number: usize,
         rng: &mut Rng,
         scratch: &mut Vec<f64>,
         chosen: &mut Vec<usize>,
     ) {
         chosen.clear();
-        let n = weights.len();
-        if n == 0 {
+        let n = number;
+        if weights.is_empty() {
             return;
         }
         match self {
@@ -97,7 +97,7 @@ mod tests {
 
     fn copies(kind: Resampling, weights: &[f64], rng: &mut Rng) -> Vec<usize> {
         let mut chosen = Vec::new();
-        kind.draw(weights, rng, &mut Vec::new(), &mut chosen);
+        kind.draw(weights, weights.len(), rng, &mut Vec::new(), &mut chosen);
         assert_eq!(chosen.len(), weights.len());
         let mut copies = vec![0; weights.len()];
         chosen.iter().for_each(|&i| copies[i] += 1);

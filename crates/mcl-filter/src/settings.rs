@@ -7,6 +7,9 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
+use crate::kld::Kld;
+use crate::number::ParticleNumber;
+use crate::recovery::Recovery;
 
 /// Lengths outside of this (m) are typing errors, and squares of them would lose all meaning.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
@@ -20,8 +23,10 @@ const MAX_PARTICLES: usize = 10_000_000;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilterSettings {
-    /// M: number of particles.
-    pub particles: usize,
+    /// M: number of particles, fixed or adapted within a range.
+    pub particles: ParticleNumber,
+    /// How many particles within the range.
+    pub kld: Kld,
     /// Where the particles start.
     pub initial_pose: InitialPose,
     /// Which model moves the particles.
@@ -74,6 +79,13 @@ pub struct FilterSettings {
     /// … or after turns that add up to this (rad), whichever comes first; until then the likelihoods of
     /// scans multiply. 0: at every scan.
     pub resample_angle: f64,
+    /// Scans are used only after the odometry has moved the robot this far (m) since the last used one …
+    pub update_distance: f64,
+    /// … or turned it this far (rad), whichever comes first; until then the motion is composed, and the
+    /// estimate is predicted. 0: every scan is used.
+    pub update_angle: f64,
+    /// Whether and how a lost robot is looked for.
+    pub recover: Option<Recovery>,
 }
 
 /// The one place of the defaults. σ_hit, z_rand, α and the proposal are what tracked best on the ACES log,
@@ -81,7 +93,8 @@ pub struct FilterSettings {
 impl Default for FilterSettings {
     fn default() -> Self {
         FilterSettings {
-            particles: 500,
+            particles: 500.into(),
+            kld: Kld::default(),
             initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
             motion: MotionKind::Book,
             position_noise: [0.03, 0.1, 0.1],
@@ -101,6 +114,9 @@ impl Default for FilterSettings {
             ess_fraction: 0.5,
             resample_distance: 0.0,
             resample_angle: 0.0,
+            update_distance: 0.0,
+            update_angle: 0.0,
+            recover: None,
         }
     }
 }
@@ -194,6 +210,32 @@ pub enum InitialPose {
     /// Global localization: uniform over the smallest axis-aligned box around the map's points, and
     /// over all headings.
     Uniform {},
+    /// Global localization: where the first scan with readings is likely, of all places from which it can have seen
+    /// the map. A single scan looks alike from many places, and so the likelihoods of the scans are tempered
+    /// until the particles agree.
+    Scan {
+        /// Until then a scan counts as so many independent beams.
+        #[serde(default = "start_beams")]
+        beams: f64,
+        /// Particles agree when the standard deviations of x and y together are below this (m).
+        #[serde(default = "agreement")]
+        agreement: f64,
+    },
+}
+
+impl InitialPose {
+    /// [`Scan`](Self::Scan) with its default values.
+    pub fn scan() -> Self {
+        InitialPose::Scan { beams: start_beams(), agreement: agreement() }
+    }
+}
+
+fn start_beams() -> f64 {
+    8.0
+}
+
+fn agreement() -> f64 {
+    1.0
 }
 
 /// σ_hit, a length or what the map's spacing makes of it.
@@ -526,11 +568,19 @@ impl FilterSettings {
     /// [`FilterError::Setting`] names the first field that cannot be used, its value, and what is
     /// expected.
     pub fn check(self) -> Result<CheckedSettings, FilterError> {
-        check("particles", self.particles, "1 to 10,000,000", |n| (1..=MAX_PARTICLES).contains(n))?;
+        check("particles", self.particles, ParticleNumber::EXPECTED, |number| {
+            number.least <= number.most && number.least >= 1 && number.most <= MAX_PARTICLES
+        })?;
+        self.kld.check()?;
+        self.recover.iter().try_for_each(Recovery::check)?;
         if let InitialPose::Known { std_x, std_y, std_theta } = self.initial_pose {
             check_std("initial_pose.std_x", std_x)?;
             check_std("initial_pose.std_y", std_y)?;
             check_std("initial_pose.std_theta", std_theta)?;
+        }
+        if let InitialPose::Scan { beams, agreement } = self.initial_pose {
+            check_positive("initial_pose.beams", beams)?;
+            check_positive("initial_pose.agreement", agreement)?;
         }
         for (field, alpha) in
             ["alpha[0]", "alpha[1]", "alpha[2]", "alpha[3]"].iter().zip(self.alpha)
@@ -555,12 +605,12 @@ impl FilterSettings {
         check_length("max_distance", self.max_distance)?;
         check_length("max_range", self.max_range)?;
         check("beams", self.beams, Beams::EXPECTED, Beams::is_some)?;
-        check("likelihood_exponent", self.likelihood_exponent, "a finite number above 0", |e| {
-            e.is_finite() && *e > 0.0
-        })?;
+        check_positive("likelihood_exponent", self.likelihood_exponent)?;
         check("ess_fraction", self.ess_fraction, "a fraction from 0 to 1", is_share)?;
         check_amount("resample_distance", self.resample_distance)?;
         check_amount("resample_angle", self.resample_angle)?;
+        check_amount("update_distance", self.update_distance)?;
+        check_amount("update_angle", self.update_angle)?;
         Ok(CheckedSettings(self))
     }
 
@@ -606,6 +656,16 @@ pub(crate) fn check_length(field: &'static str, metres: f64) -> Result<(), Filte
     check(field, metres, "metres from 0.000001 to 1,000,000", |m| LENGTHS.contains(m))
 }
 
+/// Refuses what is not above 0.
+pub(crate) fn check_positive(field: &'static str, value: f64) -> Result<(), FilterError> {
+    check(field, value, "a finite number above 0", |v| v.is_finite() && *v > 0.0)
+}
+
+/// Refuses what is no fraction.
+pub(crate) fn check_share(field: &'static str, share: f64) -> Result<(), FilterError> {
+    check(field, share, "a fraction from 0 to 1", |s| (0.0..=1.0).contains(s))
+}
+
 /// Refuses what is negative or no number.
 fn check_amount(field: &'static str, amount: f64) -> Result<(), FilterError> {
     check(field, amount, "a finite number, at least 0", |a| a.is_finite() && *a >= 0.0)
@@ -624,9 +684,24 @@ mod tests {
 
     #[test]
     fn every_bad_value_is_refused_by_its_name() {
-        let cases: [(&str, Change); 26] = [
-            ("particles", |s| s.particles = 0),
-            ("particles", |s| s.particles = usize::MAX),
+        let cases: [(&str, Change); 35] = [
+            ("particles", |s| s.particles = 0.into()),
+            ("particles", |s| s.particles = usize::MAX.into()),
+            ("particles", |s| s.particles = ParticleNumber { least: 2, most: 1 }),
+            ("kld.epsilon", |s| s.kld.epsilon = 0.0),
+            ("kld.position", |s| s.kld.position = f64::NAN),
+            ("recover.slow", |s| s.recover = Some(Recovery { slow: 1.5, ..Recovery::default() })),
+            ("recover.tolerance", |s| {
+                s.recover = Some(Recovery { tolerance: 0.0, ..Recovery::default() });
+            }),
+            ("update_distance", |s| s.update_distance = -0.1),
+            ("update_angle", |s| s.update_angle = f64::NAN),
+            ("initial_pose.beams", |s| {
+                s.initial_pose = InitialPose::Scan { beams: 0.0, agreement: 1.0 };
+            }),
+            ("initial_pose.agreement", |s| {
+                s.initial_pose = InitialPose::Scan { beams: 8.0, agreement: f64::NAN };
+            }),
             ("initial_pose.std_y", |s| {
                 s.initial_pose = InitialPose::Known { std_x: 0.0, std_y: -1.0, std_theta: 0.0 };
             }),
@@ -673,8 +748,16 @@ mod tests {
             initial_pose: InitialPose::Uniform {},
             ..FilterSettings::default()
         };
+        let adapted = FilterSettings {
+            particles: ParticleNumber { least: 100, most: 20_000 },
+            initial_pose: InitialPose::scan(),
+            recover: Some(Recovery::default()),
+            ..FilterSettings::default()
+        };
+        let short = "particles = \"100..20000\"\ninitial_pose = { kind = \"scan\" }\nrecover = {}";
+        assert_eq!(toml::from_str::<FilterSettings>(short).unwrap(), adapted);
         let presets = Preset::ALL.map(Preset::settings);
-        for settings in presets.into_iter().chain([settings]) {
+        for settings in presets.into_iter().chain([settings, adapted]) {
             assert!(settings.clone().check().is_ok(), "{settings:?}");
             let text = toml::to_string(&settings).unwrap();
             assert_eq!(toml::from_str::<FilterSettings>(&text).unwrap(), settings, "{text}");

@@ -4,7 +4,7 @@ use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::sensor::DistanceField;
 use mcl_filter::{
     FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, Preset, Proposal,
-    Replay, Resampling, SigmaHit, localize,
+    Recovery, Replay, Resampling, SigmaHit, localize,
 };
 use proptest::prelude::*;
 
@@ -79,7 +79,7 @@ fn settings() -> impl Strategy<Value = FilterSettings> {
                 resample_distance,
             )| {
                 FilterSettings {
-                    particles,
+                    particles: particles.into(),
                     sigma_hit: SigmaHit::Metres(sigma_hit),
                     z_rand,
                     max_distance,
@@ -129,6 +129,42 @@ fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// With everything that changes the number of particles, or when and where they are.
+    #[test]
+    fn starts_and_recoveries_are_finite_or_errors(
+        map in map(),
+        settings in settings(),
+        scans in scans(),
+        particles in prop::sample::select(vec!["1..1", "1..40", "30..300"]),
+        update_distance in prop::sample::select(vec![0.0, 0.3, 1e300]),
+        tolerance in prop::sample::select(vec![0.01, 1.5]),
+    ) {
+        let settings = FilterSettings {
+            particles: particles.parse().unwrap(),
+            initial_pose: InitialPose::scan(),
+            recover: Some(Recovery { tolerance, fast: 0.9, ..Recovery::default() }),
+            update_distance,
+            ..settings
+        };
+        let Ok(checked) = settings.clone().check() else { return Ok(()) };
+        let Ok(distances) = MapDistances::grid(&map, settings.max_distance) else { return Ok(()) };
+        let recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+        let increments: Vec<_> = recording.scans.iter().map(|scan| scan.odometry).collect();
+        let all: Vec<usize> = (0..recording.scans.len()).collect();
+        let replay = Replay { recording: &recording, increments: &increments, scans: &all };
+        let Ok(run) = localize(&replay, &distances, &checked, None, Seed::new(7)) else { return Ok(()) };
+        prop_assert_eq!(run.map_from_laser.len(), all.len());
+        let within = settings.particles.least..=settings.particles.most;
+        for (pose, report) in run.map_from_laser.iter().zip(&run.reports) {
+            prop_assert!(pose.is_finite(), "{pose:?}");
+            prop_assert!(within.contains(&report.particles), "{report:?}");
+        }
+    }
+}
+
+proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
@@ -151,7 +187,7 @@ proptest! {
             prop_assert!(pose.is_finite(), "{pose:?}");
             prop_assert!(report.log_evidence.is_finite(), "{report:?}");
             let ess = report.effective_sample_size;
-            prop_assert!(ess >= 1.0 - 1e-9 && ess <= settings.particles as f64 + 1e-6, "{ess}");
+            prop_assert!(ess >= 1.0 - 1e-9 && ess <= settings.particles.most as f64 + 1e-6, "{ess}");
         }
     }
 
@@ -213,9 +249,10 @@ fn a_million_particles_agree_with_ten_thousand() {
     };
     let initial_pose = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.2 };
     for proposal in Proposal::ALL {
-        let run = |particles| {
+        let run = |particles: usize| {
             let book = Preset::Book.settings();
-            let settings = FilterSettings { particles, initial_pose, proposal, ..book };
+            let settings =
+                FilterSettings { particles: particles.into(), initial_pose, proposal, ..book };
             let settings = settings.check().unwrap();
             let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
             let increments = [None, Some(Pose2::IDENTITY), Some(Pose2::IDENTITY)];

@@ -35,7 +35,7 @@ fn scan(x: f64, y: f64) -> LaserScan {
 fn settings(particles: usize, proposal: Proposal) -> CheckedSettings {
     let still = InitialPose::Known { std_x: 0.0, std_y: 0.0, std_theta: 0.0 };
     let settings = FilterSettings {
-        particles,
+        particles: particles.into(),
         initial_pose: still,
         motion: MotionKind::Gaussian,
         position_noise: [POSITION, 0.0, 0.0],

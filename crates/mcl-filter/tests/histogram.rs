@@ -136,7 +136,7 @@ fn agrees_with_exact_filtering_for_every_resampling() {
     let adaptive = (Proposal::Adaptive, Resampling::Systematic, 1.0);
     for (proposal, resampling, ess_fraction) in kinds.chain(never).chain([adaptive]) {
         let settings = FilterSettings {
-            particles: 10_000,
+            particles: 10_000.into(),
             initial_pose: InitialPose::Known { std_x: STD[0], std_y: STD[1], std_theta: STD[2] },
             motion: MotionKind::Book,
             alpha: ALPHA,

@@ -154,7 +154,7 @@ fn watching_changes_nothing_and_shows_every_step() {
     let mut steps = Vec::new();
     let watched = localize_with(&replay, &distances, &checked(), start, Seed::new(3), |step| {
         let equal = -(step.particles.len() as f64).ln();
-        assert_eq!(step.particles.len(), settings().particles);
+        assert_eq!(step.particles.len(), settings().particles.most);
         assert!(!step.report.resampled || step.particles.iter().all(|(_, l)| l == equal));
         steps.push((step.scan, *step.report));
         Ok::<(), FilterError>(())
@@ -242,7 +242,7 @@ fn a_lost_robot_finds_itself() {
     let scans: Vec<usize> = (0..recording.scans.len()).collect();
     let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
     let lost = FilterSettings {
-        particles: 5_000,
+        particles: 5_000.into(),
         initial_pose: InitialPose::Uniform {},
         sigma_hit: SigmaHit::Metres(0.2),
         ..settings()

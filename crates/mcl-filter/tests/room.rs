@@ -212,8 +212,12 @@ fn distances_of_another_cut_are_refused() {
 fn the_filter_weighs_by_the_product_of_likelihoods() {
     let [grid, _] = &distances();
     let known = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.1 };
-    let settings =
-        FilterSettings { particles: 50, initial_pose: known, ess_fraction: 0.0, ..settings() };
+    let settings = FilterSettings {
+        particles: 50.into(),
+        initial_pose: known,
+        ess_fraction: 0.0,
+        ..settings()
+    };
     let checked = settings.clone().check().unwrap();
     let start = Some(POSES[0].0);
     let mut filter =

@@ -36,7 +36,8 @@ impl Walk {
         particles: usize,
         seed: u64,
     ) -> Result<ParticleFilter<'a>> {
-        let settings = FilterSettings { particles, ..FilterSettings::default() }.check()?;
+        let settings =
+            FilterSettings { particles: particles.into(), ..FilterSettings::default() }.check()?;
         let start = Some(self.poses[0]);
         Ok(ParticleFilter::new(&settings, distances, Pose2::IDENTITY, start, Seed::new(seed))?)
     }

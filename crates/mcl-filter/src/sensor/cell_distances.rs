@@ -1,3 +1,5 @@
+use std::f64::consts::SQRT_2;
+
 use mcl_core::{Bounds, CoreError, Point, Pose2};
 
 use crate::FilterError;
@@ -80,6 +82,15 @@ impl CellDistances {
     /// The smallest box around the centres of the occupied cells.
     pub fn bounds(&self) -> Bounds<2> {
         self.bounds
+    }
+
+    /// A distance (m) so small that from no place within w of a point is it less than this − w: that of the
+    /// nearest cell less its diagonal, since a cell has one distance for all places in it.
+    pub(super) fn floor(&self, point: Point<2>) -> f64 {
+        let [x, y] = self.grid_from_map.transform_point(point).map(|value| value * self.per_metre);
+        let cell = |place: f64, cells: usize| (place.max(0.0) as usize).min(cells - 1);
+        let cell = cell(y, self.height) * self.width + cell(x, self.width);
+        self.squared[cell].sqrt() - SQRT_2 / self.per_metre
     }
 
     /// min(d², max_distance²) in m², d the distance of the cell that a finite point lies in.

@@ -97,8 +97,31 @@ impl MapDistances {
         }
     }
 
+    /// Replaces `distances` by the distance of each point from the map, cut (m), and `floors` by a bound: from no
+    /// place within w of a point is the distance less than the point's floor − w. Distances are
+    /// continuous but for those of cells and of Gaussians; of the latter no bound is known but 0.
+    pub(crate) fn with_floors(
+        &self,
+        points: &[Point<2>],
+        distances: &mut Vec<f64>,
+        floors: &mut Vec<f64>,
+    ) {
+        match self {
+            MapDistances::Grid(field) => field.distances_squared(points, distances),
+            other => other.distances_squared(points, distances),
+        }
+        distances.iter_mut().for_each(|distance| *distance = distance.sqrt());
+        floors.clear();
+        match self {
+            MapDistances::Cells(cells) => floors.extend(points.iter().map(|&p| cells.floor(p))),
+            MapDistances::Ndt(_) => floors.resize(points.len(), 0.0),
+            // Both ends of a way may be off by the largest error.
+            _ => floors.extend(distances.iter().map(|distance| distance - 2.0 * LARGEST_ERROR)),
+        }
+    }
+
     /// Replaces `squared` by the squared distance of each point from the map, cut (m²).
-    pub(super) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
+    pub(crate) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
         squared.clear();
         let points = points.iter().copied();
         // The kind is chosen once, not per point.

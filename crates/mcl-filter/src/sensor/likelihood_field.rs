@@ -99,6 +99,11 @@ impl<'a> LikelihoodField<'a> {
         self.distances
     }
 
+    /// What a beam's likelihood is made of: z_hit/(σ_hit·√2π), z_rand/z_max, and σ_hit (m).
+    pub(crate) fn parts(&self) -> [f64; 3] {
+        [self.hit, self.random, self.sigma_hit()]
+    }
+
     /// Log-likelihood of a scan seen from a finite pose of the robot, tempered by the exponent; 0 for
     /// a scan without usable beams.
     pub fn log_likelihood(&self, endpoints: &ScanEndpoints, map_from_robot: Pose2) -> f64 {

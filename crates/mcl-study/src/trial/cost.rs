@@ -83,7 +83,7 @@ impl Costs {
         };
         // Every point of the data is a beam of some scan.
         let runs: f64 =
-            trial.runs.iter().map(|run| per_beam * self.points * run.filter.particles as f64).sum();
+            trial.runs.iter().map(|run| per_beam * self.points * run.filter.particles.most as f64).sum();
         let factor = self.measured.get(&trial.map.kind.name).copied().unwrap_or(1.0);
         factor * (map + field + runs)
     }

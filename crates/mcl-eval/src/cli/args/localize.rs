@@ -2,7 +2,9 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, ValueEnum};
-use mcl_filter::{Beams, FilterSettings, MotionKind, Preset, Proposal, Resampling, SigmaHit};
+use mcl_filter::{
+    Beams, FilterSettings, MotionKind, ParticleNumber, Preset, Proposal, Resampling, SigmaHit,
+};
 
 use super::{LogArgs, deviations, numbers};
 
@@ -62,6 +64,8 @@ pub enum Initial {
     Known,
     /// Global localization: anywhere on the map, in any direction.
     Uniform,
+    /// Global localization: where the first scan is likely, tempered until the particles agree.
+    Scan,
 }
 
 #[derive(Debug, Args)]
@@ -75,9 +79,9 @@ pub struct LocalizeArgs {
     /// The set of settings that the options below change (its values stand at the end).
     #[arg(long, default_value_t = Preset::Default, value_name = "default|book|carmen")]
     pub preset: Preset,
-    /// Number of particles.
-    #[arg(long, value_name = "N")]
-    pub particles: Option<usize>,
+    /// Number of particles: fixed, or from MIN to MAX as KLD sampling asks for, MAX at the start.
+    #[arg(long, value_name = "N|MIN..MAX")]
+    pub particles: Option<ParticleNumber>,
     /// Independent runs.
     #[arg(long, default_value_t = 1, value_name = "R",
           value_parser = clap::value_parser!(u32).range(1..))]
@@ -142,6 +146,17 @@ pub struct LocalizeArgs {
     /// Where the particles start.
     #[arg(long, default_value = "known")]
     pub initial: Initial,
+    /// Standard deviations of the known start along the map's axes, in metres, and of its heading, in radians.
+    #[arg(long, value_name = "X,Y,THETA", value_parser = numbers::<3>)]
+    pub initial_std: Option<[f64; 3]>,
+    /// Use a scan only after the odometry has moved the robot this many metres or turned it this many radians
+    /// since the last used one; estimates between are predicted.
+    #[arg(long, value_name = "M,RAD", value_parser = deviations)]
+    pub update_min: Option<[f64; 2]>,
+    /// Look for the robot again when scans become much less likely than they used to be (augmented Monte Carlo
+    /// localization, table 8.3).
+    #[arg(long)]
+    pub recover: bool,
     /// The laser's pose in the map at the first scan, in metres and radians [default: the log's
     /// reference].
     #[arg(long, value_name = "X,Y,THETA", value_parser = numbers::<3>, allow_hyphen_values = true)]

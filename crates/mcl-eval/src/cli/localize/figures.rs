@@ -39,6 +39,8 @@ pub struct Localization {
     mean_ci95: Option<MeanIntervals>,
     /// Beams used of a scan, on average.
     used_beams_per_scan: f64,
+    /// Particles at a scan, on average.
+    particles_per_scan: f64,
     /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.
     ns_per_beam: Option<f64>,
     each: Vec<RunFigures>,
@@ -67,7 +69,6 @@ impl Localization {
     /// Figures of at least one run over the scans of a log; `seed` is that of the bootstrap.
     pub fn of(
         runs: &[FinishedRun],
-        particles: usize,
         source: &LogSource,
         bridged_steps: usize,
         seed: Seed,
@@ -96,6 +97,7 @@ impl Localization {
             _ => None,
         };
         let used_beams: usize = runs.iter().map(|run| run.used_beams).sum();
+        let weighed: f64 = runs.iter().map(|run| run.weighed).sum();
         let nanoseconds: f64 = runs.iter().map(|run| run.elapsed.as_secs_f64() * 1e9).sum();
         let count = |of: &dyn Fn(&RunFigures) -> Option<usize>| -> Option<usize> {
             each.iter().map(of).sum()
@@ -117,8 +119,9 @@ impl Localization {
             without_diverged,
             mean_ci95,
             used_beams_per_scan: used_beams as f64 / (runs.len() * scans) as f64,
-            ns_per_beam: (used_beams > 0)
-                .then(|| nanoseconds / (particles as f64 * used_beams as f64)),
+            ns_per_beam: (used_beams > 0).then(|| nanoseconds / weighed),
+            particles_per_scan: runs.iter().map(|run| run.particles).sum::<f64>()
+                / runs.len() as f64,
             each,
         })
     }
@@ -140,7 +143,11 @@ impl Localization {
             counted(self.runs, "run"),
             thousands(source.recording.scans.len()),
             args.preset,
-            thousands(filter.particles),
+            match filter.particles.is_fixed() {
+                true => thousands(filter.particles.most),
+                false =>
+                    format!("{} ({:.0} on average)", filter.particles, self.particles_per_scan),
+            },
             self.used_beams_per_scan,
             filter.relative_floor(sigma_hit)
         );

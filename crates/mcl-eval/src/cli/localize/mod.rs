@@ -10,8 +10,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{
-    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise, Replay,
-    Run, localize_with, noisy_increments,
+    CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise,
+    Recovery, Replay, Run, localize_with, noisy_increments,
 };
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
@@ -34,6 +34,10 @@ struct FinishedRun {
     errors: Option<ErrorSamples>,
     /// Sum over the scans.
     used_beams: usize,
+    /// Sum over the scans of particles times used beams.
+    weighed: f64,
+    /// Mean over the scans.
+    particles: f64,
     /// Its thread's time inside the filter: drawing the first particles, and all steps.
     elapsed: Duration,
 }
@@ -93,15 +97,18 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             }
             bar.inc(1);
             let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
-            Ok(FinishedRun { errors, used_beams, elapsed })
+            let weighed = run.reports.iter().map(|report| report.particles * report.used_beams);
+            let weighed = weighed.sum::<usize>() as f64;
+            let particles = run.reports.iter().map(|report| report.particles).sum::<usize>() as f64
+                / run.reports.len() as f64;
+            Ok(FinishedRun { errors, used_beams, weighed, particles, elapsed })
         })
         .collect::<Result<Vec<_>>>();
     bar.finish_and_clear();
     let runs = runs?;
 
     let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
-    let particles = settings.values().particles;
-    let found = Localization::of(&runs, particles, &source, bridged.scans.len(), seed)?;
+    let found = Localization::of(&runs, &source, bridged.scans.len(), seed)?;
     let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
     complete &= tell_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
@@ -137,16 +144,28 @@ fn check_replay_name(args: &LocalizeArgs) {
 fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
     let preset = args.preset.settings();
     let initial_pose = match args.initial {
-        Initial::Known => preset.initial_pose,
-        Initial::Uniform if args.initial_pose.is_some() => refuse(
-            "--initial-pose says where the robot starts, --initial uniform that nobody knows",
-        ),
+        Initial::Known => match args.initial_std {
+            Some([std_x, std_y, std_theta]) => InitialPose::Known { std_x, std_y, std_theta },
+            None => preset.initial_pose,
+        },
+        Initial::Uniform | Initial::Scan
+            if args.initial_pose.is_some() || args.initial_std.is_some() =>
+        {
+            refuse(
+                "--initial-pose and --initial-std say where the robot starts, --initial uniform and scan \
+                 that nobody knows",
+            )
+        }
         Initial::Uniform => InitialPose::Uniform {},
+        Initial::Scan => InitialPose::scan(),
     };
+    let [update_distance, update_angle] =
+        args.update_min.unwrap_or([preset.update_distance, preset.update_angle]);
     let [resample_distance, resample_angle] =
         args.resample_after.unwrap_or([preset.resample_distance, preset.resample_angle]);
     FilterSettings {
         particles: args.particles.unwrap_or(preset.particles),
+        kld: preset.kld,
         initial_pose,
         motion: args.motion.unwrap_or(match args.alpha {
             // Numbers of a model choose it.
@@ -171,12 +190,15 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         ess_fraction: args.ess_fraction.unwrap_or(preset.ess_fraction),
         resample_distance,
         resample_angle,
+        update_distance,
+        update_angle,
+        recover: args.recover.then(Recovery::default).or(preset.recover),
     }
 }
 
 /// The laser's pose at the first scan; `None` for global localization.
 fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> {
-    if args.initial == Initial::Uniform {
+    if args.initial != Initial::Known {
         return Ok(None);
     }
     if let Some([x, y, theta]) = args.initial_pose {
@@ -186,7 +208,7 @@ fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> 
         Some(poses) => Ok(poses.first().copied()),
         None => bail!(
             "{}: no reference pose says where the robot starts: give the laser's first pose in the \
-             map with --initial-pose X,Y,THETA, or search for it with --initial uniform (if the \
+             map with --initial-pose X,Y,THETA, or search for it with --initial scan (if the \
              log's laser poses are ground truth all the same: --reference recorded)",
             source.name
         ),

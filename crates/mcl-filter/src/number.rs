@@ -1,0 +1,89 @@
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::FilterError;
+
+/// How many particles there are: always the same number (`500`), or as many as KLD sampling asks for within a
+/// range (`"100..20000"`), the most at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Written", into = "Written")]
+pub struct ParticleNumber {
+    /// There are never fewer.
+    pub least: usize,
+    /// There are never more, and so many at the start.
+    pub most: usize,
+}
+
+/// How the number is written.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum Written {
+    Number(usize),
+    Range(String),
+}
+
+impl ParticleNumber {
+    pub(crate) const EXPECTED: &str =
+        "a number of particles from 1 to 10,000,000, or a range of them, as 100..20000";
+
+    /// Whether the number never changes.
+    pub fn is_fixed(&self) -> bool {
+        self.least == self.most
+    }
+}
+
+impl From<usize> for ParticleNumber {
+    fn from(number: usize) -> Self {
+        ParticleNumber { least: number, most: number }
+    }
+}
+
+impl FromStr for ParticleNumber {
+    type Err = FilterError;
+
+    /// `500` or `100..20000`.
+    fn from_str(text: &str) -> Result<Self, FilterError> {
+        let number = |number: &str| {
+            number.parse().map_err(|_| FilterError::Parse {
+                field: "particles",
+                found: text.into(),
+                expected: Self::EXPECTED,
+            })
+        };
+        Ok(match text.split_once("..") {
+            Some((least, most)) => ParticleNumber { least: number(least)?, most: number(most)? },
+            None => number(text)?.into(),
+        })
+    }
+}
+
+impl Display for ParticleNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.is_fixed() {
+            true => write!(f, "{}", self.most),
+            false => write!(f, "{}..{}", self.least, self.most),
+        }
+    }
+}
+
+impl TryFrom<Written> for ParticleNumber {
+    type Error = FilterError;
+
+    fn try_from(written: Written) -> Result<Self, FilterError> {
+        match written {
+            Written::Number(number) => Ok(number.into()),
+            Written::Range(text) => text.parse(),
+        }
+    }
+}
+
+impl From<ParticleNumber> for Written {
+    fn from(number: ParticleNumber) -> Self {
+        match number.is_fixed() {
+            true => Written::Number(number.most),
+            false => Written::Range(number.to_string()),
+        }
+    }
+}

@@ -1,0 +1,502 @@
+//! Where a robot may be, by one scan: the start of global localization, and where a lost robot is looked for.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use mcl_core::memory::{reserve, with_room};
+use mcl_core::{OutOfMemory, Point, Pose2, Rng};
+use rand::RngExt;
+
+use crate::particles::Particles;
+use crate::sensor::{LikelihoodField, MapDistances, ScanEndpoints};
+
+/// Beams of a scan that the search looks at, evenly spread over the used ones.
+const BEAMS: usize = 45;
+/// How often a box of poses is halved along each axis.
+const LEVELS: u32 = 2;
+/// There are no more boxes to start from than this: on very large maps all of them are larger.
+const MOST_ROOTS: f64 = 1e6;
+/// Half of a leaf's side is half of σ_hit, within these limits (m).
+const HALF: [f64; 2] = [0.08, 0.2];
+/// Half of a leaf's headings (rad), at most.
+const MOST_TURN: f64 = 0.1;
+/// Leaves whose density is below e⁻⁶ of the largest are left out.
+const CUT: f64 = 6.0;
+/// The table of a beam's log-likelihood has this many steps over so many standard deviations.
+const TABLE: usize = 4096;
+const TABLE_END: f64 = 8.0;
+/// Boxes whose distances are looked up together.
+const BATCH: usize = 64;
+/// What memory is asked for as.
+const BOXES: &str = "boxes of a search for the robot";
+
+/// How likely a beam is by its distance from the map, in logarithms: the mixture of the likelihood field, as a
+/// falling step function, so that bounds of it are exact.
+struct BeamTable {
+    per_metre: f64,
+    values: Vec<f64>,
+}
+
+impl BeamTable {
+    /// `hit` and `random`: the two parts where a beam ends on the map, for a Gaussian of this σ (m).
+    fn new(hit: f64, random: f64, sigma: f64) -> Self {
+        let per_metre = TABLE as f64 / (TABLE_END * sigma);
+        let value = |step: usize| {
+            let deviations = TABLE_END * step as f64 / TABLE as f64;
+            (hit * (-0.5 * deviations * deviations).exp() + random).ln()
+        };
+        BeamTable { per_metre, values: (0..=TABLE).map(value).collect() }
+    }
+
+    /// The value at the step below a distance (m); that of 0 where it is negative.
+    #[inline]
+    fn at(&self, distance: f64) -> f64 {
+        self.values[((distance * self.per_metre) as usize).min(TABLE)]
+    }
+}
+
+/// A box of poses of the robot, by its place in the grid of its level.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    place: [u32; 3],
+    /// Log-likelihood at the centre.
+    value: f64,
+    /// No pose in the box has a larger one.
+    bound: f64,
+}
+
+/// The grid of boxes of one level.
+#[derive(Debug, Clone, Copy)]
+struct Level {
+    corner: Point<2>,
+    /// Half of a box's side (m) and of its headings (rad).
+    half: f64,
+    turn: f64,
+}
+
+impl Level {
+    fn centre(&self, place: [u32; 3]) -> Pose2 {
+        let [x, y, theta] = place.map(|cell| 2.0 * f64::from(cell) + 1.0);
+        Pose2 {
+            x: self.corner[0] + x * self.half,
+            y: self.corner[1] + y * self.half,
+            theta: theta * self.turn - PI,
+        }
+    }
+
+    fn next(&self) -> Self {
+        Level { half: 0.5 * self.half, turn: 0.5 * self.turn, ..*self }
+    }
+}
+
+/// A search for the poses that explain a scan: branch and bound over boxes of poses.
+///
+/// From anywhere in a box whose halves are h (m) and a (rad), the endpoint of a beam of length r lies within
+/// h·√2 + r·a of where it lies from the centre, so its distance from the map is smaller by no more than that.
+/// The likelihood falls with the distance; put together, no pose in the box is more likely than the bound.
+/// Boxes whose bound is too far below the likelihood found somewhere are left out, the others cut into eight.
+///
+/// The likelihood is that of some of the beams, with a Gaussian as wide as σ_hit and the leaves' size together:
+/// poses drawn from the leaves are reweighted by the filter's own.
+struct Search<'a> {
+    distances: &'a MapDistances,
+    table: BeamTable,
+    beams: Vec<Point<2>>,
+    /// The first level: boxes along x, y and the heading.
+    boxes: [u32; 3],
+    root: Level,
+}
+
+impl<'a> Search<'a> {
+    /// A search for a scan with endpoints.
+    fn new(field: &LikelihoodField<'a>, endpoints: &ScanEndpoints) -> Self {
+        let distances = field.distances();
+        let [hit, random, sigma] = field.parts();
+        let number = endpoints.len().min(BEAMS);
+        let chosen = |i: usize| (2 * i + 1) * endpoints.len() / (2 * number);
+        let beams: Vec<Point<2>> =
+            (0..number).map(chosen).map(|i| [endpoints.x()[i], endpoints.y()[i]]).collect();
+        let squares: f64 = beams.iter().map(|[x, y]| x * x + y * y).sum();
+        let lever = (squares / number as f64).sqrt();
+
+        // Where no beam can end on the map, the robot is not.
+        let (bounds, reach) = (distances.bounds(), endpoints.reach());
+        let corner = bounds.min.map(|least| least - reach);
+        let extent = [0, 1].map(|axis| bounds.extent(axis) + 2.0 * reach);
+        let parts = f64::from(1 << LEVELS);
+        let headings = |half: f64| {
+            let turn = (SQRT_2 * half / lever).min(MOST_TURN);
+            (PI / (parts * turn)).ceil().min(1e4)
+        };
+        let columns =
+            |half: f64| extent.map(|extent| (extent / (2.0 * parts * half)).ceil().max(1.0));
+        let mut half = (0.5 * sigma).clamp(HALF[0], HALF[1]);
+        while columns(half).into_iter().product::<f64>() * headings(half) > MOST_ROOTS {
+            half *= 1.25;
+        }
+        let [across, along] = columns(half);
+        let headings = headings(half);
+        let turn = PI / (headings * parts);
+
+        // Of a place in a leaf: h²/3 along each direction, and r²a²/3 by its heading.
+        let widened = (sigma * sigma + (half * half + (lever * turn).powi(2)) / 3.0).sqrt();
+        Search {
+            distances,
+            table: BeamTable::new(hit * sigma / widened, random, widened),
+            beams,
+            boxes: [across, along, headings].map(|boxes| boxes as u32),
+            root: Level { corner, half: half * parts, turn: turn * parts },
+        }
+    }
+
+    /// Computes the values and bounds of some boxes of a level.
+    fn weigh(&self, level: &Level, nodes: &mut [Node], scratch: &mut Lookups) {
+        let Lookups { points, distances, floors, ways } = scratch;
+        ways.clear();
+        ways.extend(self.beams.iter().map(|[x, y]| SQRT_2 * level.half + x.hypot(*y) * level.turn));
+        for nodes in nodes.chunks_mut(BATCH) {
+            points.clear();
+            for node in &*nodes {
+                let Pose2 { x, y, theta } = level.centre(node.place);
+                let (sin, cos) = theta.sin_cos();
+                points.extend(
+                    self.beams
+                        .iter()
+                        .map(|[bx, by]| [x + cos * bx - sin * by, y + sin * bx + cos * by]),
+                );
+            }
+            self.distances.with_floors(points, distances, floors);
+            let number = self.beams.len();
+            for ((node, distances), floors) in
+                nodes.iter_mut().zip(distances.chunks(number)).zip(floors.chunks(number))
+            {
+                (node.value, node.bound) = (0.0, 0.0);
+                for ((distance, floor), way) in distances.iter().zip(floors).zip(&*ways) {
+                    node.value += self.table.at(*distance);
+                    node.bound += self.table.at(floor - way);
+                }
+            }
+        }
+    }
+
+    /// The leaves whose log-likelihood is at most `below` less than the largest, with the largest.
+    fn leaves(&self, below: f64) -> Result<(Level, Vec<Node>, f64), OutOfMemory> {
+        let mut scratch = Lookups::default();
+        let [columns, rows, headings] = self.boxes;
+        let mut level = self.root;
+        let number = columns as usize * rows as usize * headings as usize;
+        let mut nodes = with_room(number, BOXES)?;
+        for heading in 0..headings {
+            for row in 0..rows {
+                nodes.extend((0..columns).map(|column| Node::at([column, row, heading])));
+            }
+        }
+        self.weigh(&level, &mut nodes, &mut scratch);
+        let largest =
+            |nodes: &[Node], least: f64| nodes.iter().map(|node| node.value).fold(least, f64::max);
+        let mut best = largest(&nodes, f64::NEG_INFINITY);
+        for left in (0..LEVELS).rev() {
+            level = level.next();
+            // Likely boxes first: what they hold lets others be left out.
+            nodes.sort_by(|a, b| b.bound.total_cmp(&a.bound));
+            let mut kept: Vec<Node> = Vec::new();
+            for parents in nodes.chunks(BATCH) {
+                let likely = parents.iter().filter(|node| node.bound >= best - below);
+                let mut children: Vec<Node> = likely.flat_map(Node::children).collect();
+                self.weigh(&level, &mut children, &mut scratch);
+                best = largest(&children, best);
+                reserve(&mut kept, children.len(), BOXES)?;
+                let score = |node: &Node| if left == 0 { node.value } else { node.bound };
+                kept.extend(children.into_iter().filter(|node| score(node) >= best - below));
+            }
+            nodes = kept;
+        }
+        let best = largest(&nodes, f64::NEG_INFINITY);
+        nodes.retain(|node| node.value >= best - below);
+        Ok((level, nodes, best))
+    }
+}
+
+impl Node {
+    fn at(place: [u32; 3]) -> Self {
+        Node { place, value: f64::NEG_INFINITY, bound: f64::INFINITY }
+    }
+
+    /// The eight halves along each axis.
+    fn children(&self) -> impl Iterator<Item = Node> + use<> {
+        let place = self.place;
+        (0..8u32)
+            .map(move |half| Node::at([0, 1, 2].map(|axis| 2 * place[axis] + (half >> axis & 1))))
+    }
+}
+
+/// Buffers of [`Search::weigh`].
+#[derive(Default)]
+struct Lookups {
+    points: Vec<Point<2>>,
+    distances: Vec<f64>,
+    floors: Vec<f64>,
+    ways: Vec<f64>,
+}
+
+/// Where the robot may be by one scan: boxes of poses with the tempered likelihood at their centres.
+pub(crate) struct LikelyPlaces {
+    level: Level,
+    places: Vec<[u32; 3]>,
+    /// Running totals of the densities, in proportion to that of the likeliest box.
+    totals: Vec<f64>,
+    /// ln of the volume of a box over that of all poses searched.
+    log_share: f64,
+}
+
+impl LikelyPlaces {
+    /// Searches all poses from which a scan with endpoints may have been taken; its likelihood is taken to the power
+    /// of `exponent`.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`].
+    pub(crate) fn search(
+        field: &LikelihoodField<'_>,
+        endpoints: &ScanEndpoints,
+        exponent: f64,
+    ) -> Result<Self, OutOfMemory> {
+        let search = Search::new(field, endpoints);
+        // The beams that are looked at stand for all.
+        let exponent = exponent * endpoints.len() as f64 / search.beams.len() as f64;
+        let (level, leaves, best) = search.leaves(CUT / exponent)?;
+        let mut totals = with_room(leaves.len(), BOXES)?;
+        let mut total = 0.0;
+        for leaf in &leaves {
+            total += (exponent * (leaf.value - best)).exp();
+            totals.push(total);
+        }
+        let boxes: f64 = search.boxes.iter().map(|&boxes| f64::from(boxes << LEVELS)).product();
+        let mut places = with_room(leaves.len(), BOXES)?;
+        places.extend(leaves.iter().map(|leaf| leaf.place));
+        Ok(LikelyPlaces { level, places, totals, log_share: -boxes.ln() })
+    }
+
+    /// Appends poses drawn from the boxes in proportion to their densities, uniformly within each; their
+    /// log-weights are those of a uniform density of all poses over the one they are drawn from, over their
+    /// number: the likelihood has yet to be multiplied in.
+    pub(crate) fn draw(&self, number: usize, rng: &mut Rng, particles: &mut Particles) {
+        let Some(sum) = self.totals.last() else { return };
+        for i in 0..number {
+            let position = (i as f64 + rng.random::<f64>()) / number as f64 * sum;
+            let leaf =
+                self.totals.partition_point(|&total| total <= position).min(self.totals.len() - 1);
+            let density = self.totals[leaf] - if leaf > 0 { self.totals[leaf - 1] } else { 0.0 };
+            let Pose2 { x, y, theta } = self.level.centre(self.places[leaf]);
+            let [right, up, left]: [f64; 3] =
+                std::array::from_fn(|_| 2.0 * rng.random::<f64>() - 1.0);
+            let Level { half, turn, .. } = self.level;
+            particles.push(Pose2::new(x + half * right, y + half * up, theta + turn * left));
+            particles.log_weight.push(self.log_share + (sum / density).ln() - (number as f64).ln());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::ObstacleGrid;
+    use crate::{Beams, FilterSettings, SigmaHit};
+    use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
+    use proptest::prelude::*;
+
+    const REACH: f64 = 12.0;
+
+    fn field(distances: &MapDistances) -> LikelihoodField<'_> {
+        let settings = FilterSettings {
+            sigma_hit: SigmaHit::Metres(0.3),
+            max_range: REACH,
+            ..FilterSettings::default()
+        };
+        LikelihoodField::new(distances, &settings.check().unwrap()).unwrap()
+    }
+
+    /// A room of 6 m × 4 m without symmetry: a pillar and a niche.
+    fn room() -> Vec<Point<2>> {
+        let along = |from: Point<2>, to: Point<2>| {
+            (0..=20).map(move |i| [0, 1].map(|k| from[k] + (to[k] - from[k]) * f64::from(i) / 20.0))
+        };
+        let corners = [
+            [0.0, 0.0],
+            [6.0, 0.0],
+            [6.0, 4.0],
+            [2.5, 4.0],
+            [2.5, 5.0],
+            [1.5, 5.0],
+            [1.5, 4.0],
+            [0.0, 4.0],
+        ];
+        let walls =
+            (0..corners.len()).flat_map(|i| along(corners[i], corners[(i + 1) % corners.len()]));
+        walls.chain(along([4.0, 1.0], [4.0, 1.5])).collect()
+    }
+
+    /// What a scanner that looks all around sees from a pose: per beam the nearest point within half a beam.
+    fn scan(points: &[Point<2>], pose: Pose2) -> LaserScan {
+        let beams = 72;
+        let angle_step = 2.0 * PI / f64::from(beams);
+        let ranges = (0..beams).map(|beam| {
+            let direction = pose.theta - PI + f64::from(beam) * angle_step;
+            let seen = points.iter().filter_map(|p| {
+                let (dx, dy) = (p[0] - pose.x, p[1] - pose.y);
+                let off = mcl_core::wrap_angle(dy.atan2(dx) - direction).abs();
+                (off < 0.5 * angle_step).then(|| dx.hypot(dy))
+            });
+            seen.fold(f64::INFINITY, f64::min)
+        });
+        LaserScan {
+            stamp: None,
+            geometry: ScanGeometry { start_angle: -PI, angle_step, beams: beams as usize },
+            ranges: ranges.collect(),
+            map_from_laser: None,
+            odometry: None,
+            sweep: Default::default(),
+        }
+    }
+
+    fn endpoints(scan: &LaserScan) -> ScanEndpoints {
+        let mut endpoints = ScanEndpoints::default();
+        endpoints.load(scan, &Pose2::IDENTITY, Beams::All, REACH).unwrap();
+        endpoints
+    }
+
+    fn kinds(points: &[Point<2>], cut: f64) -> [MapDistances; 3] {
+        let map = PointMap::new(points.to_vec()).unwrap();
+        let resolution = 0.25;
+        let map_from_grid = Pose2::new(-1.0, -2.0, 0.3);
+        let mut occupied = vec![false; 40 * 40];
+        for &point in points {
+            let [column, row] =
+                map_from_grid.inverse().transform_point(point).map(|place| place / resolution);
+            if (0.0..40.0).contains(&column) && (0.0..40.0).contains(&row) {
+                occupied[row as usize * 40 + column as usize] = true;
+            }
+        }
+        let grid = ObstacleGrid { width: 40, resolution, map_from_grid, occupied: &occupied };
+        [
+            MapDistances::grid(&map, cut).unwrap(),
+            MapDistances::reference(&map, cut).unwrap(),
+            MapDistances::cells(&grid, cut).unwrap(),
+        ]
+    }
+
+    proptest! {
+        /// No pose in a box is likelier than the box's bound, of any size and on any kind of map with bounds.
+        #[test]
+        fn the_bound_is_a_bound(
+            points in prop::collection::vec([0.0..6.0f64, 0.0..5.0f64], 1..40),
+            cut in prop::sample::select(vec![0.5, 2.0]),
+            ends in prop::collection::vec([-8.0..8.0f64, -8.0..8.0f64], 1..20),
+            place in [0..60u32, 0..60u32, 0..40u32],
+            half in 0.01..1.0f64,
+            turn in 0.001..0.5f64,
+            inside in prop::collection::vec([-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64], 30),
+        ) {
+            let points: Vec<Point<2>> = points.into_iter().chain([[3.0, 2.0]]).collect();
+            for distances in &kinds(&points, cut) {
+                let search = Search {
+                    distances,
+                    table: BeamTable::new(0.7, 0.05, 0.3),
+                    beams: ends.clone(),
+                    boxes: [1; 3],
+                    root: Level { corner: [-3.0, -3.0], half, turn },
+                };
+                let mut nodes = [Node::at(place)];
+                search.weigh(&search.root, &mut nodes, &mut Lookups::default());
+                let centre = search.root.centre(place);
+                prop_assert!(nodes[0].value <= nodes[0].bound);
+                for [x, y, theta] in inside.iter().copied() {
+                    let pose = Pose2 {
+                        x: centre.x + half * x,
+                        y: centre.y + half * y,
+                        theta: centre.theta + turn * theta,
+                    };
+                    let (sin, cos) = pose.theta.sin_cos();
+                    let exact = ends.iter().map(|[bx, by]| {
+                        let place = [pose.x + cos * bx - sin * by, pose.y + sin * bx + cos * by];
+                        let mut squared = Vec::new();
+                        distances.distances_squared(&[place], &mut squared);
+                        search.table.at(squared[0].sqrt())
+                    });
+                    prop_assert!(exact.sum::<f64>() <= nodes[0].bound + 1e-9);
+                }
+            }
+        }
+    }
+
+    /// Branch and bound keeps exactly the leaves that weighing all of them keeps.
+    #[test]
+    fn no_leaf_is_lost() {
+        let points = room();
+        let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
+        for distances in &kinds(&points, 2.0) {
+            let field = field(distances);
+            let search = Search::new(&field, &scan);
+            for below in [10.0, 40.0] {
+                let (level, kept, best) = search.leaves(below).unwrap();
+                let [columns, rows, headings] = search.boxes.map(|boxes| boxes << LEVELS);
+                let mut all = Vec::new();
+                for heading in 0..headings {
+                    for row in 0..rows {
+                        all.extend((0..columns).map(|column| Node::at([column, row, heading])));
+                    }
+                }
+                search.weigh(&level, &mut all, &mut Lookups::default());
+                let most = all.iter().map(|node| node.value).fold(f64::NEG_INFINITY, f64::max);
+                assert_eq!(most, best);
+                all.retain(|node| node.value >= best - below);
+                let sorted = |nodes: &[Node]| {
+                    let mut places: Vec<[u32; 3]> = nodes.iter().map(|node| node.place).collect();
+                    places.sort_unstable();
+                    places
+                };
+                assert!(all.len() > 1);
+                assert_eq!(sorted(&kept), sorted(&all));
+            }
+        }
+    }
+
+    #[test]
+    fn a_scan_is_found_where_it_was_taken() {
+        let points = room();
+        let map = PointMap::new(points.clone()).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let field = field(&distances);
+        for pose in [Pose2::new(1.7, 1.2, 0.4), Pose2::new(5.0, 3.0, -2.5)] {
+            let scan = endpoints(&scan(&points, pose));
+            let places = LikelyPlaces::search(&field, &scan, 1.0).unwrap();
+            let mut particles = Particles::empty();
+            places.draw(1000, &mut Seed::new(1).rng(), &mut particles);
+            let near = particles.iter().filter(|(found, _)| found.distance(&pose) < 0.5);
+            assert!(near.count() > 900, "{pose:?}");
+        }
+    }
+
+    /// The weights make up for where poses are drawn: the mean of L/q is ∫L over all poses, whatever the
+    /// exponent that q has, as long as it is small enough for nothing of L to be cut off.
+    #[test]
+    fn draws_are_weighed_by_their_density() {
+        let points = room();
+        let map = PointMap::new(points.clone()).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let field = field(&distances);
+        let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
+        let evidence = [0.5, 0.25, 0.125].map(|exponent| {
+            let places = LikelyPlaces::search(&field, &scan, exponent).unwrap();
+            let mut particles = Particles::empty();
+            places.draw(100_000, &mut Seed::new(2).rng(), &mut particles);
+            let terms: Vec<f64> = particles
+                .iter()
+                .map(|(pose, log)| log + field.log_likelihood(&scan, pose))
+                .collect();
+            let most = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()
+        });
+        for other in &evidence[1..] {
+            assert!((other - evidence[0]).abs() < 0.03, "{evidence:?}");
+        }
+    }
+}
