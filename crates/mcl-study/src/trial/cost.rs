@@ -82,8 +82,11 @@ impl Costs {
             false => FIELD * self.points * percent / 100.0,
         };
         // Every point of the data is a beam of some scan.
-        let runs: f64 =
-            trial.runs.iter().map(|run| per_beam * self.points * run.filter.particles.most as f64).sum();
+        let runs: f64 = trial
+            .runs
+            .iter()
+            .map(|run| per_beam * self.points * run.filter.particles.most as f64)
+            .sum();
         let factor = self.measured.get(&trial.map.kind.name).copied().unwrap_or(1.0);
         factor * (map + field + runs)
     }
