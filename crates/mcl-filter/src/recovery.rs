@@ -32,7 +32,7 @@ pub struct Recovery {
 
 impl Default for Recovery {
     fn default() -> Self {
-        Recovery { slow: 0.001, fast: 0.1, tolerance: 1.5, beams: 16.0 }
+        Recovery { slow: 0.001, fast: 0.1, tolerance: 1.2, beams: 40.0 }
     }
 }
 

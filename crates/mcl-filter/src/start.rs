@@ -10,13 +10,13 @@ use crate::particles::Particles;
 use crate::sensor::{LikelihoodField, MapDistances, ScanEndpoints};
 
 /// Beams of a scan that the search looks at, evenly spread over the used ones.
-const BEAMS: usize = 45;
+const BEAMS: usize = 30;
 /// How often a box of poses is halved along each axis.
 const LEVELS: u32 = 2;
 /// There are no more boxes to start from than this: on very large maps all of them are larger.
 const MOST_ROOTS: f64 = 1e6;
-/// Half of a leaf's side is half of σ_hit, within these limits (m).
-const HALF: [f64; 2] = [0.08, 0.2];
+/// Half of a leaf's side is 0.7·σ_hit, within these limits (m).
+const HALF: [f64; 2] = [0.1, 0.25];
 /// Half of a leaf's headings (rad), at most.
 const MOST_TURN: f64 = 0.1;
 /// Leaves whose density is below e⁻⁶ of the largest are left out.
@@ -129,7 +129,7 @@ impl<'a> Search<'a> {
         };
         let columns =
             |half: f64| extent.map(|extent| (extent / (2.0 * parts * half)).ceil().max(1.0));
-        let mut half = (0.5 * sigma).clamp(HALF[0], HALF[1]);
+        let mut half = (0.7 * sigma).clamp(HALF[0], HALF[1]);
         while columns(half).into_iter().product::<f64>() * headings(half) > MOST_ROOTS {
             half *= 1.25;
         }
