@@ -168,14 +168,15 @@ impl Weighing {
                 break;
             }
         }
-        if !(effective >= wanted) {
+        let is_enough = |size: f64| size >= wanted;
+        if !is_enough(effective) {
             return None;
         }
         while exponent < 1.0 {
             self.weights.clear();
             self.weights.extend(self.power.iter().map(|power| power * power));
             let squared = effective_size(&self.prior, &self.weights);
-            if !(squared >= wanted) {
+            if !is_enough(squared) {
                 break;
             }
             exponent *= 2.0;
