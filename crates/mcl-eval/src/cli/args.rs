@@ -50,7 +50,7 @@ pub enum Command {
     /// How likely the points of a log are under a map.
     Likelihood(LikelihoodArgs),
     /// Localize the robot of a log on a map with a particle filter.
-    Localize(LocalizeArgs),
+    Localize(Box<LocalizeArgs>),
     /// Error of estimated trajectories (TUM files, logs, bags), one row each.
     #[command(
         override_usage = "mcl-eval evaluate [OPTIONS]\n                --reference <REF> <EST>..."
