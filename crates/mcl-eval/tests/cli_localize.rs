@@ -324,8 +324,12 @@ fn stamps_that_step_back_in_time_match_themselves() {
 #[test]
 fn what_is_asked_for_wrongly_is_wrong_usage() {
     let lab = Lab::new();
-    let cases: [(&[&str], &str); 10] = [
+    let cases: [(&[&str], &str); 14] = [
         (&["--alpha", "0.1,0.2,0.3"], "expected 4 numbers"),
+        (&["--motion", "gaussian", "--alpha", "0,0,0,0"], "--motion book"),
+        (&["--motion", "book", "--heading-noise", "0,0,0"], "--motion gaussian"),
+        (&["--alpha", "0,0,0,0", "--position-noise", "0,0,0"], "cannot be used with"),
+        (&["--particles", "500..100"], "particles is 500..100"),
         (&["--particles", "0"], "particles is 0"),
         (&["--runs", "0"], "--runs"),
         (&["--beams", "some"], "all"),

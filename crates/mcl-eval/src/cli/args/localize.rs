@@ -108,7 +108,8 @@ pub struct LocalizeArgs {
     /// Distances to the map are cut at this many metres.
     #[arg(long, value_name = "M")]
     pub max_distance: Option<f64>,
-    /// Motion model: gaussian (noise in the robot's frame with a floor per step) or book (table 5.6).
+    /// Motion model: gaussian (noise in the robot's frame with a floor per step) or book (table 5.6)
+    /// [default: that of the preset, or the one whose noise is given].
     #[arg(long, value_name = "MODEL")]
     pub motion: Option<MotionKind>,
     /// Noise of the gaussian model along x and y: standard deviations per step (m), per metre (m/m) and per
@@ -120,7 +121,8 @@ pub struct LocalizeArgs {
     #[arg(long, value_name = "S,M,R", value_parser = numbers::<3>)]
     pub heading_noise: Option<[f64; 3]>,
     /// α₁…α₄ of the book's motion model; α·δ² are variances.
-    #[arg(long, value_name = "A1,A2,A3,A4", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    #[arg(long, value_name = "A1,A2,A3,A4", value_parser = numbers::<4>, allow_hyphen_values = true,
+          conflicts_with_all = ["position_noise", "heading_noise"])]
     pub alpha: Option<[f64; 4]>,
     /// Noise added to the odometry: standard deviations in metres and radians per increment
     /// [default: none].

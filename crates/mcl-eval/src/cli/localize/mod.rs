@@ -167,11 +167,7 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         particles: args.particles.unwrap_or(preset.particles),
         kld: preset.kld,
         initial_pose,
-        motion: args.motion.unwrap_or(match args.alpha {
-            // Numbers of a model choose it.
-            Some(_) => MotionKind::Book,
-            None => preset.motion,
-        }),
+        motion: motion_model(args).unwrap_or(preset.motion),
         position_noise: args.position_noise.unwrap_or(preset.position_noise),
         heading_noise: args.heading_noise.unwrap_or(preset.heading_noise),
         alpha: args.alpha.unwrap_or(preset.alpha),
@@ -193,6 +189,20 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         update_distance,
         update_angle,
         recover: args.recover.then(Recovery::default).or(preset.recover),
+    }
+}
+
+/// The motion model asked for: by its name, or by the numbers of one.
+fn motion_model(args: &LocalizeArgs) -> Option<MotionKind> {
+    let is_gaussian = args.position_noise.is_some() || args.heading_noise.is_some();
+    match (args.motion, args.alpha) {
+        (Some(MotionKind::Gaussian), Some(_)) => refuse("--alpha belongs to --motion book"),
+        (Some(MotionKind::Book), _) if is_gaussian => {
+            refuse("--position-noise and --heading-noise belong to --motion gaussian")
+        }
+        (None, Some(_)) => Some(MotionKind::Book),
+        (None, None) if is_gaussian => Some(MotionKind::Gaussian),
+        (motion, _) => motion,
     }
 }
 
