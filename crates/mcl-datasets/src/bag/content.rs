@@ -78,9 +78,7 @@ impl Kind {
             _ => return None,
         })
     }
-}
 
-impl Kind {
     /// Whether a scan is in it, or can be made of it.
     pub fn is_scan(self) -> bool {
         matches!(self, Kind::Scan | Kind::MultiEcho | Kind::Cloud)
@@ -124,6 +122,12 @@ enum NoLayout {
 }
 
 impl Topic {
+    fn count(&mut self, count: usize, (first, last): (u64, u64)) {
+        self.messages += count;
+        let (known_first, known_last) = self.logged.unwrap_or((first, last));
+        self.logged = Some((known_first.min(first), known_last.max(last)));
+    }
+
     pub fn type_name(&self) -> &str {
         self.description.as_ref().map_or("no type", |schema| &schema.name)
     }
@@ -431,14 +435,6 @@ impl Content {
         let used = self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0);
         let names: BTreeSet<&str> = used.map(|topic| topic.name.as_str()).collect();
         names.into_iter().collect()
-    }
-}
-
-impl Topic {
-    fn count(&mut self, count: usize, (first, last): (u64, u64)) {
-        self.messages += count;
-        let (known_first, known_last) = self.logged.unwrap_or((first, last));
-        self.logged = Some((known_first.min(first), known_last.max(last)));
     }
 }
 

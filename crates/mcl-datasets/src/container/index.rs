@@ -2,11 +2,27 @@
 //! over. It is believed only where two places of the file say the same: its summary, and the records that
 //! follow each chunk.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
+
+use super::input::Counted;
+use super::item::{Item, Visit};
+use super::problem::StreamProblem;
 
 /// What is told where the index is wrong.
-pub(super) const NOTE: &str =
-    "the index of the bag does not say what is in it, so all of it is read";
+const NOTE: &str = "the index of the bag does not say what is in it, so all of it is read";
+
+/// Goes back to the chunk that begins at `start`, of which the index says something else, and believes the index no
+/// more.
+pub(super) fn distrust(
+    input: &mut Counted<'_>,
+    chunks: &mut HashMap<u64, Summary>,
+    start: u64,
+    visit: &mut Visit<'_>,
+) -> Result<(), StreamProblem> {
+    input.seek(start)?;
+    chunks.clear();
+    visit(Item::Note(NOTE)).map(|_| ())
+}
 
 /// Messages of one channel in a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

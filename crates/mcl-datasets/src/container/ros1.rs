@@ -250,9 +250,7 @@ impl Reader<'_> {
         let spans = if is_there { self.spans()? } else { None };
         let agrees = spans.as_ref().is_some_and(|spans| spans.agree(&summary));
         let Some(spans) = spans.filter(|_| agrees) else {
-            self.input.seek(start)?;
-            self.chunks.clear();
-            visit(Item::Note(index::NOTE))?;
+            index::distrust(&mut self.input, &mut self.chunks, start, visit)?;
             return Ok(false);
         };
         for (id, span) in spans.0 {

@@ -263,9 +263,7 @@ impl Reader<'_> {
             agrees &= summary::message(&bytes) == Some((id, time));
         }
         let Some(spans) = spans.filter(|_| agrees) else {
-            self.input.seek(start)?;
-            self.chunks.clear();
-            visit(Item::Note(index::NOTE))?;
+            index::distrust(&mut self.input, &mut self.chunks, start, visit)?;
             return Ok(false);
         };
         for (id, span) in spans.0 {
