@@ -256,10 +256,11 @@ impl<'a> ParticleFilter<'a> {
         }
         self.travelled += increment.x.hypot(increment.y);
         self.turned += increment.theta.abs();
-        let FilterSettings { update_distance, update_angle, .. } = *self.settings.values();
-        if update_distance == 0.0 && update_angle == 0.0 {
+        let settings = self.settings.values();
+        if !settings.leaves_out_scans() {
             return self.apply(increment);
         }
+        let FilterSettings { update_distance, update_angle, .. } = *settings;
         let pending = self.pending.unwrap_or(Pose2::IDENTITY).compose(increment);
         self.pending = Some(pending);
         self.is_due |= pending.x.hypot(pending.y) >= update_distance && update_distance > 0.0
@@ -362,8 +363,7 @@ impl<'a> ParticleFilter<'a> {
     /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
     /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
-        let FilterSettings { update_distance, update_angle, .. } = *self.settings.values();
-        if update_distance > 0.0 || update_angle > 0.0 {
+        if self.settings.values().leaves_out_scans() {
             if !std::mem::take(&mut self.is_due) {
                 return Ok(self.report_prediction());
             }

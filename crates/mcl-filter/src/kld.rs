@@ -7,7 +7,7 @@ use mcl_core::Pose2;
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
-use crate::settings::check_length;
+use crate::check::{check_length, check_positive};
 
 /// Bins and error bound of KLD sampling. They count where [`particles`](crate::FilterSettings::particles) is a range.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -39,7 +39,7 @@ impl Kld {
             ("kld.epsilon", self.epsilon),
             ("kld.quantile", self.quantile),
         ] {
-            crate::settings::check_positive(field, value)?;
+            check_positive(field, value)?;
         }
         Ok(())
     }

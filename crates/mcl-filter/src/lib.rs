@@ -10,6 +10,8 @@
 //! [`CheckedSettings`]. Nothing here has a generator of its own: every draw comes from a
 //! [`Seed`](mcl_core::Seed), what it is for, and the step.
 
+mod beams;
+mod check;
 mod error;
 mod estimate;
 mod filter;
@@ -23,8 +25,11 @@ mod recovery;
 mod resampling;
 pub mod sensor;
 mod settings;
+mod sigma_hit;
 mod start;
+mod words;
 
+pub use beams::Beams;
 pub use error::FilterError;
 pub use estimate::Estimate;
 pub use filter::{ParticleFilter, StepReport};
@@ -36,6 +41,6 @@ pub use particles::{Particles, effective_sample_size};
 pub use recovery::Recovery;
 pub use sensor::MapDistances;
 pub use settings::{
-    Beams, CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
-    SigmaHit,
+    CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
 };
+pub use sigma_hit::SigmaHit;

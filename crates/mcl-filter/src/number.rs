@@ -4,24 +4,17 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
+use crate::words::NumberOrWord;
 
 /// How many particles there are: always the same number (`500`), or as many as KLD sampling asks for within a
 /// range (`"100..20000"`), the most at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "Written", into = "Written")]
+#[serde(try_from = "NumberOrWord<usize>", into = "NumberOrWord<usize>")]
 pub struct ParticleNumber {
     /// There are never fewer.
     pub least: usize,
     /// There are never more, and so many at the start.
     pub most: usize,
-}
-
-/// How the number is written.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum Written {
-    Number(usize),
-    Range(String),
 }
 
 impl ParticleNumber {
@@ -68,22 +61,22 @@ impl Display for ParticleNumber {
     }
 }
 
-impl TryFrom<Written> for ParticleNumber {
+impl TryFrom<NumberOrWord<usize>> for ParticleNumber {
     type Error = FilterError;
 
-    fn try_from(written: Written) -> Result<Self, FilterError> {
+    fn try_from(written: NumberOrWord<usize>) -> Result<Self, FilterError> {
         match written {
-            Written::Number(number) => Ok(number.into()),
-            Written::Range(text) => text.parse(),
+            NumberOrWord::Number(number) => Ok(number.into()),
+            NumberOrWord::Word(text) => text.parse(),
         }
     }
 }
 
-impl From<ParticleNumber> for Written {
+impl From<ParticleNumber> for NumberOrWord<usize> {
     fn from(number: ParticleNumber) -> Self {
         match number.is_fixed() {
-            true => Written::Number(number.most),
-            false => Written::Range(number.to_string()),
+            true => NumberOrWord::Number(number.most),
+            false => NumberOrWord::Word(number.to_string()),
         }
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
-use crate::settings::{check_positive, check_share};
+use crate::check::{check_positive, check_share};
 
 /// When and where particles are injected that do not come from others.
 ///

@@ -1,18 +1,18 @@
 //! Settings of the filter: plain values, checked once into values that are known good.
 
 use std::f64::consts::TAU;
-use std::fmt::{self, Display};
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
+use crate::beams::Beams;
+use crate::check::{check, check_amount, check_length, check_positive, check_share, check_std};
 use crate::kld::Kld;
 use crate::number::ParticleNumber;
 use crate::recovery::Recovery;
+use crate::sigma_hit::SigmaHit;
+use crate::words::words;
 
-/// Lengths outside of this (m) are typing errors, and squares of them would lose all meaning.
-const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 /// More particles than this would not fit the memory of the machines this is for.
 const MAX_PARTICLES: usize = 10_000_000;
 
@@ -174,25 +174,7 @@ impl Preset {
     }
 }
 
-impl FromStr for Preset {
-    type Err = FilterError;
-
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        Preset::ALL.into_iter().find(|preset| preset.name() == text).ok_or_else(|| {
-            FilterError::Parse {
-                field: "preset",
-                found: text.into(),
-                expected: "default, book or carmen",
-            }
-        })
-    }
-}
-
-impl Display for Preset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+words!(Preset, "preset", "default, book or carmen");
 
 /// Where the particles start.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -238,170 +220,6 @@ fn agreement() -> f64 {
     1.0
 }
 
-/// σ_hit, a length or what the map's spacing makes of it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "SigmaText", into = "SigmaText")]
-pub enum SigmaHit {
-    /// By the spacing s of the map (`"auto"`): σ_hit² = (0.12 m)² + (0.55·s)².
-    ///
-    /// A reading of a wall is s/√12 from the nearest of points that are s apart (root mean square), beside its own
-    /// error and that of the map. But neighbouring readings share the gap that they lie in, and the
-    /// likelihood multiplies them as if they did not: it takes a wider Gaussian for the spread of the
-    /// particles to be what the errors are. 0.12 m and 0.55 are what puts about 95 % of the scans of ACES,
-    /// Freiburg 101, Seattle, CSAIL and the office into the 95 % ellipsoid, from 0.5 % to all points.
-    Auto,
-    /// Metres (a number).
-    Metres(f64),
-}
-
-/// How [`SigmaHit`] is written.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum SigmaText {
-    Metres(f64),
-    Word(String),
-}
-
-impl SigmaHit {
-    const EXPECTED: &str = "metres, or auto: by the map's spacing";
-    /// σ_hit on a map without gaps (m).
-    const OF_READINGS: f64 = 0.12;
-    /// σ_hit per spacing of the map.
-    const OF_SPACING: f64 = 0.55;
-
-    /// σ_hit (m) on a map of this spacing (m).
-    pub fn metres(self, spacing: f64) -> f64 {
-        match self {
-            SigmaHit::Auto => Self::OF_READINGS.hypot(Self::OF_SPACING * spacing),
-            SigmaHit::Metres(metres) => metres,
-        }
-    }
-}
-
-impl TryFrom<SigmaText> for SigmaHit {
-    type Error = FilterError;
-
-    fn try_from(text: SigmaText) -> Result<Self, FilterError> {
-        match text {
-            SigmaText::Metres(metres) => Ok(SigmaHit::Metres(metres)),
-            SigmaText::Word(word) => word.parse(),
-        }
-    }
-}
-
-impl From<SigmaHit> for SigmaText {
-    fn from(sigma_hit: SigmaHit) -> Self {
-        match sigma_hit {
-            SigmaHit::Auto => SigmaText::Word("auto".to_owned()),
-            SigmaHit::Metres(metres) => SigmaText::Metres(metres),
-        }
-    }
-}
-
-impl FromStr for SigmaHit {
-    type Err = FilterError;
-
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        if text == "auto" {
-            return Ok(SigmaHit::Auto);
-        }
-        text.parse().map(SigmaHit::Metres).map_err(|_| FilterError::Parse {
-            field: "sigma_hit",
-            found: text.into(),
-            expected: SigmaHit::EXPECTED,
-        })
-    }
-}
-
-impl Display for SigmaHit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SigmaHit::Auto => f.write_str("auto"),
-            SigmaHit::Metres(metres) => write!(f, "{metres}"),
-        }
-    }
-}
-
-/// Which beams of a scan are used, before those without a usable reading are dropped.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "BeamsText", into = "BeamsText")]
-pub enum Beams {
-    /// Every beam (`"all"`).
-    All,
-    /// This many beams, evenly spread over the scan (a number); all if the scan has no more.
-    Spread(usize),
-    /// As many beams as the scan's field of view has steps of this many degrees (`"3deg"`), evenly
-    /// spread; all if the scan has no more.
-    Degrees(f64),
-}
-
-/// How [`Beams`] is written.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum BeamsText {
-    Number(usize),
-    Word(String),
-}
-
-impl TryFrom<BeamsText> for Beams {
-    type Error = FilterError;
-
-    fn try_from(text: BeamsText) -> Result<Self, FilterError> {
-        match text {
-            BeamsText::Number(number) => Ok(Beams::Spread(number)),
-            BeamsText::Word(word) => word.parse(),
-        }
-    }
-}
-
-impl From<Beams> for BeamsText {
-    fn from(beams: Beams) -> Self {
-        match beams {
-            Beams::Spread(number) => BeamsText::Number(number),
-            word => BeamsText::Word(word.to_string()),
-        }
-    }
-}
-
-impl Beams {
-    const EXPECTED: &str =
-        "\"all\", a number of beams, at least 1, or degrees from one to the next, as 3deg";
-
-    fn is_some(&self) -> bool {
-        match *self {
-            Beams::All => true,
-            Beams::Spread(number) => number > 0,
-            Beams::Degrees(degrees) => degrees > 0.0 && degrees.is_finite(),
-        }
-    }
-}
-
-impl FromStr for Beams {
-    type Err = FilterError;
-
-    /// `all`, a number of beams, or degrees from one to the next: `3deg`.
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        let error =
-            || FilterError::Parse { field: "beams", found: text.into(), expected: Beams::EXPECTED };
-        let beams = match text.strip_suffix("deg") {
-            _ if text == "all" => Beams::All,
-            Some(degrees) => Beams::Degrees(degrees.parse().map_err(|_| error())?),
-            None => Beams::Spread(text.parse().map_err(|_| error())?),
-        };
-        if beams.is_some() { Ok(beams) } else { Err(error()) }
-    }
-}
-
-impl Display for Beams {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Beams::All => f.write_str("all"),
-            Beams::Spread(number) => write!(f, "{number}"),
-            Beams::Degrees(degrees) => write!(f, "{degrees}deg"),
-        }
-    }
-}
-
 /// Which model moves the particles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -425,21 +243,7 @@ impl MotionKind {
     }
 }
 
-impl FromStr for MotionKind {
-    type Err = FilterError;
-
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        MotionKind::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
-            FilterError::Parse { field: "motion", found: text.into(), expected: "gaussian or book" }
-        })
-    }
-}
-
-impl Display for MotionKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+words!(MotionKind, "motion", "gaussian or book");
 
 /// Where the noise of a motion is drawn from. Both stand for the same posterior and cost the same
 /// number of likelihoods; they differ in how many particles end up where the scan is likely.
@@ -448,9 +252,9 @@ impl Display for MotionKind {
 pub enum Proposal {
     /// The motion model, as in *Probabilistic Robotics*, table 8.2.
     Motion,
-    /// Half of the particles from the motion model, the others from a Gaussian fitted to where those
-    /// found the scan likely; all are weighed by the mixture of both (Owen and Zhou 2000). With fewer
-    /// than 40 particles it is the motion model.
+    /// Half of the particles from the motion model, the others from Gaussians fitted to where those of other
+    /// folds found the scan likely; all are weighed by the mixture of both (Owen and Zhou 2000). With fewer
+    /// than some 50 particles it is the motion model.
     Adaptive,
 }
 
@@ -467,25 +271,7 @@ impl Proposal {
     }
 }
 
-impl FromStr for Proposal {
-    type Err = FilterError;
-
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        Proposal::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
-            FilterError::Parse {
-                field: "proposal",
-                found: text.into(),
-                expected: "motion or adaptive",
-            }
-        })
-    }
-}
-
-impl Display for Proposal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+words!(Proposal, "proposal", "motion or adaptive");
 
 /// How particles are resampled; all four are unbiased and differ in their variance (Douc, Cappé and
 /// Moulines, *Comparison of resampling schemes for particle filtering*, 2005).
@@ -522,25 +308,7 @@ impl Resampling {
     }
 }
 
-impl FromStr for Resampling {
-    type Err = FilterError;
-
-    fn from_str(text: &str) -> Result<Self, FilterError> {
-        Resampling::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
-            FilterError::Parse {
-                field: "resampling",
-                found: text.into(),
-                expected: "systematic, stratified, residual or multinomial",
-            }
-        })
-    }
-}
-
-impl Display for Resampling {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+words!(Resampling, "resampling", "systematic, stratified, residual or multinomial");
 
 /// Settings known to be good: what everything behind [`FilterSettings::check`] takes.
 #[derive(Debug, Clone, PartialEq)]
@@ -596,22 +364,26 @@ impl FilterSettings {
         if let SigmaHit::Metres(metres) = self.sigma_hit {
             check_length("sigma_hit", metres)?;
         }
-        let is_share = |f: &f64| (0.0..=1.0).contains(f);
-        check("z_rand", self.z_rand, "a probability from 0 to 1", is_share)?;
+        check("z_rand", self.z_rand, "a probability from 0 to 1", |z| (0.0..=1.0).contains(z))?;
         if let Some(floor) = self.beam_floor {
-            check("beam_floor", floor, "a fraction from 0 to 1", is_share)?;
+            check_share("beam_floor", floor)?;
         }
-        check("outlier_fraction", self.outlier_fraction, "a fraction from 0 to 1", is_share)?;
+        check_share("outlier_fraction", self.outlier_fraction)?;
         check_length("max_distance", self.max_distance)?;
         check_length("max_range", self.max_range)?;
         check("beams", self.beams, Beams::EXPECTED, Beams::is_some)?;
         check_positive("likelihood_exponent", self.likelihood_exponent)?;
-        check("ess_fraction", self.ess_fraction, "a fraction from 0 to 1", is_share)?;
+        check_share("ess_fraction", self.ess_fraction)?;
         check_amount("resample_distance", self.resample_distance)?;
         check_amount("resample_angle", self.resample_angle)?;
         check_amount("update_distance", self.update_distance)?;
         check_amount("update_angle", self.update_angle)?;
         Ok(CheckedSettings(self))
+    }
+
+    /// Whether scans are used only after some motion.
+    pub(crate) fn leaves_out_scans(&self) -> bool {
+        self.update_distance > 0.0 || self.update_angle > 0.0
     }
 
     /// Least likelihood of a beam as a fraction of the largest for this σ_hit (m), whichever setting it comes
@@ -635,45 +407,6 @@ impl FilterSettings {
         };
         [(1.0 - z_rand) / width, z_rand / self.max_range]
     }
-}
-
-/// Refuses a value that fails `is_good`, in words.
-fn check<T: Display>(
-    field: &'static str,
-    value: T,
-    expected: &'static str,
-    is_good: impl Fn(&T) -> bool,
-) -> Result<(), FilterError> {
-    if is_good(&value) {
-        Ok(())
-    } else {
-        Err(FilterError::Setting { field, found: value.to_string(), expected })
-    }
-}
-
-/// Refuses what is no length of a room, a robot or a range finder.
-pub(crate) fn check_length(field: &'static str, metres: f64) -> Result<(), FilterError> {
-    check(field, metres, "metres from 0.000001 to 1,000,000", |m| LENGTHS.contains(m))
-}
-
-/// Refuses what is not above 0.
-pub(crate) fn check_positive(field: &'static str, value: f64) -> Result<(), FilterError> {
-    check(field, value, "a finite number above 0", |v| v.is_finite() && *v > 0.0)
-}
-
-/// Refuses what is no fraction.
-pub(crate) fn check_share(field: &'static str, share: f64) -> Result<(), FilterError> {
-    check(field, share, "a fraction from 0 to 1", |s| (0.0..=1.0).contains(s))
-}
-
-/// Refuses what is negative or no number.
-fn check_amount(field: &'static str, amount: f64) -> Result<(), FilterError> {
-    check(field, amount, "a finite number, at least 0", |a| a.is_finite() && *a >= 0.0)
-}
-
-/// Refuses what is no standard deviation.
-pub(crate) fn check_std(field: &'static str, std: f64) -> Result<(), FilterError> {
-    check(field, std, "a finite standard deviation, at least 0", |s| s.is_finite() && *s >= 0.0)
 }
 
 #[cfg(test)]

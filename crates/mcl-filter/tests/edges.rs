@@ -4,7 +4,7 @@ use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::sensor::DistanceField;
 use mcl_filter::{
     FilterError, FilterSettings, InitialPose, MapDistances, ParticleFilter, Preset, Proposal,
-    Recovery, Replay, Resampling, SigmaHit, localize,
+    Recovery, Replay, Resampling, Run, SigmaHit, localize,
 };
 use proptest::prelude::*;
 
@@ -128,6 +128,22 @@ fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
         })
 }
 
+/// A run over all of these scans by their odometry.
+fn run(
+    map: &PointMap<2>,
+    settings: &FilterSettings,
+    scans: Vec<LaserScan>,
+    start: Option<Pose2>,
+) -> Result<Run, FilterError> {
+    let checked = settings.clone().check()?;
+    let distances = MapDistances::grid(map, settings.max_distance)?;
+    let recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+    let increments: Vec<_> = recording.scans.iter().map(|scan| scan.odometry).collect();
+    let all: Vec<usize> = (0..recording.scans.len()).collect();
+    let replay = Replay { recording: &recording, increments: &increments, scans: &all };
+    localize(&replay, &distances, &checked, start, Seed::new(7))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
@@ -148,14 +164,9 @@ proptest! {
             update_distance,
             ..settings
         };
-        let Ok(checked) = settings.clone().check() else { return Ok(()) };
-        let Ok(distances) = MapDistances::grid(&map, settings.max_distance) else { return Ok(()) };
-        let recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
-        let increments: Vec<_> = recording.scans.iter().map(|scan| scan.odometry).collect();
-        let all: Vec<usize> = (0..recording.scans.len()).collect();
-        let replay = Replay { recording: &recording, increments: &increments, scans: &all };
-        let Ok(run) = localize(&replay, &distances, &checked, None, Seed::new(7)) else { return Ok(()) };
-        prop_assert_eq!(run.map_from_laser.len(), all.len());
+        let number = scans.len();
+        let Ok(run) = run(&map, &settings, scans, None) else { return Ok(()) };
+        prop_assert_eq!(run.map_from_laser.len(), number);
         let within = settings.particles.least..=settings.particles.most;
         for (pose, report) in run.map_from_laser.iter().zip(&run.reports) {
             prop_assert!(pose.is_finite(), "{pose:?}");
@@ -174,15 +185,10 @@ proptest! {
         scans in scans(),
         start in (coordinate(), coordinate(), -1e3..1e3f64),
     ) {
-        let Ok(checked) = settings.clone().check() else { return Ok(()) };
-        let Ok(distances) = MapDistances::grid(&map, settings.max_distance) else { return Ok(()) };
-        let recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
-        let increments: Vec<_> = recording.scans.iter().map(|scan| scan.odometry).collect();
-        let all: Vec<usize> = (0..recording.scans.len()).collect();
-        let replay = Replay { recording: &recording, increments: &increments, scans: &all };
         let start = Some(Pose2::new(start.0, start.1, start.2));
-        let Ok(run) = localize(&replay, &distances, &checked, start, Seed::new(7)) else { return Ok(()) };
-        prop_assert_eq!(run.map_from_laser.len(), all.len());
+        let number = scans.len();
+        let Ok(run) = run(&map, &settings, scans, start) else { return Ok(()) };
+        prop_assert_eq!(run.map_from_laser.len(), number);
         for (pose, report) in run.map_from_laser.iter().zip(&run.reports) {
             prop_assert!(pose.is_finite(), "{pose:?}");
             prop_assert!(report.log_evidence.is_finite(), "{report:?}");

@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, wrap_angle};
+use mcl_core::Pose2;
 
 use crate::proposal::Noise;
 
@@ -58,24 +58,19 @@ pub struct GaussianMotion {
 }
 
 impl GaussianMotion {
-    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with the standard
-    /// normal noise on x, y and heading that `noise` gives for one after the other.
-    pub(crate) fn apply(
-        &self,
-        x: &mut [f64],
-        y: &mut [f64],
-        theta: &mut [f64],
-        mut noise: impl FnMut() -> Noise,
-    ) {
-        let GaussianMotion { increment, position_std, heading_std } = self;
-        for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
-            let [ahead, left, turn] = noise();
+    /// What moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal noise on x, y and
+    /// heading.
+    pub(super) fn mover(&self) -> impl Fn([f64; 3], Noise) -> [f64; 3] {
+        let GaussianMotion { increment, position_std, heading_std } = *self;
+        move |[x, y, theta], [ahead, left, turn]| {
             let ahead = increment.x + position_std * ahead;
             let left = increment.y + position_std * left;
             let (sin, cos) = theta.sin_cos();
-            *x += cos * ahead - sin * left;
-            *y += sin * ahead + cos * left;
-            *theta = wrap_angle(*theta + increment.theta + heading_std * turn);
+            [
+                x + (cos * ahead - sin * left),
+                y + (sin * ahead + cos * left),
+                theta + increment.theta + heading_std * turn,
+            ]
         }
     }
 }
@@ -84,7 +79,7 @@ impl GaussianMotion {
 mod tests {
     use super::*;
     use crate::motion::Motion;
-    use mcl_core::Seed;
+    use mcl_core::{Seed, wrap_angle};
     use std::f64::consts::PI;
 
     const POSITION: [f64; 3] = [0.03, 0.1, 0.2];

@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, Rng};
+use mcl_core::{Pose2, Rng, wrap_angle};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::gaussian_model::{GaussianModel, GaussianMotion};
@@ -63,9 +63,23 @@ impl Motion {
         theta: &mut [f64],
         noise: impl FnMut() -> Noise,
     ) {
+        // The model is chosen once, not per pose.
         match self {
-            Motion::Gaussian(motion) => motion.apply(x, y, theta, noise),
-            Motion::Book(motion) => motion.apply(x, y, theta, noise),
+            Motion::Gaussian(motion) => move_all(x, y, theta, noise, motion.mover()),
+            Motion::Book(motion) => move_all(x, y, theta, noise, motion.mover()),
         }
+    }
+}
+
+fn move_all(
+    x: &mut [f64],
+    y: &mut [f64],
+    theta: &mut [f64],
+    mut noise: impl FnMut() -> Noise,
+    moved: impl Fn([f64; 3], Noise) -> [f64; 3],
+) {
+    for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
+        [*x, *y, *theta] = moved([*x, *y, *theta], noise());
+        *theta = wrap_angle(*theta);
     }
 }

@@ -3,7 +3,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
-use crate::settings::check_std;
+use crate::check::check_std;
 
 /// Gaussian noise that an experiment adds to the odometry of a log, so that its result does not hang
 /// on how well one robot's wheels were calibrated (Meyer-Delius and Burgard, section V-B). No noise

@@ -80,27 +80,19 @@ pub struct NoisyMotion {
 }
 
 impl NoisyMotion {
-    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with the standard
-    /// normal noise on rotation 1, translation and rotation 2 that `noise` gives for one after the other.
-    pub(crate) fn apply(
-        &self,
-        x: &mut [f64],
-        y: &mut [f64],
-        theta: &mut [f64],
-        mut noise: impl FnMut() -> Noise,
-    ) {
+    /// What moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal noise on rotation
+    /// 1, translation and rotation 2.
+    pub(super) fn mover(&self) -> impl Fn([f64; 3], Noise) -> [f64; 3] {
+        let NoisyMotion { rotation1, translation, rotation2, .. } = *self;
         let std1 = self.rotation1_variance.sqrt();
         let std_translation = self.translation_variance.sqrt();
         let std2 = self.rotation2_variance.sqrt();
-        for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
-            let [noise1, noise, noise2] = noise();
-            let rotation1 = self.rotation1 + std1 * noise1;
-            let translation = self.translation + std_translation * noise;
-            let rotation2 = self.rotation2 + std2 * noise2;
-            let (sin, cos) = (*theta + rotation1).sin_cos();
-            *x += translation * cos;
-            *y += translation * sin;
-            *theta = wrap_angle(*theta + rotation1 + rotation2);
+        move |[x, y, theta], [noise1, noise, noise2]| {
+            let rotation1 = rotation1 + std1 * noise1;
+            let translation = translation + std_translation * noise;
+            let rotation2 = rotation2 + std2 * noise2;
+            let (sin, cos) = (theta + rotation1).sin_cos();
+            [x + translation * cos, y + translation * sin, theta + rotation1 + rotation2]
         }
     }
 }

@@ -3,7 +3,7 @@ use std::f64::consts::SQRT_2;
 use mcl_core::{Bounds, CoreError, Point, Pose2};
 
 use crate::FilterError;
-use crate::settings::check_length;
+use crate::check::check_length;
 
 /// Which cells of a grid are occupied: what a likelihood field needs to know of an occupancy grid.
 #[derive(Debug, Clone, Copy)]

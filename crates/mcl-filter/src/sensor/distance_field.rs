@@ -5,7 +5,7 @@ use super::grid::{Candidates, Grid};
 use super::lookup::{CHUNK, Lookup, Workspace};
 use super::{CellDistances, NdtDistances, NdtReading, ObstacleGrid, SegmentDistances};
 use crate::FilterError;
-use crate::settings::check_length;
+use crate::check::check_length;
 
 /// Distances from any place to a map, cut at a largest distance: what every sensor model here knows of a
 /// map. Build one per map and share it.

@@ -1,7 +1,7 @@
 use mcl_core::{Bounds, NdtMap, Point};
 
 use crate::FilterError;
-use crate::settings::{check_length, check_std};
+use crate::check::{check_length, check_std};
 
 /// Most cells of the table that a map is looked up in: 4 km² at 0.5 m.
 const MAX_CELLS: f64 = (1u64 << 24) as f64;

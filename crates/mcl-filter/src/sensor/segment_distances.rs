@@ -2,7 +2,7 @@ use mcl_core::{Bounds, LineSegment, Point, SegmentMap};
 
 use super::grid_builder::Block;
 use crate::FilterError;
-use crate::settings::check_length;
+use crate::check::check_length;
 
 /// About as many cells as are looked up, and no side is cut into more. Results do not depend on it.
 const CELLS: f64 = (1u64 << 17) as f64;

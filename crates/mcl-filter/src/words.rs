@@ -1,0 +1,38 @@
+//! How settings are written: as words, and as numbers that may be words.
+
+use serde::{Deserialize, Serialize};
+
+/// A number, or what is written in its place.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum NumberOrWord<N> {
+    Number(N),
+    Word(String),
+}
+
+/// Reads and writes a setting by its words, which `ALL` and `name` give: the type, the setting's name, and what is
+/// expected.
+macro_rules! words {
+    ($kind:ident, $field:literal, $expected:literal) => {
+        impl std::str::FromStr for $kind {
+            type Err = crate::FilterError;
+
+            fn from_str(text: &str) -> Result<Self, crate::FilterError> {
+                $kind::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+                    crate::FilterError::Parse {
+                        field: $field,
+                        found: text.into(),
+                        expected: $expected,
+                    }
+                })
+            }
+        }
+
+        impl std::fmt::Display for $kind {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+    };
+}
+pub(crate) use words;
