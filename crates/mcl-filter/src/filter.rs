@@ -2,10 +2,9 @@ use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{LaserScan, OutOfMemory, Pose2, Rng, Seed, wrap_angle};
+use mcl_core::{LaserScan, Normals, OutOfMemory, Pose2, Rng, Seed, math, wrap_angle};
 use rand::RngExt;
 use rand::seq::SliceRandom;
-use rand_distr::{Distribution, StandardNormal};
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
@@ -20,7 +19,7 @@ use crate::{
 
 /// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
 /// 181.
-const BRIDGE_STAGES: i32 = 16;
+const BRIDGE_STAGES: u32 = 16;
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,8 +48,7 @@ pub struct StepReport {
 ///
 /// The particles are poses of the *robot*, whose wheels the motion model describes; the scanner's
 /// mount is taken into account when a scan comes in. All draws come from the seed, what they are for
-/// and the step, so a filter is the same to the last bit on every machine that computes IEEE doubles
-/// with the same mathematical library.
+/// and the step, so a filter is the same to the last bit on every machine that computes IEEE doubles.
 ///
 /// # Example
 /// ```
@@ -254,7 +252,7 @@ impl<'a> ParticleFilter<'a> {
             let scan = self.updates as usize;
             return Err(FilterError::NonFiniteOdometry { scan, increment: *increment });
         }
-        self.travelled += increment.x.hypot(increment.y);
+        self.travelled += math::hypot(increment.x, increment.y);
         self.turned += increment.theta.abs();
         let settings = self.settings.values();
         if !settings.leaves_out_scans() {
@@ -263,7 +261,8 @@ impl<'a> ParticleFilter<'a> {
         let FilterSettings { update_distance, update_angle, .. } = *settings;
         let pending = self.pending.unwrap_or(Pose2::IDENTITY).compose(increment);
         self.pending = Some(pending);
-        self.is_due |= pending.x.hypot(pending.y) >= update_distance && update_distance > 0.0
+        self.is_due |= math::hypot(pending.x, pending.y) >= update_distance
+            && update_distance > 0.0
             || pending.theta.abs() >= update_angle && update_angle > 0.0;
         Ok(())
     }
@@ -305,14 +304,14 @@ impl<'a> ParticleFilter<'a> {
         self.load(scan)?;
         let FilterSettings { outlier_fraction, resampling, .. } = *self.settings.values();
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
+        let mut normals = Normals::default();
         let number = self.particles.len();
         for stage in 0..BRIDGE_STAGES {
             // Spreads shrink by √½ from stage to stage, and the powers of the likelihood sum to 1.
-            let scale = FRAC_1_SQRT_2.powi(stage);
+            let scale = math::powi(FRAC_1_SQRT_2, stage);
             let Particles { x, y, theta, .. } = &mut self.particles;
             for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
-                let [along, across, turn]: Noise =
-                    std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+                let [along, across, turn] = normals.draw(&mut rng);
                 *x += scale * position * along;
                 *y += scale * position * across;
                 *theta = wrap_angle(*theta + scale * heading * turn);
@@ -322,7 +321,7 @@ impl<'a> ParticleFilter<'a> {
                 break;
             }
             self.weigh(0..number, outlier_fraction);
-            let power = (SQRT_2 - 1.0) * FRAC_1_SQRT_2.powi(BRIDGE_STAGES - stage);
+            let power = (SQRT_2 - 1.0) * math::powi(FRAC_1_SQRT_2, BRIDGE_STAGES - stage);
             let Buffers { weights, chosen, scratch, log_likelihoods, .. } = &mut self.buffers;
             let particles = &mut self.particles;
             for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
@@ -348,8 +347,9 @@ impl<'a> ParticleFilter<'a> {
             before.clone_from(now);
         }
         noise.clear();
+        let mut normals = Normals::default();
         motion.apply(x, y, theta, || {
-            let drawn: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
+            let drawn: Noise = normals.draw(rng);
             noise.push(drawn);
             drawn
         });
@@ -409,7 +409,7 @@ impl<'a> ParticleFilter<'a> {
                 self.start = Start::Done;
             }
         } else if let (Some(recovery), true) = (&settings.recover, used_beams > 0) {
-            let beam = (log_sum / (exponent * used_beams as f64)).exp();
+            let beam = math::exp(log_sum / (exponent * used_beams as f64));
             injected = self.averages.add(beam, recovery);
         }
         let resampled =
@@ -492,8 +492,8 @@ impl<'a> ParticleFilter<'a> {
         }
         let Buffers { sin, cos, weights, .. } = &mut self.buffers;
         weights.clear();
-        weights.extend(log_weight.iter().map(|log_weight| log_weight.exp()));
-        (*sin, *cos) = theta.iter().map(|theta| theta.sin_cos()).unzip();
+        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
+        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
         StepReport {
             estimate: Estimate::of((x, y), theta, (sin, cos), weights),
             effective_sample_size: effective_sample_size(weights),
@@ -522,7 +522,7 @@ impl<'a> ParticleFilter<'a> {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
         for i in range.clone() {
-            (sin[i], cos[i]) = theta[i].sin_cos();
+            (sin[i], cos[i]) = math::sin_cos(theta[i]);
         }
         let log_likelihoods = &mut log_likelihoods[range.clone()];
         log_likelihoods.fill(0.0);
@@ -557,6 +557,7 @@ impl<'a> ParticleFilter<'a> {
             log_likelihoods: &log_likelihoods[..pilots],
         };
         let mut rng = self.seed.derive("adaptation").derive_index(self.updates).rng();
+        let mut normals = Normals::default();
         std::array::from_fn(|fold| {
             let proposal = NoiseProposal::fit(known, part(fold, pilots), weighing)?;
             let drawn = part(fold, of_others.len());
@@ -566,7 +567,7 @@ impl<'a> ParticleFilter<'a> {
             }
             let mut noise = of_others[drawn].iter_mut();
             motion.apply(&mut x[moved.clone()], &mut y[moved.clone()], &mut theta[moved], || {
-                let drawn = proposal.draw(&mut rng);
+                let drawn = proposal.draw(&mut normals, &mut rng);
                 if let Some(noise) = noise.next() {
                     *noise = drawn;
                 }

@@ -3,9 +3,8 @@
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{OutOfMemory, Rng};
+use mcl_core::{Normals, OutOfMemory, Rng, math};
 use nalgebra::{Matrix3, Vector3};
-use rand_distr::{Distribution, StandardNormal};
 
 use crate::particles::PARTICLES;
 
@@ -101,14 +100,13 @@ impl NoiseProposal {
             mean,
             spread: square_root(std),
             whitening: square_root(std.map(|std| 1.0 / std)),
-            log_det: std.map(f64::ln).sum(),
+            log_det: std.map(math::ln).sum(),
         })
     }
 
     /// A draw from q.
-    pub(crate) fn draw(&self, rng: &mut Rng) -> Noise {
-        let standard: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
-        (self.mean + self.spread * Vector3::from(standard)).into()
+    pub(crate) fn draw(&self, normals: &mut Normals, rng: &mut Rng) -> Noise {
+        (self.mean + self.spread * Vector3::from(normals.draw(rng))).into()
     }
 
     /// ln(N(ε) / ((1 − `share`)·N(ε) + `share`·q(ε))).
@@ -118,7 +116,7 @@ impl NoiseProposal {
         // ln q(ε)/N(ε); far out it may overflow, and the correction is then −∞: a draw that the motion
         // model would not make.
         let log_ratio = 0.5 * (noise.norm_squared() - whitened.norm_squared()) - self.log_det;
-        -(1.0 - share + share * log_ratio.exp()).ln()
+        -math::ln(1.0 - share + share * math::exp(log_ratio))
     }
 }
 
@@ -155,14 +153,14 @@ impl Weighing {
         let most = largest(&mut pilots.clone().map(|(_, likelihood)| likelihood));
         let heaviest = largest(&mut pilots.clone().map(|(weight, _)| weight));
         self.prior.clear();
-        self.prior.extend(pilots.clone().map(|(weight, _)| (weight - heaviest).exp()));
+        self.prior.extend(pilots.clone().map(|(weight, _)| math::exp(weight - heaviest)));
         // 2⁻⁶⁰ of any likelihood that f64 can tell from 0 is 1.
         let mut exponent = 1.0;
         let mut effective = f64::NAN;
         for _ in 0..6 {
             exponent /= 1024.0;
             self.power.clear();
-            self.power.extend(pilots.clone().map(|(_, l)| (exponent * (l - most)).exp()));
+            self.power.extend(pilots.clone().map(|(_, l)| math::exp(exponent * (l - most))));
             effective = effective_size(&self.prior, &self.power);
             if effective >= wanted {
                 break;
@@ -220,8 +218,8 @@ mod tests {
     }
 
     fn standard(number: usize, seed: u64) -> Vec<Noise> {
-        let mut rng = Seed::new(seed).rng();
-        (0..number).map(|_| std::array::from_fn(|_| StandardNormal.sample(&mut rng))).collect()
+        let (mut normals, mut rng) = (Normals::default(), Seed::new(seed).rng());
+        (0..number).map(|_| normals.draw(&mut rng)).collect()
     }
 
     /// For a Gaussian likelihood the posterior is known: precision 1 + 1/v, mean (m/v)/(1 + 1/v).
@@ -262,7 +260,7 @@ mod tests {
             whitening: Matrix3::from_diagonal_element(1.0 / std),
             log_det: 3.0 * std.ln(),
         };
-        let mut rng = Seed::new(5).rng();
+        let (mut normals, mut rng) = (Normals::default(), Seed::new(5).rng());
         for proposal in [proposal([0.5, -0.2, 0.1], 0.4), proposal([4.0, 0.0, 0.0], 0.1)] {
             for share in [0.5, 0.2] {
                 let (pilots, drawn) = (standard(200_000, 6), 200_000);
@@ -271,7 +269,7 @@ mod tests {
                         / pilots.len() as f64
                 });
                 let of_drawn = (0..drawn).map(|_| {
-                    let noise = proposal.draw(&mut rng);
+                    let noise = proposal.draw(&mut normals, &mut rng);
                     share * proposal.log_correction(&noise, share).exp() / f64::from(drawn)
                 });
                 let integral: f64 = of_pilots.chain(of_drawn).sum();

@@ -1,6 +1,5 @@
-use mcl_core::{Pose2, Rng};
+use mcl_core::{Normals, Pose2, Rng, math};
 use rand::RngExt;
-use rand_distr::StandardNormal;
 
 use super::obstacles::Material;
 use super::ray::RayCaster;
@@ -36,7 +35,8 @@ impl LaserSettings {
         if rng.random_bool(self.short_probability) {
             range *= rng.random::<f64>();
         }
-        range += self.range_noise * rng.sample::<f64, _>(StandardNormal);
+        let [noise] = Normals::default().draw(rng);
+        range += self.range_noise * noise;
         if self.resolution > 0.0 {
             range = (range / self.resolution).round() * self.resolution;
         }
@@ -56,7 +56,8 @@ impl LaserSettings {
         let angle = map_from_laser.theta + beam_angle;
         let mut hit = caster.first_hit(origin, angle, 0.0)?;
         while hit.material == Material::Glass {
-            let answer = self.glass_return * hit.incidence_cos.min(1.0).powf(self.glass_exponent);
+            let answer =
+                self.glass_return * math::powf(hit.incidence_cos.min(1.0), self.glass_exponent);
             if rng.random_bool(answer) {
                 break;
             }

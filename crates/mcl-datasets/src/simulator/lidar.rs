@@ -6,9 +6,8 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
-use mcl_core::{Point, Pose2, Rng, Seed};
+use mcl_core::{Normals, Point, Pose2, Rng, Seed, math};
 use rand::RngExt;
-use rand_distr::StandardNormal;
 
 use super::floor_plan::structure;
 use super::laser::decimal;
@@ -166,13 +165,14 @@ impl<'a> Scene<'a> {
                 let Some(range) = self.echo([pose.x, pose.y], azimuth, elevation, rng) else {
                     continue;
                 };
-                let range = range + lidar.range_noise * rng.sample::<f64, _>(StandardNormal);
+                let [noise] = Normals::default().draw(rng);
+                let range = range + lidar.range_noise * noise;
                 if range > 0.0 && range <= lidar.max_range {
-                    let across = range * elevation.cos();
+                    let across = range * math::cos(elevation);
                     points.push([
-                        decimal(pose.x + across * azimuth.cos()),
-                        decimal(pose.y + across * azimuth.sin()),
-                        decimal(lidar.height + range * elevation.sin()),
+                        decimal(pose.x + across * math::cos(azimuth)),
+                        decimal(pose.y + across * math::sin(azimuth)),
+                        decimal(lidar.height + range * math::sin(elevation)),
                     ]);
                 }
             }
@@ -182,7 +182,7 @@ impl<'a> Scene<'a> {
     /// True distance along a beam to what answers it, in m; `None` when it leaves the building.
     fn echo(&self, origin: Point<2>, azimuth: f64, elevation: f64, rng: &mut Rng) -> Option<f64> {
         let LidarSettings { height, ceiling, .. } = *self.lidar;
-        let (slope, cos) = (elevation.tan(), elevation.cos());
+        let (slope, cos) = (math::tan(elevation), math::cos(elevation));
         // Distance over the ground at which the beam meets the floor or the ceiling.
         let level = match slope {
             slope if slope < 0.0 => height / -slope,
@@ -200,7 +200,7 @@ impl<'a> Scene<'a> {
                 Material::Opaque => 1.0,
                 Material::Glass => {
                     let incidence = (hit.incidence_cos * cos).min(1.0);
-                    self.laser.glass_return * incidence.powf(self.laser.glass_exponent)
+                    self.laser.glass_return * math::powf(incidence, self.laser.glass_exponent)
                 }
             };
             if stands && rng.random_bool(answer) {

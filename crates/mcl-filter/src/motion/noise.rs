@@ -1,5 +1,4 @@
-use mcl_core::{Pose2, Seed, wrap_angle};
-use rand_distr::{Distribution, StandardNormal};
+use mcl_core::{Normals, Pose2, Seed, wrap_angle};
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
@@ -35,7 +34,7 @@ pub fn noisy_increments(
     let add = |(step, increment): (usize, &Option<Pose2>)| {
         increment.map(|increment| {
             let mut rng = seed.derive_index(step as u64).rng();
-            let [x, y, theta]: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+            let [x, y, theta] = Normals::default().draw(&mut rng);
             Pose2::new(
                 increment.x + noise.xy * x,
                 increment.y + noise.xy * y,

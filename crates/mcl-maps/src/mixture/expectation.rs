@@ -1,6 +1,6 @@
 use std::f64::consts::LN_2;
 
-use mcl_core::Point;
+use mcl_core::{Point, math};
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -102,9 +102,9 @@ impl<'a, const D: usize, const NEAREST: usize> Walk<'a, D, NEAREST> {
             arch,
             tree: data.tree(),
             inverse_unit: inverse_unit(sigma),
-            reach: square * (2.0 * components as f64 / TRUNCATION).ln(),
+            reach: square * math::ln(2.0 * components as f64 / TRUNCATION),
             reach_among: std::array::from_fn(|log2| {
-                square * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
+                square * (LN_2 * (log2 + 1) as f64 - math::ln(TRUNCATION))
             }),
         }
     }

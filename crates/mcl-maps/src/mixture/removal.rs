@@ -2,7 +2,7 @@
 
 use std::f64::consts::LN_2;
 
-use mcl_core::Point;
+use mcl_core::{Point, math};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
@@ -171,7 +171,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         let mut nearest = [[0; 2]; LEAF_POINTS];
         for i in 0..count {
             nearest[i] = [first_at[i] as u32, second_at[i] as u32];
-            let cost = LN_2 * (second[i] - first[i]) + own[i].ln();
+            let cost = LN_2 * (second[i] - first[i]) + math::ln(own[i]);
             self.cost[components.places[nearest[i][0] as usize] as usize] += cost;
         }
         nearest
