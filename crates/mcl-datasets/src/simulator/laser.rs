@@ -67,8 +67,7 @@ impl LaserSettings {
     }
 }
 
-/// The float nearest to a decimal of six places: a text log holds it exactly, and the last bits of
-/// a platform's sine do not reach it.
+/// The float nearest to a decimal of six places: a text log holds it exactly.
 pub(super) fn decimal(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
