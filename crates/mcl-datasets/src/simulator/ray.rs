@@ -271,7 +271,7 @@ mod tests {
             let origin = std::array::from_fn(|_| rng.random_range(-2.0..22.0));
             let angle: f64 = rng.random_range(0.0..TAU);
             let beyond = if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..10.0) };
-            let direction = [angle.cos(), angle.sin()];
+            let direction = [math::cos(angle), math::sin(angle)];
             let expected = (0..surfaces)
                 .filter_map(|surface| caster.hit(surface, origin, direction, beyond))
                 .map(|hit| hit.distance)
