@@ -26,6 +26,11 @@ pub fn tan(x: f64) -> f64 {
     libm::tan(x)
 }
 
+/// arcsin x, in [−π/2, π/2]; NaN outside [−1, 1].
+pub fn asin(x: f64) -> f64 {
+    libm::asin(x)
+}
+
 /// arccos x, in [0, π]; NaN outside [−1, 1].
 pub fn acos(x: f64) -> f64 {
     libm::acos(x)
@@ -104,7 +109,12 @@ mod tests {
     #[test]
     fn bits_are_those_of_every_processor() {
         type Function = fn(f64) -> f64;
-        let functions: [(&str, Function, [u64; 3]); 15] = [
+        let functions: [(&str, Function, [u64; 3]); 16] = [
+            (
+                "asin",
+                |x| asin(x / 100.0),
+                [0x3f68_9377_26e4_cfc8, 0x3f9d_b33d_f215_2384, 0x3fe9_956a_03de_6b68],
+            ),
             ("sin", sin, [0x3fd2_e9cd_95ba_ba33, 0x3fce_9fb8_d648_30e3, 0x3fe0_e811_d432_653e]),
             ("cos", cos, [0x3fee_921d_d42f_09ba, 0xbfef_1216_dba3_40c9, 0xbfeb_2b55_9dc8_1ffd]),
             (
@@ -165,7 +175,8 @@ mod tests {
             let close = |found: f64, expected: f64| (found - expected).abs() <= 1e-15 * expected.abs();
             prop_assert!(close(sin(x), x.sin()) && close(cos(x), x.cos()) && close(tan(x), x.tan()));
             prop_assert_eq!(sin_cos(x), (sin(x), cos(x)));
-            prop_assert!(close(acos(y / 3.0), (y / 3.0).acos()) && close(atan2(x, y), x.atan2(y)));
+            prop_assert!(close(acos(y / 3.0), (y / 3.0).acos()) && close(asin(y / 3.0), (y / 3.0).asin()));
+            prop_assert!(close(atan2(x, y), x.atan2(y)));
             prop_assert!(close(hypot(x, y), x.hypot(y)) && close(exp(y), y.exp()) && close(ln(x), x.ln()));
             prop_assert!(close(log2(x), x.log2()) && close(log10(x), x.log10()));
             prop_assert!(close(powf(x, y), x.powf(y)) && square(y) == y * y);

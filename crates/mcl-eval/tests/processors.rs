@@ -93,7 +93,7 @@ fn made(bench: &Bench, name: &str, mask: Option<&str>) -> [PathBuf; 2] {
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{arguments:?}: {stderr}");
     };
-    run("simulate -o FILES/office.log --seed 2");
+    run("simulate -o FILES/office.log --seed 2 --people 3");
     run("simulate -o FILES/office.csv --three-dimensional");
     run("convert office.log FILES/office.mcap");
     run("map office.log --init grid --cell 0.2 -o FILES/map.csv");

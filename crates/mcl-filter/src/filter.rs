@@ -1,8 +1,8 @@
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{LaserScan, Normals, OutOfMemory, Pose2, Rng, Seed, math, wrap_angle};
+use mcl_core::{Bounds, LaserScan, Normals, OutOfMemory, Pose2, Rng, Seed, math, wrap_angle};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
@@ -17,9 +17,10 @@ use crate::{
     Resampling,
 };
 
-/// How often particles are drawn towards a scan after unknown motion; the last time they are spread by a part in
-/// 181.
-const BRIDGE_STAGES: u32 = 16;
+/// After unknown motion the robot is looked for within so many standard deviations along each axis, and the scan
+/// counts as so many independent beams.
+const BRIDGE_DEVIATIONS: f64 = 4.0;
+const BRIDGE_BEAMS: f64 = 8.0;
 
 /// What one step of the filter found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -282,10 +283,11 @@ impl<'a> ParticleFilter<'a> {
         self.particles.check_places()
     }
 
-    /// Takes the place of a motion that nobody knows, before the scan at its end: the particles are spread by
-    /// independent Gaussian noise of these standard deviations on x and y (m) and on the heading (rad). So few of
-    /// them would be where the robot is that they are then drawn towards the scan: resampled by its likelihood,
-    /// at first to a small power, and spread by less, again and again.
+    /// Takes the place of a motion that nobody knows, before the scan at its end: the robot may then be anywhere
+    /// about where the particles are, with independent Gaussian noise of these standard deviations on x and y (m) and
+    /// on the heading (rad). So few particles spread like that would be where the robot is that they are drawn from
+    /// where the scan is likely instead, as when the robot starts, and weighed by the Gaussian that they would have
+    /// been spread over.
     ///
     /// # Errors
     /// [`FilterError::NonFiniteParticle`], and those of [`update`](Self::update).
@@ -295,43 +297,49 @@ impl<'a> ParticleFilter<'a> {
         position: f64,
         heading: f64,
     ) -> Result<(), FilterError> {
-        // The last motion says nothing any more of where to draw particles from.
         if let Some(pending) = self.pending.take() {
             self.apply(&pending)?;
         }
+        // The last motion says nothing any more of where to draw particles from.
         self.moved = None;
         self.is_due = true;
         self.load(scan)?;
-        let FilterSettings { outlier_fraction, resampling, .. } = *self.settings.values();
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
-        let mut normals = Normals::default();
-        let number = self.particles.len();
-        for stage in 0..BRIDGE_STAGES {
-            // Spreads shrink by √½ from stage to stage, and the powers of the likelihood sum to 1.
-            let scale = math::powi(FRAC_1_SQRT_2, stage);
+        self.predictions += 1;
+        if self.buffers.endpoints.is_empty() {
+            let mut normals = Normals::default();
             let Particles { x, y, theta, .. } = &mut self.particles;
             for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
                 let [along, across, turn] = normals.draw(&mut rng);
-                *x += scale * position * along;
-                *y += scale * position * across;
-                *theta = wrap_angle(*theta + scale * heading * turn);
+                *x += position * along;
+                *y += position * across;
+                *theta = wrap_angle(*theta + heading * turn);
             }
-            self.particles.check_places()?;
-            if self.buffers.endpoints.is_empty() {
-                break;
-            }
-            self.weigh(0..number, outlier_fraction);
-            let power = (SQRT_2 - 1.0) * math::powi(FRAC_1_SQRT_2, BRIDGE_STAGES - stage);
-            let Buffers { weights, chosen, scratch, log_likelihoods, .. } = &mut self.buffers;
-            let particles = &mut self.particles;
-            for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
-                *log_weight += power * likelihood;
-            }
-            particles.normalize(weights)?;
-            resampling.draw(weights, number, &mut rng, scratch, chosen);
-            particles.choose(chosen, scratch);
+            return self.particles.check_places();
         }
-        Ok(())
+        if let Start::Waiting { beams, agreement } | Start::Searching { beams, agreement } =
+            self.start
+        {
+            // All of the map is searched, by this scan.
+            self.start = Start::Waiting { beams, agreement };
+            return Ok(());
+        }
+        let Estimate { map_from_robot: mean, covariance } = self.estimate();
+        let spread = [position, position, heading];
+        let std =
+            [0, 1, 2].map(|axis| (covariance[(axis, axis)] + math::square(spread[axis])).sqrt());
+        let reach = [0, 1].map(|axis| BRIDGE_DEVIATIONS * std[axis]);
+        let window = Bounds {
+            min: [mean.x - reach[0], mean.y - reach[1]],
+            max: [mean.x + reach[0], mean.y + reach[1]],
+        };
+        self.draw_likely(Some(window), BRIDGE_BEAMS, &mut rng, |pose, _| {
+            let off = [pose.x - mean.x, pose.y - mean.y, wrap_angle(pose.theta - mean.theta)];
+            let of_axes = off.iter().zip(std);
+            of_axes
+                .map(|(off, std)| -0.5 * math::square(off / std) - math::ln(std * TAU.sqrt()))
+                .sum()
+        })
     }
 
     /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,
@@ -454,8 +462,8 @@ impl<'a> ParticleFilter<'a> {
         particles.choose(chosen, scratch);
         if let (Some(recovery), true) = (recover, random > 0) {
             let exponent = recovery.beams / endpoints.len() as f64;
-            let places = LikelyPlaces::search(&self.field, endpoints, exponent.min(1.0))?;
-            places.draw(random, &mut rng, particles);
+            let places = LikelyPlaces::search(&self.field, endpoints, None, exponent.min(1.0))?;
+            places.draw(random, |_, uniform| uniform, &mut rng, particles);
             particles.make_equal();
             particles.check_places()?;
         }
@@ -469,16 +477,39 @@ impl<'a> ParticleFilter<'a> {
         if endpoints.is_empty() {
             return Ok(());
         }
-        let FilterSettings { likelihood_exponent, particles, .. } = *self.settings.values();
-        let exponent = self.start.exponent(likelihood_exponent, endpoints.len());
-        let places = LikelyPlaces::search(&self.field, endpoints, exponent)?;
         let mut rng = self.seed.derive("start").rng();
-        self.particles.clear();
-        places.draw(particles.most, &mut rng, &mut self.particles);
-        self.particles.check_places()?;
+        self.draw_likely(None, beams, &mut rng, |_, uniform| uniform)?;
         self.moved = None;
         self.start = Start::Searching { beams, agreement };
         Ok(())
+    }
+
+    /// Replaces the particles by poses from where the loaded scan is likely, as so many independent beams, and
+    /// weighs them by a prior density ([`LikelyPlaces::draw`]).
+    fn draw_likely(
+        &mut self,
+        window: Option<Bounds<2>>,
+        beams: f64,
+        rng: &mut Rng,
+        log_prior: impl Fn(&Pose2, f64) -> f64,
+    ) -> Result<(), FilterError> {
+        let endpoints = &self.buffers.endpoints;
+        let FilterSettings { likelihood_exponent, particles, .. } = *self.settings.values();
+        let exponent = likelihood_exponent.min(beams / endpoints.len() as f64);
+        let places = LikelyPlaces::search(&self.field, endpoints, window, exponent)?;
+        self.particles.clear();
+        places.draw(particles.most, log_prior, rng, &mut self.particles);
+        self.particles.check_places()
+    }
+
+    /// The estimate by the weights as they are.
+    fn estimate(&mut self) -> Estimate {
+        let Particles { x, y, theta, log_weight } = &self.particles;
+        let Buffers { sin, cos, weights, .. } = &mut self.buffers;
+        weights.clear();
+        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
+        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
+        Estimate::of((x, y), theta, (sin, cos), weights)
     }
 
     /// The estimate moved by the motion since the last used scan.

@@ -542,9 +542,9 @@ mod tests {
     #[test]
     fn sigma_hit_follows_the_spacing_of_the_map() {
         assert_eq!(SigmaHit::Metres(0.3).metres(1.0), 0.3);
-        assert_eq!(SigmaHit::Auto.metres(0.0), 0.12);
-        // 0.12² + (0.55·0.4)²
-        assert!((SigmaHit::Auto.metres(0.4) - 0.0628_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(SigmaHit::Auto.metres(0.0), 0.18);
+        // 0.18² + (0.55·0.4)²
+        assert!((SigmaHit::Auto.metres(0.4) - 0.0808_f64.sqrt()).abs() < 1e-15);
     }
 
     /// Both ways to say how little a beam can count: CARMEN's 0.45 of the peak is close to z_rand = 0.9.

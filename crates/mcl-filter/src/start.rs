@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, SQRT_2};
 
 use mcl_core::memory::{reserve, with_room};
-use mcl_core::{OutOfMemory, Point, Pose2, Rng, math};
+use mcl_core::{Bounds, OutOfMemory, Point, Pose2, Rng, math};
 use rand::RngExt;
 
 use crate::particles::Particles;
@@ -107,8 +107,13 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// A search for a scan with endpoints.
-    fn new(field: &LikelihoodField<'a>, endpoints: &ScanEndpoints) -> Self {
+    /// A search for a scan with endpoints; of places within `window`, or without one of all from where a beam can
+    /// end on the map.
+    fn new(
+        field: &LikelihoodField<'a>,
+        endpoints: &ScanEndpoints,
+        window: Option<Bounds<2>>,
+    ) -> Self {
         let distances = field.distances();
         let [hit, random, sigma] = field.parts();
         let number = endpoints.len().min(BEAMS);
@@ -118,10 +123,11 @@ impl<'a> Search<'a> {
         let squares: f64 = beams.iter().map(|[x, y]| x * x + y * y).sum();
         let lever = (squares / number as f64).sqrt();
 
-        // Where no beam can end on the map, the robot is not.
-        let (bounds, reach) = (distances.bounds(), endpoints.reach());
-        let corner = bounds.min.map(|least| least - reach);
-        let extent = [0, 1].map(|axis| bounds.extent(axis) + 2.0 * reach);
+        let window = window.unwrap_or_else(|| {
+            let (Bounds { min, max }, reach) = (distances.bounds(), endpoints.reach());
+            Bounds { min: min.map(|least| least - reach), max: max.map(|most| most + reach) }
+        });
+        let (corner, extent) = (window.min, [0, 1].map(|axis| window.extent(axis)));
         let parts = f64::from(1 << LEVELS);
         let headings = |half: f64| {
             let turn = (SQRT_2 * half / lever).min(MOST_TURN);
@@ -246,22 +252,25 @@ pub(crate) struct LikelyPlaces {
     places: Vec<[u32; 3]>,
     /// Running totals of the densities, in proportion to that of the likeliest box.
     totals: Vec<f64>,
-    /// ln of the volume of a box over that of all poses searched.
-    log_share: f64,
+    /// ln of the volume of a box (m²·rad).
+    log_volume: f64,
+    /// The number of boxes that all poses searched would fill.
+    boxes: f64,
 }
 
 impl LikelyPlaces {
-    /// Searches all poses from which a scan with endpoints may have been taken; its likelihood is taken to the power
-    /// of `exponent`.
+    /// Searches all poses in a window (m) from which a scan with endpoints may have been taken, or without one all
+    /// poses; the scan's likelihood is taken to the power of `exponent`.
     ///
     /// # Errors
     /// [`OutOfMemory`].
     pub(crate) fn search(
         field: &LikelihoodField<'_>,
         endpoints: &ScanEndpoints,
+        window: Option<Bounds<2>>,
         exponent: f64,
     ) -> Result<Self, OutOfMemory> {
-        let search = Search::new(field, endpoints);
+        let search = Search::new(field, endpoints, window);
         // The beams that are looked at stand for all.
         let exponent = exponent * endpoints.len() as f64 / search.beams.len() as f64;
         let (level, leaves, best) = search.leaves(CUT / exponent)?;
@@ -271,17 +280,26 @@ impl LikelyPlaces {
             total += math::exp(exponent * (leaf.value - best));
             totals.push(total);
         }
-        let boxes: f64 = search.boxes.iter().map(|&boxes| f64::from(boxes << LEVELS)).product();
+        let boxes = search.boxes.iter().map(|&boxes| f64::from(boxes << LEVELS)).product();
         let mut places = with_room(leaves.len(), BOXES)?;
         places.extend(leaves.iter().map(|leaf| leaf.place));
-        Ok(LikelyPlaces { level, places, totals, log_share: -math::ln(boxes) })
+        let log_volume = math::ln(8.0 * level.half * level.half * level.turn);
+        Ok(LikelyPlaces { level, places, totals, log_volume, boxes })
     }
 
     /// Appends poses drawn from the boxes in proportion to their densities, uniformly within each; their
-    /// log-weights are those of a uniform density of all poses over the one they are drawn from, over their
-    /// number: the likelihood has yet to be multiplied in.
-    pub(crate) fn draw(&self, number: usize, rng: &mut Rng, particles: &mut Particles) {
+    /// log-weights are those of a prior density over the one they are drawn from, over their number: the likelihood
+    /// has yet to be multiplied in. `log_prior` gives the logarithm of the prior (1/m²·rad) of a pose and of the
+    /// uniform density of all poses that were searched.
+    pub(crate) fn draw(
+        &self,
+        number: usize,
+        log_prior: impl Fn(&Pose2, f64) -> f64,
+        rng: &mut Rng,
+        particles: &mut Particles,
+    ) {
         let Some(sum) = self.totals.last() else { return };
+        let uniform = -self.log_volume - math::ln(self.boxes);
         for i in 0..number {
             let position = (i as f64 + rng.random::<f64>()) / number as f64 * sum;
             let leaf =
@@ -291,10 +309,12 @@ impl LikelyPlaces {
             let [right, up, left]: [f64; 3] =
                 std::array::from_fn(|_| 2.0 * rng.random::<f64>() - 1.0);
             let Level { half, turn, .. } = self.level;
-            particles.push(Pose2::new(x + half * right, y + half * up, theta + turn * left));
+            let pose = Pose2::new(x + half * right, y + half * up, theta + turn * left);
+            let log_density = math::ln(density / sum) - self.log_volume;
+            particles.push(pose);
             particles
                 .log_weight
-                .push(self.log_share + math::ln(sum / density) - math::ln(number as f64));
+                .push(log_prior(&pose, uniform) - log_density - math::ln(number as f64));
         }
     }
 }
@@ -438,7 +458,7 @@ mod tests {
         let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
         for distances in &kinds(&points, 2.0) {
             let field = field(distances);
-            let search = Search::new(&field, &scan);
+            let search = Search::new(&field, &scan, None);
             for below in [10.0, 40.0] {
                 let (level, kept, best) = search.leaves(below).unwrap();
                 let [columns, rows, headings] = search.boxes.map(|boxes| boxes << LEVELS);
@@ -471,9 +491,9 @@ mod tests {
         let field = field(&distances);
         for pose in [Pose2::new(1.7, 1.2, 0.4), Pose2::new(5.0, 3.0, -2.5)] {
             let scan = endpoints(&scan(&points, pose));
-            let places = LikelyPlaces::search(&field, &scan, 1.0).unwrap();
+            let places = LikelyPlaces::search(&field, &scan, None, 1.0).unwrap();
             let mut particles = Particles::empty();
-            places.draw(1000, &mut Seed::new(1).rng(), &mut particles);
+            places.draw(1000, |_, uniform| uniform, &mut Seed::new(1).rng(), &mut particles);
             let near = particles.iter().filter(|(found, _)| found.distance(&pose) < 0.5);
             assert!(near.count() > 900, "{pose:?}");
         }
@@ -489,9 +509,9 @@ mod tests {
         let field = field(&distances);
         let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
         let evidence = [0.5, 0.25, 0.125].map(|exponent| {
-            let places = LikelyPlaces::search(&field, &scan, exponent).unwrap();
+            let places = LikelyPlaces::search(&field, &scan, None, exponent).unwrap();
             let mut particles = Particles::empty();
-            places.draw(100_000, &mut Seed::new(2).rng(), &mut particles);
+            places.draw(100_000, |_, uniform| uniform, &mut Seed::new(2).rng(), &mut particles);
             let terms: Vec<f64> = particles
                 .iter()
                 .map(|(pose, log)| log + field.log_likelihood(&scan, pose))

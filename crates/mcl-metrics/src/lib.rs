@@ -62,7 +62,9 @@ pub use error::{MetricsError, TooFew};
 pub use hypothesis::{Effect, paired_t_test, welch_equivalence_p, welch_t_test};
 pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use odometry::OdometryError;
-pub use outcome::{DivergenceSettings, LossSettings, LostEpisode, diverged, lost_episodes};
+pub use outcome::{
+    DivergenceSettings, LossSettings, LostEpisode, diverged, found_for_good, lost_episodes,
+};
 pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
 pub use rate::{Rate, fisher_exact_greater};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};

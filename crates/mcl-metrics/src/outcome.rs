@@ -120,6 +120,26 @@ pub fn lost_episodes(
     Ok(episodes)
 }
 
+/// The first scan from which on a run knew where the robot is: with an error below `recovered_below_m`, and none above
+/// `lost_above_m` after it, however briefly. `None` where there is no such scan. `translation_errors` holds one
+/// error per scan, in metres.
+///
+/// # Example
+/// ```
+/// use mcl_metrics::{LossSettings, found_for_good};
+///
+/// let settings = LossSettings::default();
+/// assert_eq!(found_for_good(&[7.0, 0.1, 3.0, 0.7, 0.4, 0.6], &settings), Some(4));
+/// assert_eq!(found_for_good(&[0.1, 0.7, 3.0], &settings), None);
+/// ```
+pub fn found_for_good(translation_errors: &[f64], settings: &LossSettings) -> Option<usize> {
+    let is_within = |error: &f64| *error <= settings.lost_above_m;
+    let lost = translation_errors.iter().rposition(|error| !is_within(error));
+    let from = lost.map_or(0, |last| last + 1);
+    let is_found = |error: &f64| *error < settings.recovered_below_m;
+    translation_errors[from..].iter().position(is_found).map(|place| from + place)
+}
+
 fn check_positive(name: &'static str, found: f64) -> Result<(), MetricsError> {
     if found.is_finite() && found > 0.0 {
         return Ok(());

@@ -108,7 +108,7 @@ pub fn run_study(
 
     let plan = study.plan(&dataset)?;
     let mut tasks = pending(study, &plan.trials, &parts)?;
-    let costs = Costs::measured(identity.data.points, &plan.trials, &parts);
+    let costs = Costs::measured(&identity.data, &plan.trials, &parts);
     let done = plan.trials.len() - tasks.len();
     see(Event::Started { done, asked: plan.trials.len(), damage: &parts.damage });
     let shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
@@ -219,7 +219,7 @@ where
         let show_run = |_: &RunRecipe, tracked: &TrackedRun| {
             let shown = runs.next().and_then(|identity| shown.get(identity)?.paths.as_ref());
             let Some(paths) = shown else { return Ok(()) };
-            save_paths(paths, data.log()?, &maps.division(&task.trial.map)?.scans.rating, tracked)
+            save_paths(paths, data.log()?, tracked)
         };
         for shown in task.identities.iter().filter_map(|identity| shown.get(identity)) {
             save_map(&shown.map, &maps, &task.trial)?;
@@ -282,7 +282,6 @@ where
 fn save_paths(
     [reference, estimate]: &[PathBuf; 2],
     log: &LogSource,
-    rating: &[usize],
     tracked: &TrackedRun,
 ) -> Result<()> {
     let path = |poses: &mut dyn Iterator<Item = Pose2>| -> Trajectory {
@@ -291,10 +290,9 @@ fn save_paths(
             let number = Stamp::from_nanoseconds(scan as i64 * 1_000_000_000);
             log.recording.scans[scan].stamp.unwrap_or(number)
         };
-        rating.iter().zip(poses).map(|(&scan, pose)| (stamp(scan), pose)).collect()
+        tracked.scans.iter().zip(poses).map(|(&scan, pose)| (stamp(scan), pose)).collect()
     };
-    let truth = |&scan: &usize| log.recording.scans[scan].map_from_laser;
-    tum::write_file(reference, &path(&mut rating.iter().filter_map(truth)))?;
+    tum::write_file(reference, &path(&mut tracked.reference.iter().copied()))?;
     let estimates = &tracked.run.map_from_laser;
     Ok(tum::write_file(estimate, &path(&mut estimates.iter().copied()))?)
 }

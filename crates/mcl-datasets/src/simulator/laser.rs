@@ -35,8 +35,35 @@ impl LaserSettings {
         if rng.random_bool(self.short_probability) {
             range *= rng.random::<f64>();
         }
+        self.logged(range, rng)
+    }
+
+    /// Readings of a scan before which people stand, in place of those that they had without them: those of the
+    /// beams that meet somebody sooner.
+    pub(super) fn stand_before(
+        &self,
+        ranges: &mut [f64],
+        map_from_laser: &Pose2,
+        people: &RayCaster,
+        rng: &mut Rng,
+    ) {
+        let geometry = self.geometry();
+        for (beam, range) in ranges.iter_mut().enumerate() {
+            let angle = map_from_laser.theta + geometry.angle(beam);
+            let hit = people.first_hit([map_from_laser.x, map_from_laser.y], angle, 0.0);
+            // What is no return is farther than anybody.
+            let Some(hit) = hit.filter(|hit| hit.distance < *range) else { continue };
+            *range = match rng.random_bool(self.dropout_probability) {
+                true => self.no_return,
+                false => self.logged(hit.distance, rng),
+            };
+        }
+    }
+
+    /// What the scanner makes of a distance: noise, rounding, and the limit of its range.
+    fn logged(&self, distance: f64, rng: &mut Rng) -> f64 {
         let [noise] = Normals::default().draw(rng);
-        range += self.range_noise * noise;
+        let mut range = distance + self.range_noise * noise;
         if self.resolution > 0.0 {
             range = (range / self.resolution).round() * self.resolution;
         }

@@ -12,6 +12,9 @@
 //! exact distance from the reference pose to the nearest surface (rounded to the scanner's
 //! resolution).
 //!
+//! **People.** [`OfficeSettings::people`] walk from place to place and step out of the robot's way. The laser sees their
+//! legs; the map does not know them. A beam that meets nobody reads what it reads without people.
+//!
 //! **Three dimensions.** [`simulate_cloud`] gives the same building heights, and scans it with a lidar of
 //! several beams along the same path.
 //!
@@ -38,6 +41,7 @@ mod obstacles;
 mod odometry;
 mod office;
 mod path;
+mod people;
 mod ray;
 mod route;
 mod settings;

@@ -5,6 +5,7 @@ use super::furniture::furnish;
 use super::laser::decimal;
 use super::obstacles::Obstacles;
 use super::path::Path;
+use super::people::People;
 use super::ray::RayCaster;
 use super::route::route;
 use super::settings::{OfficeSettings, SimulationError};
@@ -16,6 +17,14 @@ pub struct Office {
     seed: Seed,
     obstacles: Obstacles,
     path: Path,
+}
+
+/// A sweep that is logged.
+struct Sweep {
+    /// Milliseconds since the start of the drive.
+    time: i64,
+    stamp: Stamp,
+    map_from_laser: Pose2,
 }
 
 impl Office {
@@ -43,7 +52,7 @@ impl Office {
         Ok(Office { settings: settings.clone(), seed, obstacles, path })
     }
 
-    /// Every surface at the height of the laser, in the map's frame.
+    /// Every surface at the height of the laser that stays where it is, in the map's frame.
     pub fn obstacles(&self) -> &Obstacles {
         &self.obstacles
     }
@@ -59,7 +68,9 @@ impl Office {
         let caster = RayCaster::new(&self.obstacles);
         let mut scans: Vec<LaserScan> = Vec::new();
         let mut last: Option<Pose2> = None;
-        for (stamp, map_from_laser) in self.logged_poses() {
+        let seed = self.seed.derive("people");
+        let people = People::new(self.settings.people, &self.obstacles, &self.path, seed);
+        for Sweep { time, stamp, map_from_laser } in self.sweeps() {
             let index = scans.len() as u64;
             let mut laser_rng = self.seed.derive("laser").derive_index(index).rng();
             let mut odometry_rng = self.seed.derive("odometry").derive_index(index).rng();
@@ -67,10 +78,18 @@ impl Office {
                 let increment = last.between(&map_from_laser);
                 rounded(&self.settings.odometry.measure(&increment, &mut odometry_rng))
             });
+            let laser = &self.settings.laser;
+            let mut ranges = laser.scan(&map_from_laser, &caster, &mut laser_rng);
+            if self.settings.people > 0 {
+                // A draw of its own: beams that meet nobody keep theirs.
+                let mut rng = self.seed.derive("laser and people").derive_index(index).rng();
+                let legs = people.legs(time as f64 / 1000.0);
+                laser.stand_before(&mut ranges, &map_from_laser, &RayCaster::new(&legs), &mut rng);
+            }
             scans.push(LaserScan {
                 stamp: Some(stamp),
-                geometry: self.settings.laser.geometry(),
-                ranges: self.settings.laser.scan(&map_from_laser, &caster, &mut laser_rng),
+                geometry: laser.geometry(),
+                ranges,
                 map_from_laser: Some(map_from_laser),
                 odometry,
                 sweep: Default::default(),
@@ -85,7 +104,7 @@ impl Office {
         let mut kept: Vec<Pose2> = Vec::new();
         let mut last: Option<Pose2> = None;
         let mut driven = f64::INFINITY;
-        for (_, pose) in self.logged_poses() {
+        for Sweep { map_from_laser: pose, .. } in self.sweeps() {
             driven += last.map_or(0.0, |last| last.distance(&pose));
             last = Some(pose);
             if driven >= distance {
@@ -96,6 +115,11 @@ impl Office {
         kept
     }
 
+    #[cfg(test)]
+    pub(super) fn drive(&self) -> &Path {
+        &self.path
+    }
+
     pub(super) fn settings(&self) -> &OfficeSettings {
         &self.settings
     }
@@ -104,24 +128,24 @@ impl Office {
         self.seed
     }
 
-    /// Stamps and poses of the sweeps that are logged: the first, and each that is far enough from
-    /// the one logged before.
-    fn logged_poses(&self) -> Vec<(Stamp, Pose2)> {
+    /// The sweeps that are logged: the first, and each that is far enough from the one logged before.
+    fn sweeps(&self) -> Vec<Sweep> {
         let drive = &self.settings.drive;
         let milliseconds = |seconds: f64| (seconds * 1000.0).round() as i64;
         let start = milliseconds(drive.start_time);
         let period = milliseconds(drive.scan_period).max(1);
         let end = milliseconds(self.path.duration());
-        let mut logged: Vec<(Stamp, Pose2)> = Vec::new();
+        let mut logged: Vec<Sweep> = Vec::new();
         for time in (0..=end).step_by(period as usize) {
             let Some(pose) = self.path.pose(time as f64 / 1000.0) else { break };
             let pose = rounded(&pose);
-            let far_enough = logged.last().is_none_or(|(_, last)| {
+            let far_enough = logged.last().is_none_or(|Sweep { map_from_laser: last, .. }| {
                 last.distance(&pose) >= drive.scan_distance
                     || wrap_angle(pose.theta - last.theta).abs() >= drive.scan_angle
             });
             if far_enough {
-                logged.push((Stamp::from_nanoseconds((start + time) * 1_000_000), pose));
+                let stamp = Stamp::from_nanoseconds((start + time) * 1_000_000);
+                logged.push(Sweep { time, stamp, map_from_laser: pose });
             }
         }
         logged

@@ -28,6 +28,8 @@ pub struct OfficeSettings {
     /// Pieces of furniture that are tried per square metre of floor; a piece for which there is no
     /// room is left out.
     pub furniture_density: f64,
+    /// Number of people who walk about.
+    pub people: usize,
     /// How the robot drives, and when a scan is logged.
     pub drive: DriveSettings,
     /// The laser range finder.
@@ -125,6 +127,7 @@ impl Default for OfficeSettings {
     fn default() -> Self {
         OfficeSettings {
             furniture_density: 0.8,
+            people: 0,
             drive: DriveSettings::default(),
             laser: LaserSettings::default(),
             odometry: OdometrySettings::default(),
@@ -196,6 +199,7 @@ impl OfficeSettings {
     /// [`SimulationError::Setting`] names the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimulationError> {
         within("furniture_density", self.furniture_density, 0.0, 10.0, "0 to 10 pieces per m²")?;
+        within("people", self.people as f64, 0.0, 1000.0, "0 to 1000 people")?;
 
         let drive = &self.drive;
         within("drive.speed", drive.speed, 0.01, 10.0, "0.01 to 10 m/s")?;
@@ -275,6 +279,7 @@ mod tests {
         assert_eq!(field_of(|s| s.laser.no_return = 80.0), "laser.no_return");
         assert_eq!(field_of(|s| s.laser.angle_step = 0.1), "laser.angle_step");
         assert_eq!(field_of(|s| s.laser.dropout_probability = 1.5), "laser.dropout_probability");
+        assert_eq!(field_of(|s| s.people = 1001), "people");
         assert_eq!(field_of(|s| s.drive.speed = 0.0), "drive.speed");
         assert_eq!(field_of(|s| s.drive.scan_distance = -1.0), "drive.scan_distance");
         assert_eq!(field_of(|s| s.odometry.noise_rotation = -0.1), "odometry.noise_rotation");

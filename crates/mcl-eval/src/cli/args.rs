@@ -340,6 +340,10 @@ pub struct SimulateArgs {
     /// The office with heights, as a lidar of 32 beams sees it along the same path.
     #[arg(long)]
     pub three_dimensional: bool,
+    /// People who walk through the office, whose legs the laser sees; office, route and all other readings are
+    /// those of the same seed without people.
+    #[arg(long, default_value_t = 0, value_name = "N", conflicts_with = "three_dimensional")]
+    pub people: usize,
     /// Seed of the simulation; 1 is the data set `simulated-office`, and `simulated-office-3d`.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,

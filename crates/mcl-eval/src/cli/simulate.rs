@@ -28,11 +28,15 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     }
     let path = &args.output;
     prepare([path], &[])?;
-    let recording = simulate(&OfficeSettings::default(), Seed::new(args.seed))?;
-    let comments = [
+    let settings = OfficeSettings { people: args.people, ..OfficeSettings::default() };
+    let recording = simulate(&settings, Seed::new(args.seed))?;
+    let mut comments = vec![
         format!("mcl-eval {}: simulated office, seed {}", env!("CARGO_PKG_VERSION"), args.seed),
         "laser poses are exact ground truth".to_owned(),
     ];
+    if args.people > 0 {
+        comments.push(format!("people who walk about: {}", args.people));
+    }
     let comments: Vec<&str> = comments.iter().map(String::as_str).collect();
     write_carmen(path, &recording, &comments)
         .with_context(|| format!("cannot write {}", path.display()))?;

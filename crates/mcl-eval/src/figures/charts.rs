@@ -187,7 +187,7 @@ mod tests {
     }
 
     fn point(x: f64, y: f64, interval: Option<[f64; 2]>) -> Point {
-        Point { curve: 0, x, y, interval, mark: None, blocks: 2, rows: 2 }
+        Point { curve: 0, x, y, interval, basis: None, mark: None, blocks: 2, rows: 2 }
     }
 
     fn chart(kind: ChartKind, scale: views::Scale, points: Vec<Vec<Point>>) -> ChartData {

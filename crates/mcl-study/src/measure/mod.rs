@@ -6,7 +6,9 @@
 pub mod bytes;
 pub mod consistency;
 pub mod criteria;
+pub mod finding;
 pub mod likelihood;
+pub mod particles;
 pub mod size;
 pub mod tracking;
 
@@ -25,7 +27,8 @@ pub const OF_MAPS: [&MapMeasure; 4] =
     [&size::SIZE, &likelihood::LIKELIHOOD, &criteria::CRITERIA, &bytes::BYTES];
 
 /// The measures of runs. The first is always taken.
-pub const OF_RUNS: [&RunMeasure; 2] = [&tracking::TRACKING, &consistency::CONSISTENCY];
+pub const OF_RUNS: [&RunMeasure; 4] =
+    [&tracking::TRACKING, &consistency::CONSISTENCY, &finding::FINDING, &particles::PARTICLES];
 
 /// A map, and what a measure may look at.
 pub struct MapContext<'a, const D: usize> {
@@ -45,8 +48,6 @@ pub struct RunContext<'a> {
     pub recipe: &'a RunRecipe,
     /// Estimates, reports of the filter, and errors, per scan.
     pub tracked: &'a TrackedRun,
-    /// Reference poses of the laser in the map's frame, per scan.
-    pub reference: &'a [Pose2],
     /// The robot as the laser sees it.
     pub laser_from_robot: Pose2,
 }

@@ -5,6 +5,7 @@
 //! command line and on every machine: its identity seeds its draws.
 
 pub mod criterion;
+pub mod disturbance;
 pub mod kind;
 pub mod map;
 pub mod run;

@@ -3,9 +3,10 @@
 use std::fmt;
 
 use anyhow::{Context, Result};
-use mcl_filter::{FilterSettings, OdometryNoise, Preset};
+use mcl_filter::{FilterSettings, InitialPose, OdometryNoise, Preset, Recovery};
 use serde_json::Value as Json;
 
+use crate::recipe::disturbance::{Disturbance, Start};
 use crate::table::{Cells, Value};
 
 /// How a robot is localized on a map. Noise belongs to data set, split and run, never to map or
@@ -18,6 +19,12 @@ pub struct RunRecipe {
     pub filter: FilterSettings,
     /// Gaussian noise added to the odometry.
     pub odometry_noise: OdometryNoise,
+    /// Where in the log the run begins.
+    pub start: Start,
+    /// Number of localized scans; to the end of the log without.
+    pub length: Option<usize>,
+    /// What goes wrong beside noise.
+    pub disturbance: Disturbance,
     /// Number of the run: the same number has the same noise on every map.
     pub run: u32,
 }
@@ -39,16 +46,29 @@ impl RunRecipe {
                 settings.insert("z_rand".to_owned(), Json::Null);
             }
         }
-        Ok(serde_json::json!({
+        let mut json = serde_json::json!({
             "preset": self.preset,
             "filter": filter,
             "odometry_noise": self.odometry_noise,
             "run": self.run,
-        }))
+        });
+        // A run over the whole log without disturbance is what it is where there is nothing else.
+        if self.start != Start::First {
+            json["start"] = serde_json::to_value(self.start)?;
+        }
+        if self.length.is_some() {
+            json["length"] = self.length.into();
+        }
+        if !self.disturbance.is_none() {
+            json["disturbance"] = serde_json::to_value(&self.disturbance)?;
+        }
+        Ok(json)
     }
 
     /// The columns of a row that say how the robot was localized: the preset, and every setting of the
-    /// filter, those of several parts flat (`alpha1`, `initial_pose_std_x`).
+    /// filter, those of several parts flat (`alpha1`, `initial_pose_std_x`). They are the same whatever the
+    /// settings: parts that a setting does not have are empty, and one that is there or not (`recover`) has a column
+    /// of yes and no beside those of its parts.
     ///
     /// # Errors
     /// When a setting cannot be written as JSON.
@@ -56,20 +76,36 @@ impl RunRecipe {
         let mut cells = Vec::new();
         let json = self.to_json()?;
         flatten("preset", &json["preset"], &mut cells);
-        flatten("", &json["filter"], &mut cells);
+        let [without, with] = shapes()?;
+        for (name, shape) in with.as_object().into_iter().flatten() {
+            let setting = &json["filter"][name];
+            if shape.is_object() && without[name].is_null() {
+                cells.push((name.clone(), (!setting.is_null()).into()));
+            }
+            flatten_as(shape, name, setting, &mut cells);
+        }
         flatten("noise", &json["odometry_noise"], &mut cells);
+        cells.push(("start".to_owned(), self.start.name().into()));
+        cells.push(("length".to_owned(), self.length.into()));
+        cells.extend(self.disturbance.cells());
         cells.push(("run".to_owned(), self.run.into()));
         Ok(cells)
     }
 
-    /// Sets a setting of the filter by its name in a settings file.
+    /// Sets a setting of the filter by its name in a settings file. Of one that is there or not, `false` is
+    /// none, and `true` all of its defaults.
     ///
     /// # Errors
     /// When there is none of that name, or the value is none for it.
     pub fn set(&mut self, name: &str, value: &Json) -> Result<()> {
         let mut filter = serde_json::to_value(&self.filter)?;
         let settings = filter.as_object_mut().context("settings of the filter are a table")?;
-        settings.insert(name.to_owned(), value.clone());
+        let value = match value {
+            Json::Bool(false) if !settings[name].is_boolean() => Json::Null,
+            Json::Bool(true) if !settings[name].is_boolean() => Json::Object(Default::default()),
+            value => value.clone(),
+        };
+        settings.insert(name.to_owned(), value);
         if name == "z_rand" {
             // The preset's floor would count in its place.
             settings.insert("beam_floor".to_owned(), Json::Null);
@@ -86,6 +122,43 @@ impl RunRecipe {
         let defaults = serde_json::to_value(FilterSettings::default())?;
         let names = defaults.as_object().into_iter().flatten().map(|(name, _)| name.clone());
         Ok(names.filter(|name| name != OF_DATASET).collect())
+    }
+}
+
+/// Settings of the filter with few parts, and with all parts that they can have: the shape of a row.
+fn shapes() -> Result<[Json; 2]> {
+    let known = InitialPose::Known { std_x: 0.0, std_y: 0.0, std_theta: 0.0 };
+    let without =
+        FilterSettings { initial_pose: known, recover: None, ..FilterSettings::default() };
+    let with = FilterSettings {
+        initial_pose: InitialPose::scan(),
+        recover: Some(Recovery::default()),
+        ..without.clone()
+    };
+    let without = serde_json::to_value(without)?;
+    let mut with = serde_json::to_value(with)?;
+    if let (Some(all), Some(others)) = (with.as_object_mut(), without.as_object()) {
+        all.remove(OF_DATASET);
+        for (name, setting) in all {
+            if let (Some(parts), Some(Json::Object(others))) =
+                (setting.as_object_mut(), others.get(name))
+            {
+                parts.extend(others.clone());
+            }
+        }
+    }
+    Ok([without, with])
+}
+
+/// A setting flat, with the columns of its shape.
+fn flatten_as(shape: &Json, name: &str, json: &Json, cells: &mut Cells) {
+    match shape {
+        Json::Object(parts) => {
+            for (part, shape) in parts {
+                flatten_as(shape, &format!("{name}_{part}"), &json[part], cells);
+            }
+        }
+        _ => flatten(name, json, cells),
     }
 }
 
@@ -130,8 +203,8 @@ mod tests {
     fn every_setting_is_a_column_and_can_be_set() {
         let noise = OdometryNoise { xy: 0.01, theta: 0.02 };
         let preset = Preset::Carmen;
-        let mut run =
-            RunRecipe { preset, filter: preset.settings(), odometry_noise: noise, run: 3 };
+        let filter = preset.settings();
+        let mut run = RunRecipe { preset, filter, odometry_noise: noise, run: 3, ..plain() };
         run.set("sigma_hit", &0.7.into()).unwrap();
         run.set("alpha", &serde_json::json!([0.1, 0.2, 0.3, 0.4])).unwrap();
         run.set("beams", &60.into()).unwrap();
@@ -148,5 +221,67 @@ mod tests {
         assert_eq!(cell("max_range"), None);
         assert!(RunRecipe::setting_names().unwrap().contains(&"proposal".to_owned()));
         assert!(run.set("sigma_hitt", &1.into()).is_err());
+    }
+
+    fn plain() -> RunRecipe {
+        RunRecipe {
+            preset: Preset::Default,
+            filter: FilterSettings::default(),
+            odometry_noise: OdometryNoise::default(),
+            start: Start::First,
+            length: None,
+            disturbance: Disturbance::default(),
+            run: 0,
+        }
+    }
+
+    /// Fault: the runs on a map share their columns in the file of rows, and those of a start from a scan were
+    /// others than those of a known start.
+    #[test]
+    fn rows_have_the_same_columns_whatever_the_settings() {
+        let columns = |run: &RunRecipe| -> Vec<String> {
+            run.cells().unwrap().into_iter().map(|(name, _)| name).collect()
+        };
+        let cell = |run: &RunRecipe, column: &str| {
+            let cells = run.cells().unwrap();
+            cells.into_iter().find(|(name, _)| name == column).map(|(_, value)| value)
+        };
+        let expected = columns(&plain());
+        for (setting, value) in [
+            ("initial_pose", serde_json::json!({ "kind": "scan" })),
+            ("initial_pose", serde_json::json!({ "kind": "uniform" })),
+            ("recover", true.into()),
+            ("recover", serde_json::json!({ "tolerance": 1.5 })),
+            ("particles", "100..1000".into()),
+            ("sigma_hit", "auto".into()),
+        ] {
+            let mut run = plain();
+            run.set(setting, &value).unwrap();
+            assert_eq!(columns(&run), expected, "{setting} = {value}");
+        }
+        let mut run = plain();
+        assert_eq!(cell(&run, "recover"), Some(false.into()));
+        run.set("recover", &true.into()).unwrap();
+        assert_eq!(run.filter.recover, Some(Recovery::default()));
+        assert_eq!(cell(&run, "recover"), Some(true.into()));
+        assert_eq!(cell(&run, "recover_tolerance"), Some(Recovery::default().tolerance.into()));
+        run.set("recover", &false.into()).unwrap();
+        assert_eq!(run, plain());
+        assert!(run.set("beams", &true.into()).is_err());
+    }
+
+    /// Rows of studies without disturbances are those that they were.
+    #[test]
+    fn what_is_not_disturbed_keeps_its_identity() {
+        let mut run = plain();
+        let names = |run: &RunRecipe| -> Vec<String> {
+            run.to_json().unwrap().as_object().unwrap().keys().cloned().collect()
+        };
+        assert_eq!(names(&run), ["filter", "odometry_noise", "preset", "run"]);
+        run.length = Some(60);
+        run.start = Start::Anywhere;
+        run.disturbance.lost_beams = Some(0.1);
+        assert_eq!(names(&run)[..2], ["disturbance", "filter"]);
+        assert_eq!(names(&run).len(), 7);
     }
 }

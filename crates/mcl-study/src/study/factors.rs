@@ -8,12 +8,13 @@ use mcl_maps::Refinement;
 use serde_json::Value as Json;
 
 use crate::recipe::criterion::Criterion;
+use crate::recipe::disturbance::{Disturbance, Start};
 use crate::recipe::kind::{Builder, NamedKind};
 use crate::recipe::map::{MapRecipe, Offset, Sigma, Size};
 use crate::recipe::run::RunRecipe;
 
 /// The factors that are no settings of the filter.
-pub const KEYS: [&str; 11] = [
+pub const KEYS: [&str; 14] = [
     "split",
     "map",
     "size",
@@ -24,6 +25,9 @@ pub const KEYS: [&str; 11] = [
     "tolerance",
     "max_iterations",
     "odometry_noise",
+    "start",
+    "length",
+    "disturbance",
     "preset",
 ];
 
@@ -60,6 +64,9 @@ impl Draft {
                 preset: Preset::Default,
                 filter: FilterSettings::default(),
                 odometry_noise: OdometryNoise::default(),
+                start: Start::First,
+                length: None,
+                disturbance: Disturbance::default(),
                 run: 0,
             },
             percent: None,
@@ -126,6 +133,21 @@ impl Draft {
             "odometry_noise" => {
                 self.run.odometry_noise = parsed(value, "{ xy = metres, theta = radians }")?;
             }
+            "start" => self.run.start = parsed(value, "first or anywhere")?,
+            "length" => {
+                let scans = number(value, "a whole number of scans, at least 2", |scans| {
+                    scans >= 2.0 && scans.fract() == 0.0 && scans < 1e15
+                })?;
+                self.run.length = Some(scans as usize);
+            }
+            "disturbance" => {
+                let disturbance: Disturbance = parsed(
+                    value,
+                    "{ people = { share }, lost_beams = share, kidnapped = { at, distance }, slip = \
+                     { share, factor } }, each of them or none",
+                )?;
+                self.run.disturbance = disturbance.checked()?;
+            }
             "preset" => {
                 self.run.preset = text(value)?.parse().map_err(|error| format!("{error}"))?;
             }
@@ -188,6 +210,9 @@ impl Draft {
             return Err(format!(
                 "odometry_noise is {xy} m and {theta} rad, expected finite numbers, at least 0"
             ));
+        }
+        if self.run.start == Start::Anywhere && self.run.length.is_none() {
+            return Err("start is anywhere, expected length: the scans of a run".to_owned());
         }
         Ok((self.map, self.run))
     }

@@ -2,10 +2,13 @@
 
 use std::collections::HashMap;
 
+use mcl_filter::InitialPose;
 use mcl_maps::Refinement;
 
+use crate::data::facts::DataFacts;
 use crate::recipe::kind::MapKind;
 use crate::recipe::map::Size;
+use crate::recipe::run::RunRecipe;
 use crate::store::parts::Parts;
 use crate::trial::run::Trial;
 
@@ -14,6 +17,8 @@ use crate::trial::run::Trial;
 pub struct Costs {
     /// Points of the data.
     points: f64,
+    /// Scans of the data.
+    scans: f64,
     /// By name of the kind of map: measured seconds over built-in ones.
     measured: HashMap<String, f64>,
 }
@@ -25,11 +30,14 @@ const BEAM: f64 = 3e-9;
 /// Seconds per point of choosing an initial map, and of building distances from a map.
 const INITIAL: f64 = 1e-6;
 const FIELD: f64 = 3e-6;
+/// Seconds of looking for the robot by its first scan.
+const SEARCH: f64 = 0.3;
 
 impl Costs {
-    /// On data of so many points, scaled by what trials of a study took that are done.
-    pub fn measured(points: usize, trials: &[Trial], parts: &Parts) -> Self {
-        let costs = Costs { points: points as f64, measured: HashMap::new() };
+    /// On this data, scaled by what trials of a study took that are done.
+    pub fn measured(data: &DataFacts, trials: &[Trial], parts: &Parts) -> Self {
+        let (points, scans) = (data.points as f64, data.scans as f64);
+        let costs = Costs { points, scans, measured: HashMap::new() };
         let of_names: HashMap<String, &Trial> =
             trials.iter().map(|trial| (trial.to_string(), trial)).collect();
         let mut sums: HashMap<String, [f64; 2]> = HashMap::new();
@@ -81,13 +89,21 @@ impl Costs {
             true => 0.0,
             false => FIELD * self.points * percent / 100.0,
         };
-        // Every point of the data is a beam of some scan.
-        let runs: f64 = trial
-            .runs
-            .iter()
-            .map(|run| per_beam * self.points * run.filter.particles.most as f64)
-            .sum();
+        let runs: f64 = trial.runs.iter().map(|run| self.of_run(run, per_beam)).sum();
         let factor = self.measured.get(&trial.map.kind.name).copied().unwrap_or(1.0);
         factor * (map + field + runs)
+    }
+
+    fn of_run(&self, run: &RunRecipe, per_beam: f64) -> f64 {
+        let share = run.length.map_or(1.0, |scans| (scans as f64 / self.scans).min(1.0));
+        // Most of a run takes few of the particles that it may take.
+        let particles = run.filter.particles;
+        let particles = (particles.least as f64 * particles.most as f64).sqrt();
+        let search = match run.filter.initial_pose {
+            InitialPose::Scan { .. } => SEARCH,
+            InitialPose::Known { .. } | InitialPose::Uniform {} => 0.0,
+        };
+        // Every point of the data is a beam of some scan.
+        per_beam * share * self.points * particles + search
     }
 }

@@ -1,9 +1,11 @@
 //! Trials: a map and the runs on it.
 
 pub mod cost;
+pub mod course;
 pub mod division;
 pub mod map;
 pub mod maps;
+mod people;
 pub mod run;
 pub mod scheduler;
 pub mod stopwatch;

@@ -94,7 +94,6 @@ where
         let context = RunContext {
             recipe: run,
             tracked: &tracked,
-            reference: division.reference(log)?,
             laser_from_robot: log.recording.robot_from_laser.inverse(),
         };
         for measure in &measures.of_runs {

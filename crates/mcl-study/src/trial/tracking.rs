@@ -2,12 +2,13 @@
 
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Seed};
-use mcl_filter::{Bridge, MapDistances, Replay, Run, localize, noisy_increments};
+use mcl_filter::{Bridge, MapDistances, Replay, Run, localize};
 use mcl_metrics::{PoseError, pose_errors};
 
 use crate::data::source::LogSource;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
+use crate::trial::course::Course;
 use crate::trial::division::Division;
 
 /// A run with its errors.
@@ -16,6 +17,12 @@ pub struct TrackedRun {
     pub run: Run,
     /// Errors of the estimates, per scan.
     pub errors: Vec<PoseError>,
+    /// The localized scans in the order in which the robot saw them, as places in the log.
+    pub scans: Vec<usize>,
+    /// Reference poses of the laser in the map's frame, per scan.
+    pub reference: Vec<Pose2>,
+    /// Place of the first scan after the robot was carried off.
+    pub carried_off: Option<usize>,
 }
 
 /// The steps of a log that its odometry says nothing of, which the filter bridges.
@@ -36,11 +43,11 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     })
 }
 
-/// Localizes the robot on a map. Noise and filter are seeded by the study's seed, the data set, the
+/// Localizes the robot on a map. Noise, disturbances and filter are seeded by the study's seed, the data set, the
 /// split and the run's number, never by the map.
 ///
 /// # Errors
-/// When the filter cannot run on this log.
+/// When the filter cannot run on this log, or the recipe asks for more than the log has.
 pub fn track(
     recipe: &RunRecipe,
     seed: u64,
@@ -57,16 +64,10 @@ pub fn track(
             .derive_index(u64::from(recipe.run))
     };
     let settings = recipe.filter.with_max_range(log.max_range)?;
-    let reference = division.reference(log)?;
-    let odometry: Vec<Option<Pose2>> =
-        log.recording.scans.iter().map(|scan| scan.odometry).collect();
-    let increments = noisy_increments(&odometry, recipe.odometry_noise, seed("experiment-noise"))?;
-    let replay = Replay {
-        recording: &log.recording,
-        increments: &increments,
-        scans: &division.scans.rating,
-    };
-    let run = localize(&replay, distances, &settings, Some(reference[0]), seed("filter"))?;
-    let errors = pose_errors(reference, &run.map_from_laser)?;
-    Ok(TrackedRun { run, errors })
+    let course = Course::of(recipe, log, division, seed)?;
+    let start = course.reference.first().copied();
+    let run = localize(&course.replay(), distances, &settings, start, seed("filter"))?;
+    let Course { scans, reference, carried_off, .. } = course;
+    let errors = pose_errors(&reference, &run.map_from_laser)?;
+    Ok(TrackedRun { run, errors, scans, reference, carried_off })
 }

@@ -1,7 +1,9 @@
 //! What stands beneath a chart.
 
 use mcl_core::text::{counted, number};
+use mcl_metrics::IntervalBasis;
 
+use crate::recipe::disturbance::Start;
 use crate::study::settings::{PRESET, text_of};
 use crate::view::chart::Point;
 use crate::view::groups::{Group, Groups};
@@ -9,7 +11,7 @@ use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings that captions give where they do not vary.
-const TOLD: [&str; 10] = [
+const TOLD: [&str; 17] = [
     PRESET,
     "particles",
     "proposal",
@@ -20,6 +22,13 @@ const TOLD: [&str; 10] = [
     "alpha",
     "noise",
     "sigma_m",
+    "start",
+    "length",
+    "people_share",
+    "lost_beams",
+    "kidnapped_at",
+    "slip_share",
+    "recover",
 ];
 
 /// What is known of the data; which trials are missing; `of_what`, what is shown; and settings that do not
@@ -59,14 +68,28 @@ fn scans(groups: &Groups<'_>, shown: &[&Group<'_>], of_runs: bool) -> Option<Str
 pub fn means(points: &[&Point], of_runs: bool) -> String {
     let counts: Vec<_> = points.iter().map(|point| (point.blocks, point.rows)).collect();
     let Some(of) = maps_and_runs(&counts, of_runs) else { return "Means".to_owned() };
-    let mut text = match of.strip_prefix("1 map") {
-        Some(runs) => format!("One map each{runs}"),
-        None => format!("Means over {of}"),
+    let shares = points.iter().filter(|point| point.basis.is_some()).count();
+    let text = match (of.strip_prefix("1 map"), shares) {
+        (Some(runs), _) => format!("One map each{runs}"),
+        (None, 0) => format!("Means over {of}"),
+        (None, shares) if shares == points.len() => format!("Shares of the runs on {of}"),
+        (None, _) => format!("Means and shares over {of}"),
     };
-    if points.iter().any(|point| point.interval.is_some()) {
-        text += ", with Student's 95 % intervals over maps";
+    let has = |basis| points.iter().any(|p| p.interval.is_some() && p.basis == basis);
+    let intervals = [
+        (None, "Student's 95 % intervals over maps"),
+        (Some(IntervalBasis::Exact), "exact 95 % intervals (Clopper and Pearson) of shares"),
+        (
+            Some(IntervalBasis::Conservative),
+            "95 % intervals (Clopper and Pearson) of shares that take all runs on a map for one trial",
+        ),
+    ];
+    let intervals: Vec<&str> =
+        intervals.into_iter().filter(|(basis, _)| has(*basis)).map(|(_, text)| text).collect();
+    match intervals.is_empty() {
+        true => text,
+        false => format!("{text}, with {}", intervals.join(" and ")),
     }
-    text
 }
 
 /// "3 to 5 maps, 2 runs on each", of numbers of blocks and rows; `None` without rows.
@@ -97,6 +120,15 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
         (PRESET, _) => format!("preset {text}"),
         ("beams", _) => format!("{text} beams"),
         ("proposal", _) => format!("proposal {text}"),
+        ("start", _) if text == Start::First.name() => return None,
+        ("start", _) => "each run from a start of its own, anywhere in the log".to_owned(),
+        ("length", _) => format!("{text} scans per run"),
+        ("people_share" | "lost_beams" | "slip_share", _) if text == "0" => return None,
+        ("kidnapped_at", _) => format!("carried off after {text} of the scans"),
+        ("recover", _) => match text.as_str() {
+            "true" => "with recovery".to_owned(),
+            _ => return None,
+        },
         ("noise", [xy, theta]) => format!("noise added to the odometry {xy} m and {theta} rad"),
         _ => value(setting, &text),
     })

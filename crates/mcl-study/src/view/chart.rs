@@ -1,5 +1,7 @@
 //! A chart as plain data, to be drawn by whatever draws.
 
+use mcl_metrics::IntervalBasis;
+
 use crate::study::views::{ChartKind, Scale};
 use crate::table::{Table, Value};
 
@@ -59,6 +61,8 @@ pub struct Point {
     pub y: f64,
     /// 95 % interval, where there is one.
     pub interval: Option<[f64; 2]>,
+    /// What the interval of a share of yes takes for a trial; `None` for Student's interval.
+    pub basis: Option<IntervalBasis>,
     /// Stands beside an open symbol.
     pub mark: Option<String>,
     /// Independent units behind the mean.

@@ -214,6 +214,10 @@ impl Drawing<'_, '_> {
                 _ if values.iter().all(Value::is_empty) => None,
                 "map" | "dataset" | PRESET => Some(text),
                 "size_percent" => Some(format!("{text} %")),
+                _ if values == &[Value::Bool(true)] => Some(name_and_unit(setting).0),
+                _ if values == &[Value::Bool(false)] => {
+                    Some(format!("no {}", name_and_unit(setting).0))
+                }
                 "split" => Some(self.estimates.groups.describe_split(&text, self.of_runs())),
                 _ => Some(value(setting, &text)),
             }
@@ -277,6 +281,7 @@ impl Drawing<'_, '_> {
             x,
             y: estimate.mean,
             interval,
+            basis: estimate.basis,
             mark: self.mark(group)?,
             blocks: estimate.blocks,
             rows: estimate.rows,

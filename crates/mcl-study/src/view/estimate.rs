@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use mcl_core::math;
-use mcl_metrics::{Blocked, Interval, standard_deviation};
+use mcl_metrics::{Blocked, Interval, IntervalBasis, standard_deviation};
 
 use crate::store::results::Results;
 use crate::study::settings::SIZE;
@@ -21,6 +21,8 @@ pub struct Estimate {
     pub mean: f64,
     /// 95 % interval; `None` where there are too few blocks, or for a [`Factor`].
     pub interval: Option<Interval>,
+    /// What the interval of a share of yes takes for a trial; `None` for Student's interval.
+    pub basis: Option<IntervalBasis>,
     /// Standard deviation of the means of blocks, where there are two.
     pub spread: Option<f64>,
     /// Independent units.
@@ -36,6 +38,7 @@ impl Estimate {
         Estimate {
             mean: values.mean_of_blocks(),
             interval: values.mean_interval().ok().map(|found| found.interval),
+            basis: None,
             spread: standard_deviation(&means).ok(),
             blocks: values.blocks(),
             rows: values.count(),
@@ -80,6 +83,7 @@ impl<'r> Estimates<'r> {
             return Ok(values[group.place].map(|mean| Estimate {
                 mean,
                 interval: None,
+                basis: None,
                 spread: None,
                 blocks: group.blocks(),
                 rows: group.rows.len(),
@@ -91,6 +95,7 @@ impl<'r> Estimates<'r> {
             let units = rate.of_units();
             found.mean = units.hits() as f64 / units.trials() as f64;
             found.interval = Some(rate.interval(0.95)?);
+            found.basis = Some(rate.basis());
         }
         Ok(Some(found))
     }

@@ -1,7 +1,7 @@
 //! What columns are called in figures, with their units.
 
 /// Column (or setting of several columns), name, unit.
-const LABELS: [(&str, &str, &str); 50] = [
+const LABELS: [(&str, &str, &str); 66] = [
     ("size_percent", "requested map size", "% of the points that build the map"),
     ("size_points", "requested map size", "points"),
     ("resolution_m", "resolution", "m"),
@@ -34,6 +34,22 @@ const LABELS: [(&str, &str, &str); 50] = [
     ("lost_episodes", "times lost per run", ""),
     ("recovered_episodes", "times found again per run", ""),
     ("found_after_scans", "scans until found", ""),
+    ("found", "share of robots found", "–"),
+    ("found_within_30", "share of robots found within 30 scans", "–"),
+    ("scans_until_found", "scans until found", ""),
+    ("found_again", "share of robots found again", "–"),
+    ("found_again_within_50", "share of robots found again within 50 scans", "–"),
+    ("scans_until_found_again", "scans until found again", ""),
+    ("mean_particles", "mean number of particles", ""),
+    ("start", "begins", ""),
+    ("length", "scans of a run", ""),
+    ("people_share", "share of the readings that end at people", ""),
+    ("lost_beams", "share of lost readings", ""),
+    ("kidnapped_at", "carried off after this share of the scans", ""),
+    ("kidnapped_distance", "carried off at least", "m"),
+    ("slip_share", "share of steps with slipping wheels", ""),
+    ("slip_factor", "odometry of slipping wheels", "times the translation"),
+    ("recover", "recovery", ""),
     ("mean_effective_sample_size", "mean effective sample size", ""),
     ("smallest_effective_sample_size", "smallest effective sample size", ""),
     ("nees", "mean NEES", "–"),
