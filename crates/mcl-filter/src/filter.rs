@@ -2,9 +2,12 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Bounds, LaserScan, Normals, OutOfMemory, Pose2, Rng, Seed, math, wrap_angle};
+use mcl_core::{
+    Bounds, LaserScan, OutOfMemory, Pose2, Rng, Seed, StandardNormal, math, wrap_angle,
+};
 use rand::RngExt;
 use rand::seq::SliceRandom;
+use rand_distr::Distribution;
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
@@ -307,10 +310,10 @@ impl<'a> ParticleFilter<'a> {
         let mut rng = self.seed.derive("unknown-motion").derive_index(self.predictions).rng();
         self.predictions += 1;
         if self.buffers.endpoints.is_empty() {
-            let mut normals = Normals::default();
             let Particles { x, y, theta, .. } = &mut self.particles;
             for ((x, y), theta) in x.iter_mut().zip(y).zip(theta) {
-                let [along, across, turn] = normals.draw(&mut rng);
+                let [along, across, turn]: Noise =
+                    std::array::from_fn(|_| StandardNormal.sample(&mut rng));
                 *x += position * along;
                 *y += position * across;
                 *theta = wrap_angle(*theta + heading * turn);
@@ -355,9 +358,8 @@ impl<'a> ParticleFilter<'a> {
             before.clone_from(now);
         }
         noise.clear();
-        let mut normals = Normals::default();
         motion.apply(x, y, theta, || {
-            let drawn: Noise = normals.draw(rng);
+            let drawn: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
             noise.push(drawn);
             drawn
         });
@@ -588,7 +590,6 @@ impl<'a> ParticleFilter<'a> {
             log_likelihoods: &log_likelihoods[..pilots],
         };
         let mut rng = self.seed.derive("adaptation").derive_index(self.updates).rng();
-        let mut normals = Normals::default();
         std::array::from_fn(|fold| {
             let proposal = NoiseProposal::fit(known, part(fold, pilots), weighing)?;
             let drawn = part(fold, of_others.len());
@@ -598,7 +599,7 @@ impl<'a> ParticleFilter<'a> {
             }
             let mut noise = of_others[drawn].iter_mut();
             motion.apply(&mut x[moved.clone()], &mut y[moved.clone()], &mut theta[moved], || {
-                let drawn = proposal.draw(&mut normals, &mut rng);
+                let drawn = proposal.draw(&mut rng);
                 if let Some(noise) = noise.next() {
                     *noise = drawn;
                 }

@@ -1,8 +1,9 @@
 use std::f64::consts::PI;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Bounds, MAX_COORDINATE, Normals, Pose2, Rng, math, wrap_angle};
+use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, StandardNormal, math, wrap_angle};
 use rand::RngExt;
+use rand_distr::Distribution;
 
 use crate::{FilterError, InitialPose};
 
@@ -50,9 +51,9 @@ impl Particles {
                 if !mean.is_finite() {
                     return Err(FilterError::NonFinitePose { what: "initial pose", pose: mean });
                 }
-                let mut normals = Normals::default();
                 for _ in 0..number {
-                    let [x, y, theta] = normals.draw(rng);
+                    let [x, y, theta]: [f64; 3] =
+                        std::array::from_fn(|_| StandardNormal.sample(rng));
                     particles.push(Pose2::new(
                         mean.x + std_x * x,
                         mean.y + std_y * y,

@@ -3,8 +3,9 @@
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Normals, OutOfMemory, Rng, math};
+use mcl_core::{OutOfMemory, Rng, StandardNormal, math};
 use nalgebra::{Matrix3, Vector3};
+use rand_distr::Distribution;
 
 use crate::particles::PARTICLES;
 
@@ -105,8 +106,9 @@ impl NoiseProposal {
     }
 
     /// A draw from q.
-    pub(crate) fn draw(&self, normals: &mut Normals, rng: &mut Rng) -> Noise {
-        (self.mean + self.spread * Vector3::from(normals.draw(rng))).into()
+    pub(crate) fn draw(&self, rng: &mut Rng) -> Noise {
+        let standard: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
+        (self.mean + self.spread * Vector3::from(standard)).into()
     }
 
     /// ln(N(ε) / ((1 − `share`)·N(ε) + `share`·q(ε))).
@@ -218,8 +220,8 @@ mod tests {
     }
 
     fn standard(number: usize, seed: u64) -> Vec<Noise> {
-        let (mut normals, mut rng) = (Normals::default(), Seed::new(seed).rng());
-        (0..number).map(|_| normals.draw(&mut rng)).collect()
+        let mut rng = Seed::new(seed).rng();
+        (0..number).map(|_| std::array::from_fn(|_| StandardNormal.sample(&mut rng))).collect()
     }
 
     /// For a Gaussian likelihood the posterior is known: precision 1 + 1/v, mean (m/v)/(1 + 1/v).
@@ -260,7 +262,7 @@ mod tests {
             whitening: Matrix3::from_diagonal_element(1.0 / std),
             log_det: 3.0 * std.ln(),
         };
-        let (mut normals, mut rng) = (Normals::default(), Seed::new(5).rng());
+        let mut rng = Seed::new(5).rng();
         for proposal in [proposal([0.5, -0.2, 0.1], 0.4), proposal([4.0, 0.0, 0.0], 0.1)] {
             for share in [0.5, 0.2] {
                 let (pilots, drawn) = (standard(200_000, 6), 200_000);
@@ -269,7 +271,7 @@ mod tests {
                         / pilots.len() as f64
                 });
                 let of_drawn = (0..drawn).map(|_| {
-                    let noise = proposal.draw(&mut normals, &mut rng);
+                    let noise = proposal.draw(&mut rng);
                     share * proposal.log_correction(&noise, share).exp() / f64::from(drawn)
                 });
                 let integral: f64 = of_pilots.chain(of_drawn).sum();

@@ -1,5 +1,6 @@
-use mcl_core::{Normals, Pose2, Rng, math};
+use mcl_core::{Pose2, Rng, StandardNormal, math};
 use rand::RngExt;
+use rand_distr::Distribution;
 
 use super::obstacles::Material;
 use super::ray::RayCaster;
@@ -62,8 +63,7 @@ impl LaserSettings {
 
     /// What the scanner makes of a distance: noise, rounding, and the limit of its range.
     fn logged(&self, distance: f64, rng: &mut Rng) -> f64 {
-        let [noise] = Normals::default().draw(rng);
-        let mut range = distance + self.range_noise * noise;
+        let mut range = distance + self.range_noise * StandardNormal.sample(rng);
         if self.resolution > 0.0 {
             range = (range / self.resolution).round() * self.resolution;
         }

@@ -1,4 +1,5 @@
-use mcl_core::{Normals, Pose2, Rng};
+use mcl_core::{Pose2, Rng, StandardNormal};
+use rand_distr::Distribution;
 
 use super::settings::OdometrySettings;
 
@@ -6,7 +7,7 @@ impl OdometrySettings {
     /// The increment that the odometry logs for a true increment (metres, radians, in the frame of
     /// the laser at the previous scan).
     pub(super) fn measure(&self, increment: &Pose2, rng: &mut Rng) -> Pose2 {
-        let [ahead, left, turned] = Normals::default().draw(rng);
+        let [ahead, left, turned]: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(rng));
         let (forward, turn) = (increment.x, increment.theta);
         let error = Pose2::new(
             self.translation_scale * forward + self.noise_translation * ahead,

@@ -1,4 +1,5 @@
-use mcl_core::{Normals, Pose2, Rng, wrap_angle};
+use mcl_core::{Pose2, Rng, StandardNormal, wrap_angle};
+use rand_distr::Distribution;
 
 use super::gaussian_model::{GaussianModel, GaussianMotion};
 use super::odometry_model::{NoisyMotion, OdometryModel};
@@ -50,8 +51,7 @@ impl Motion {
     /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with noise of its
     /// own.
     pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
-        let mut normals = Normals::default();
-        self.apply(x, y, theta, || normals.draw(rng));
+        self.apply(x, y, theta, || std::array::from_fn(|_| StandardNormal.sample(rng)));
     }
 
     /// Moves every pose as [`sample`](Self::sample) does, with the three standard normal numbers that `noise`
