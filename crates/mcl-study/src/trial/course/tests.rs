@@ -196,8 +196,9 @@ fn readings_end_at_people() {
             }
             directions.push(seen);
         }
-        let found_share = hits as f64 / usable as f64;
-        assert!((found_share / share - 1.0).abs() < 0.02, "{found_share} of {share}");
+        // The last scan of the last person may exceed it, by the 49 beams of one who is 0.6 m away at most.
+        let over = hits as f64 - share * usable as f64;
+        assert!((0.0..=49.0).contains(&over), "{share}: {hits} of {usable}");
         // 0.25 m to each side at most 2.5 m away: 11 beams, but for those at the edge or behind others.
         let width = hits as f64 / groups as f64;
         assert!(width > 8.0, "{share}: {width} beams");
