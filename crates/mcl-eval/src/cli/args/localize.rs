@@ -41,7 +41,10 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
             MotionKind::Gaussian => s.heading_noise.map(|part| part.to_string()).join(","),
             MotionKind::Book => "-".into(),
         }),
-        row("--alpha", |s| s.alpha.map(|a| a.to_string()).join(",")),
+        row("--alpha", |s| match s.motion {
+            MotionKind::Gaussian => "-".into(),
+            MotionKind::Book => s.alpha.map(|a| a.to_string()).join(","),
+        }),
         row("--proposal", |s| s.proposal.to_string()),
         row("--resampling", |s| s.resampling.to_string()),
         row("--ess-fraction", |s| s.ess_fraction.to_string()),
