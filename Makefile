@@ -43,7 +43,7 @@ figures: build
 	$(MCL_EVAL) plot $(RESULTS)
 
 # Runs the experiments whose results are committed again, on the data sets at hand, and compares: every
-# file byte by byte where they were made (results/README.md); elsewhere with TOLERANCE=0.3 or so.
+# file byte by byte, or numbers within a TOLERANCE (results/README.md).
 # REPRODUCE="likelihood choices" takes some of the experiments.
 REPRODUCED = target/reproduced
 REPRODUCE ?= likelihood localization localization-recorded regions $(BEYOND)

@@ -15,11 +15,15 @@
 //! assert!((endpoint[0] - 1.0).abs() < 1e-12 && (endpoint[1] - 5.0).abs() < 1e-12);
 //! ```
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 mod error;
 pub mod files;
+pub mod math;
 pub mod memory;
 mod ndt_map;
 mod neighbors;
+mod normal;
 mod point_map;
 mod pose;
 mod recording;
@@ -34,6 +38,7 @@ pub use error::CoreError;
 pub use memory::OutOfMemory;
 pub use ndt_map::{NdtCell, NdtMap};
 pub use neighbors::{NearestNeighbors, Neighbor, TIE_DISTANCE};
+pub use normal::StandardNormal;
 pub use point_map::{MAX_COORDINATE, PointMap, check_finite};
 pub use pose::{Pose2, wrap_angle};
 pub use recording::{Bounds, Recording};

@@ -4,6 +4,7 @@ use nalgebra::{Isometry2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::Point;
+use crate::math;
 
 /// Wraps an angle (radians) to the half-open interval (−π, π].
 pub fn wrap_angle(angle: f64) -> f64 {
@@ -43,7 +44,7 @@ impl Pose2 {
 
     /// The inverse transform: `a_from_b` becomes `b_from_a`, heading wrapped.
     pub fn inverse(&self) -> Pose2 {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         Pose2::new(
             -(cos * self.x + sin * self.y),
             sin * self.x - cos * self.y,
@@ -54,20 +55,20 @@ impl Pose2 {
     /// `self⁻¹ ∘ other`: the pose of `other` in the frame of `self`, heading wrapped. Exact for
     /// poses far from the origin, as the positions are subtracted before they are rotated.
     pub fn between(&self, other: &Pose2) -> Pose2 {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         let (dx, dy) = (other.x - self.x, other.y - self.y);
         Pose2::new(cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(other.theta - self.theta))
     }
 
     /// Carries a point of the posed frame into the frame the pose is given in.
     pub fn transform_point(&self, [x, y]: Point<2>) -> Point<2> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         [self.x + cos * x - sin * y, self.y + sin * x + cos * y]
     }
 
     /// Distance between the positions of two poses, in metres.
     pub fn distance(&self, other: &Pose2) -> f64 {
-        (self.x - other.x).hypot(self.y - other.y)
+        math::hypot(self.x - other.x, self.y - other.y)
     }
 
     /// Whether all three components are finite.

@@ -1,3 +1,4 @@
+use crate::math;
 use crate::memory::with_room;
 use crate::{CoreError, LaserScan, Point, Pose2, Trajectory};
 
@@ -120,7 +121,7 @@ impl Recording {
             self.scans
                 .iter()
                 .filter_map(|scan| scan.odometry)
-                .map(|step| step.x.hypot(step.y))
+                .map(|step| math::hypot(step.x, step.y))
                 .sum()
         }
     }

@@ -1,5 +1,6 @@
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::{Point, Pose2, Stamp};
 
 /// Whether a reading counts as a measurement: `0 < range ≤ max_range`, both in metres. NaN,
@@ -78,7 +79,7 @@ impl LaserScan {
             .enumerate()
             .filter(move |&(_, &range)| is_usable_range(range, max_range))
             .map(move |(i, &range)| {
-                let (sin, cos) = (map_from_laser.theta + self.direction(i)).sin_cos();
+                let (sin, cos) = math::sin_cos(map_from_laser.theta + self.direction(i));
                 [map_from_laser.x + range * cos, map_from_laser.y + range * sin]
             })
     }

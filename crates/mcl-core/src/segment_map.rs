@@ -1,3 +1,4 @@
+use crate::math;
 use crate::{CoreError, Point, check_finite};
 
 /// A straight piece of a wall: all places between two.
@@ -12,7 +13,7 @@ pub struct LineSegment {
 impl LineSegment {
     /// Distance between the ends in metres.
     pub fn length(&self) -> f64 {
-        (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
+        math::hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
     }
 
     /// Squared distance (m²) from a place, no farther than [`MAX_COORDINATE`](crate::MAX_COORDINATE), to the

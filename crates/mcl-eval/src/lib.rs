@@ -2,6 +2,7 @@
 //! the way from the rows of a study to its tables and figures ([`figures`]). The work itself is done by the
 //! crates below it.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 // Both end the program when nobody can be told; see `progress::tell` and `cli::output::print`.
 #![cfg_attr(not(test), warn(clippy::print_stderr, clippy::print_stdout))]
 

@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, wrap_angle};
+use mcl_core::{Pose2, math, wrap_angle};
 use nalgebra::{Matrix3, Vector3};
 
 /// The weighted mean of particles and their spread.
@@ -22,7 +22,7 @@ impl Estimate {
         weights: &[f64],
     ) -> Self {
         let mean = |values: &[f64]| values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
-        let map_from_robot = Pose2::new(mean(x), mean(y), mean(sin).atan2(mean(cos)));
+        let map_from_robot = Pose2::new(mean(x), mean(y), math::atan2(mean(sin), mean(cos)));
         let mut covariance = Matrix3::zeros();
         for (i, &weight) in weights.iter().enumerate() {
             let off = Vector3::new(

@@ -2,10 +2,12 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Bounds, LaserScan, OutOfMemory, Pose2, Rng, Seed, wrap_angle};
+use mcl_core::{
+    Bounds, LaserScan, OutOfMemory, Pose2, Rng, Seed, StandardNormal, math, wrap_angle,
+};
 use rand::RngExt;
 use rand::seq::SliceRandom;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::Distribution;
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
@@ -50,8 +52,7 @@ pub struct StepReport {
 ///
 /// The particles are poses of the *robot*, whose wheels the motion model describes; the scanner's
 /// mount is taken into account when a scan comes in. All draws come from the seed, what they are for
-/// and the step, so a filter is the same to the last bit on every machine that computes IEEE doubles
-/// with the same mathematical library.
+/// and the step, so a filter is the same to the last bit on every machine that computes IEEE doubles.
 ///
 /// # Example
 /// ```
@@ -255,7 +256,7 @@ impl<'a> ParticleFilter<'a> {
             let scan = self.updates as usize;
             return Err(FilterError::NonFiniteOdometry { scan, increment: *increment });
         }
-        self.travelled += increment.x.hypot(increment.y);
+        self.travelled += math::hypot(increment.x, increment.y);
         self.turned += increment.theta.abs();
         let settings = self.settings.values();
         if !settings.leaves_out_scans() {
@@ -264,7 +265,8 @@ impl<'a> ParticleFilter<'a> {
         let FilterSettings { update_distance, update_angle, .. } = *settings;
         let pending = self.pending.unwrap_or(Pose2::IDENTITY).compose(increment);
         self.pending = Some(pending);
-        self.is_due |= pending.x.hypot(pending.y) >= update_distance && update_distance > 0.0
+        self.is_due |= math::hypot(pending.x, pending.y) >= update_distance
+            && update_distance > 0.0
             || pending.theta.abs() >= update_angle && update_angle > 0.0;
         Ok(())
     }
@@ -327,7 +329,8 @@ impl<'a> ParticleFilter<'a> {
         }
         let Estimate { map_from_robot: mean, covariance } = self.estimate();
         let spread = [position, position, heading];
-        let std = [0, 1, 2].map(|axis| (covariance[(axis, axis)] + spread[axis].powi(2)).sqrt());
+        let std =
+            [0, 1, 2].map(|axis| (covariance[(axis, axis)] + math::square(spread[axis])).sqrt());
         let reach = [0, 1].map(|axis| BRIDGE_DEVIATIONS * std[axis]);
         let window = Bounds {
             min: [mean.x - reach[0], mean.y - reach[1]],
@@ -336,7 +339,9 @@ impl<'a> ParticleFilter<'a> {
         self.draw_likely(Some(window), BRIDGE_BEAMS, &mut rng, |pose, _| {
             let off = [pose.x - mean.x, pose.y - mean.y, wrap_angle(pose.theta - mean.theta)];
             let of_axes = off.iter().zip(std);
-            of_axes.map(|(off, std)| -0.5 * (off / std).powi(2) - (std * TAU.sqrt()).ln()).sum()
+            of_axes
+                .map(|(off, std)| -0.5 * math::square(off / std) - math::ln(std * TAU.sqrt()))
+                .sum()
         })
     }
 
@@ -414,7 +419,7 @@ impl<'a> ParticleFilter<'a> {
                 self.start = Start::Done;
             }
         } else if let (Some(recovery), true) = (&settings.recover, used_beams > 0) {
-            let beam = (log_sum / (exponent * used_beams as f64)).exp();
+            let beam = math::exp(log_sum / (exponent * used_beams as f64));
             injected = self.averages.add(beam, recovery);
         }
         let resampled =
@@ -504,8 +509,8 @@ impl<'a> ParticleFilter<'a> {
         let Particles { x, y, theta, log_weight } = &self.particles;
         let Buffers { sin, cos, weights, .. } = &mut self.buffers;
         weights.clear();
-        weights.extend(log_weight.iter().map(|log_weight| log_weight.exp()));
-        (*sin, *cos) = theta.iter().map(|theta| theta.sin_cos()).unzip();
+        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
+        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
         Estimate::of((x, y), theta, (sin, cos), weights)
     }
 
@@ -520,8 +525,8 @@ impl<'a> ParticleFilter<'a> {
         }
         let Buffers { sin, cos, weights, .. } = &mut self.buffers;
         weights.clear();
-        weights.extend(log_weight.iter().map(|log_weight| log_weight.exp()));
-        (*sin, *cos) = theta.iter().map(|theta| theta.sin_cos()).unzip();
+        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
+        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
         StepReport {
             estimate: Estimate::of((x, y), theta, (sin, cos), weights),
             effective_sample_size: effective_sample_size(weights),
@@ -550,7 +555,7 @@ impl<'a> ParticleFilter<'a> {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
         for i in range.clone() {
-            (sin[i], cos[i]) = theta[i].sin_cos();
+            (sin[i], cos[i]) = math::sin_cos(theta[i]);
         }
         let log_likelihoods = &mut log_likelihoods[range.clone()];
         log_likelihoods.fill(0.0);

@@ -3,7 +3,7 @@
 
 use std::collections::HashSet;
 
-use mcl_core::Pose2;
+use mcl_core::{Pose2, math};
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
@@ -53,7 +53,7 @@ impl Kld {
         }
         let freedom = (bins - 1) as f64;
         let ninth = 2.0 / (9.0 * freedom);
-        let cube = (1.0 - ninth + ninth.sqrt() * self.quantile).powi(3);
+        let cube = math::powi(1.0 - ninth + ninth.sqrt() * self.quantile, 3);
         (freedom / (2.0 * self.epsilon) * cube).ceil() as usize
     }
 

@@ -10,6 +10,8 @@
 //! [`CheckedSettings`]. Nothing here has a generator of its own: every draw comes from a
 //! [`Seed`](mcl_core::Seed), what it is for, and the step.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 mod beams;
 mod check;
 mod error;

@@ -1,7 +1,7 @@
 use std::f64::consts::FRAC_PI_3;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Pose2, Recording, Seed};
+use mcl_core::{Pose2, Recording, Seed, math};
 
 use crate::{CheckedSettings, FilterError, MapDistances, ParticleFilter, Particles, StepReport};
 
@@ -158,7 +158,7 @@ impl Bridge {
         if unknown as f64 > MOST_UNKNOWN * steps as f64 {
             return Err(FilterError::MissingOdometry { scan: scans[0], unknown, steps });
         }
-        let lengths = increments.iter().flatten().map(|step| step.x.hypot(step.y));
+        let lengths = increments.iter().flatten().map(|step| math::hypot(step.x, step.y));
         Ok(Bridge { scans, steps, reach: lengths.fold(LEAST_REACH, f64::max) })
     }
 }

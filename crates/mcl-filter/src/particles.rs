@@ -1,9 +1,9 @@
 use std::f64::consts::PI;
 
 use mcl_core::memory::with_room;
-use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, wrap_angle};
+use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, StandardNormal, math, wrap_angle};
 use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::Distribution;
 
 use crate::{FilterError, InitialPose};
 
@@ -44,7 +44,7 @@ impl Particles {
             theta: with_room(number, PARTICLES)?,
             log_weight: with_room(number, PARTICLES)?,
         };
-        particles.log_weight.resize(number, -(number as f64).ln());
+        particles.log_weight.resize(number, -math::ln(number as f64));
         match initial {
             InitialPose::Known { std_x, std_y, std_theta } => {
                 let mean = map_from_robot.ok_or(FilterError::NoInitialPose)?;
@@ -119,10 +119,10 @@ impl Particles {
     pub(crate) fn normalize(&mut self, weights: &mut Vec<f64>) -> Result<f64, FilterError> {
         let largest = self.log_weight.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         weights.clear();
-        weights.extend(self.log_weight.iter().map(|l| (l - largest).exp()));
+        weights.extend(self.log_weight.iter().map(|l| math::exp(l - largest)));
         let sum: f64 = weights.iter().sum();
         // NaN also when the largest is −∞, or any is NaN, which `f64::max` passes over.
-        let log_sum = largest + sum.ln();
+        let log_sum = largest + math::ln(sum);
         if !log_sum.is_finite() {
             return Err(FilterError::DegenerateWeights { log_sum });
         }
@@ -139,7 +139,7 @@ impl Particles {
 
     /// Gives all particles the same weight.
     pub(crate) fn make_equal(&mut self) {
-        let equal = -(self.len() as f64).ln();
+        let equal = -math::ln(self.len() as f64);
         self.log_weight.clear();
         self.log_weight.resize(self.len(), equal);
     }

@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use mcl_core::memory::with_room;
-use mcl_core::{OutOfMemory, Rng};
+use mcl_core::{OutOfMemory, Rng, StandardNormal, math};
 use nalgebra::{Matrix3, Vector3};
-use rand_distr::{Distribution, StandardNormal};
+use rand_distr::Distribution;
 
 use crate::particles::PARTICLES;
 
@@ -101,7 +101,7 @@ impl NoiseProposal {
             mean,
             spread: square_root(std),
             whitening: square_root(std.map(|std| 1.0 / std)),
-            log_det: std.map(f64::ln).sum(),
+            log_det: std.map(math::ln).sum(),
         })
     }
 
@@ -118,7 +118,7 @@ impl NoiseProposal {
         // ln q(ε)/N(ε); far out it may overflow, and the correction is then −∞: a draw that the motion
         // model would not make.
         let log_ratio = 0.5 * (noise.norm_squared() - whitened.norm_squared()) - self.log_det;
-        -(1.0 - share + share * log_ratio.exp()).ln()
+        -math::ln(1.0 - share + share * math::exp(log_ratio))
     }
 }
 
@@ -155,14 +155,14 @@ impl Weighing {
         let most = largest(&mut pilots.clone().map(|(_, likelihood)| likelihood));
         let heaviest = largest(&mut pilots.clone().map(|(weight, _)| weight));
         self.prior.clear();
-        self.prior.extend(pilots.clone().map(|(weight, _)| (weight - heaviest).exp()));
+        self.prior.extend(pilots.clone().map(|(weight, _)| math::exp(weight - heaviest)));
         // 2⁻⁶⁰ of any likelihood that f64 can tell from 0 is 1.
         let mut exponent = 1.0;
         let mut effective = f64::NAN;
         for _ in 0..6 {
             exponent /= 1024.0;
             self.power.clear();
-            self.power.extend(pilots.clone().map(|(_, l)| (exponent * (l - most)).exp()));
+            self.power.extend(pilots.clone().map(|(_, l)| math::exp(exponent * (l - most))));
             effective = effective_size(&self.prior, &self.power);
             if effective >= wanted {
                 break;

@@ -1,6 +1,7 @@
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
+use mcl_core::math;
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
@@ -34,7 +35,7 @@ impl SigmaHit {
     /// σ_hit (m) on a map of this spacing (m).
     pub fn metres(self, spacing: f64) -> f64 {
         match self {
-            SigmaHit::Auto => Self::OF_READINGS.hypot(Self::OF_SPACING * spacing),
+            SigmaHit::Auto => math::hypot(Self::OF_READINGS, Self::OF_SPACING * spacing),
             SigmaHit::Metres(metres) => metres,
         }
     }

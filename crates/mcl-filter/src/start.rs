@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, SQRT_2};
 
 use mcl_core::memory::{reserve, with_room};
-use mcl_core::{Bounds, OutOfMemory, Point, Pose2, Rng};
+use mcl_core::{Bounds, OutOfMemory, Point, Pose2, Rng, math};
 use rand::RngExt;
 
 use crate::particles::Particles;
@@ -42,7 +42,7 @@ impl BeamTable {
         let per_metre = TABLE as f64 / (TABLE_END * sigma);
         let value = |step: usize| {
             let deviations = TABLE_END * step as f64 / TABLE as f64;
-            (hit * (-0.5 * deviations * deviations).exp() + random).ln()
+            math::ln(hit * math::exp(-0.5 * deviations * deviations) + random)
         };
         BeamTable { per_metre, values: (0..=TABLE).map(value).collect() }
     }
@@ -144,7 +144,7 @@ impl<'a> Search<'a> {
         let turn = PI / (headings * parts);
 
         // Of a place in a leaf: h²/3 along each direction, and r²a²/3 by its heading.
-        let widened = (sigma * sigma + (half * half + (lever * turn).powi(2)) / 3.0).sqrt();
+        let widened = (sigma * sigma + (half * half + math::square(lever * turn)) / 3.0).sqrt();
         Search {
             distances,
             table: BeamTable::new(hit * sigma / widened, random, widened),
@@ -158,12 +158,14 @@ impl<'a> Search<'a> {
     fn weigh(&self, level: &Level, nodes: &mut [Node], scratch: &mut Lookups) {
         let Lookups { points, distances, floors, ways } = scratch;
         ways.clear();
-        ways.extend(self.beams.iter().map(|[x, y]| SQRT_2 * level.half + x.hypot(*y) * level.turn));
+        ways.extend(
+            self.beams.iter().map(|[x, y]| SQRT_2 * level.half + math::hypot(*x, *y) * level.turn),
+        );
         for nodes in nodes.chunks_mut(BATCH) {
             points.clear();
             for node in &*nodes {
                 let Pose2 { x, y, theta } = level.centre(node.place);
-                let (sin, cos) = theta.sin_cos();
+                let (sin, cos) = math::sin_cos(theta);
                 points.extend(
                     self.beams
                         .iter()
@@ -275,13 +277,13 @@ impl LikelyPlaces {
         let mut totals = with_room(leaves.len(), BOXES)?;
         let mut total = 0.0;
         for leaf in &leaves {
-            total += (exponent * (leaf.value - best)).exp();
+            total += math::exp(exponent * (leaf.value - best));
             totals.push(total);
         }
         let boxes = search.boxes.iter().map(|&boxes| f64::from(boxes << LEVELS)).product();
         let mut places = with_room(leaves.len(), BOXES)?;
         places.extend(leaves.iter().map(|leaf| leaf.place));
-        let log_volume = (8.0 * level.half * level.half * level.turn).ln();
+        let log_volume = math::ln(8.0 * level.half * level.half * level.turn);
         Ok(LikelyPlaces { level, places, totals, log_volume, boxes })
     }
 
@@ -297,7 +299,7 @@ impl LikelyPlaces {
         particles: &mut Particles,
     ) {
         let Some(sum) = self.totals.last() else { return };
-        let uniform = -self.log_volume - self.boxes.ln();
+        let uniform = -self.log_volume - math::ln(self.boxes);
         for i in 0..number {
             let position = (i as f64 + rng.random::<f64>()) / number as f64 * sum;
             let leaf =
@@ -308,11 +310,11 @@ impl LikelyPlaces {
                 std::array::from_fn(|_| 2.0 * rng.random::<f64>() - 1.0);
             let Level { half, turn, .. } = self.level;
             let pose = Pose2::new(x + half * right, y + half * up, theta + turn * left);
-            let log_density = (density / sum).ln() - self.log_volume;
+            let log_density = math::ln(density / sum) - self.log_volume;
             particles.push(pose);
             particles
                 .log_weight
-                .push(log_prior(&pose, uniform) - log_density - (number as f64).ln());
+                .push(log_prior(&pose, uniform) - log_density - math::ln(number as f64));
         }
     }
 }

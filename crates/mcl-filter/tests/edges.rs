@@ -235,7 +235,8 @@ fn a_start_beyond_all_maps_is_refused() {
     }
 }
 
-/// Sums over so many weights lose nothing: the posterior is that of fewer particles.
+/// Sums over so many weights lose nothing: the posterior is that of fewer particles, on average over runs (the first
+/// scan leaves only 200 of 10,000, so the evidence of a single run scatters by 0.1).
 #[test]
 fn a_million_particles_agree_with_ten_thousand() {
     let walls = (0..400).map(|i| f64::from(i) * 0.02).flat_map(|s| [[s, 0.0], [0.0, 0.7 * s]]);
@@ -255,7 +256,7 @@ fn a_million_particles_agree_with_ten_thousand() {
     };
     let initial_pose = InitialPose::Known { std_x: 0.3, std_y: 0.3, std_theta: 0.2 };
     for proposal in Proposal::ALL {
-        let run = |particles: usize| {
+        let run = |particles: usize, seed: u64| {
             let book = Preset::Book.settings();
             let settings =
                 FilterSettings { particles: particles.into(), initial_pose, proposal, ..book };
@@ -265,16 +266,28 @@ fn a_million_particles_agree_with_ten_thousand() {
             let scans = [0, 1, 2];
             let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
             let start = Some(Pose2::new(3.0, 2.0, 0.4));
-            localize(&replay, &distances, &settings, start, Seed::new(3)).unwrap()
+            localize(&replay, &distances, &settings, start, Seed::new(seed)).unwrap()
         };
-        let (many, few) = (run(1_000_000), run(10_000));
-        for (a, b) in many.map_from_laser.iter().zip(&few.map_from_laser) {
-            let missed = (a.distance(b), (a.theta - b.theta).abs());
-            assert!(missed.0 < 0.02 && missed.1 < 0.02, "{proposal:?}: {a:?} {b:?}");
+        let many = run(1_000_000, 3);
+        let few: Vec<_> = (0..16).map(|seed| run(10_000, seed)).collect();
+        let mean = |of: &dyn Fn(&Run) -> f64| few.iter().map(of).sum::<f64>() / 16.0;
+        for (i, pose) in many.map_from_laser.iter().enumerate() {
+            let of_few = Pose2::new(
+                mean(&|run| run.map_from_laser[i].x),
+                mean(&|run| run.map_from_laser[i].y),
+                mean(&|run| run.map_from_laser[i].theta),
+            );
+            let missed = (pose.distance(&of_few), (pose.theta - of_few.theta).abs());
+            assert!(missed.0 < 0.02 && missed.1 < 0.02, "{proposal:?}: {pose:?} {of_few:?}");
         }
-        for (a, b) in many.reports.iter().zip(&few.reports) {
-            assert!((a.log_evidence - b.log_evidence).abs() < 0.1, "{proposal:?}: {a:?} {b:?}");
-            let shares = (a.effective_sample_size / 1e6, b.effective_sample_size / 1e4);
+        for (i, report) in many.reports.iter().enumerate() {
+            let evidence = mean(&|run| run.reports[i].log_evidence);
+            assert!(
+                (report.log_evidence - evidence).abs() < 0.1,
+                "{proposal:?}: {report:?} {evidence}"
+            );
+            let of_few = mean(&|run| run.reports[i].effective_sample_size) / 1e4;
+            let shares = (report.effective_sample_size / 1e6, of_few);
             assert!((shares.0 / shares.1 - 1.0).abs() < 0.2, "{proposal:?}: {shares:?}");
         }
     }

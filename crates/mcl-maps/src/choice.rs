@@ -1,5 +1,7 @@
 //! Choosing a number that spans orders of magnitude by a score that is costly and not quite smooth.
 
+use mcl_core::math;
+
 /// Golden ratio: 1.618…
 const GOLDEN: f64 = 1.618_033_988_749_895;
 
@@ -51,17 +53,17 @@ pub fn minimize<E>(
     }
     let at = (0..tried.len()).min_by(|&a, &b| tried[a].score.total_cmp(&tried[b].score));
     let Some(at) = at else { return Ok(tried) };
-    let mut below = tried[at.saturating_sub(1)].value.ln();
-    let mut above = tried[(at + 1).min(tried.len() - 1)].value.ln();
-    let mut middle = (tried[at].value.ln(), tried[at].score);
+    let mut below = math::ln(tried[at.saturating_sub(1)].value);
+    let mut above = math::ln(tried[(at + 1).min(tried.len() - 1)].value);
+    let mut middle = (math::ln(tried[at].value), tried[at].score);
     // Always the larger of the two parts is cut.
-    while above - below > 2.0 * precision.ln() {
+    while above - below > 2.0 * math::ln(precision) {
         let larger_is_above = above - middle.0 > middle.0 - below;
         let place = match larger_is_above {
             true => middle.0 + (above - middle.0) * (2.0 - GOLDEN),
             false => middle.0 - (middle.0 - below) * (2.0 - GOLDEN),
         };
-        let value = place.exp();
+        let value = math::exp(place);
         let found = score(value)?;
         tried.push(Tried { value, score: found });
         match (found < middle.1, larger_is_above) {

@@ -34,6 +34,8 @@
 //! # Ok::<(), mcl_maps::MapError>(())
 //! ```
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 mod build;
 pub mod bytes;
 pub mod choice;

@@ -19,7 +19,7 @@
 
 use std::collections::BTreeMap;
 
-use mcl_core::{NdtCell, NdtMap, Point, check_finite};
+use mcl_core::{NdtCell, NdtMap, Point, check_finite, math};
 
 use crate::MapError;
 
@@ -116,14 +116,14 @@ fn moments(points: &[Point<2>]) -> (Point<2>, [f64; 3]) {
 
 /// The covariance with its eigenvalues raised to what is allowed.
 fn bounded([xx, xy, yy]: [f64; 3], least: f64) -> [f64; 3] {
-    let (middle, radius) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+    let (middle, radius) = (0.5 * (xx + yy), math::hypot(0.5 * (xx - yy), xy));
     let larger = (middle + radius).max(least);
     let floor = least.max(EIGENVALUE_RATIO * larger);
     if middle - radius >= floor {
         return [xx, xy, yy];
     }
     // smaller·I + (larger − smaller)·v·vᵀ, v the direction of the larger one.
-    let (sin, cos) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
+    let (sin, cos) = math::sin_cos(0.5 * math::atan2(2.0 * xy, xx - yy));
     let more = larger - floor;
     [floor + more * cos * cos, more * sin * cos, floor + more * sin * sin]
 }

@@ -2,7 +2,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 use mcl_core::memory::check_room;
-use mcl_core::{Bounds, NearestNeighbors, Point, check_finite};
+use mcl_core::{Bounds, NearestNeighbors, Point, check_finite, math};
 
 use crate::MapError;
 
@@ -201,7 +201,7 @@ fn moments<const D: usize>(points: &[Placed<D>]) -> (Point<D>, f64) {
     let mut scatter = 0.0;
     for axis in 0..D {
         mean[axis] = points.iter().map(|(p, _)| p[axis]).sum::<f64>() / points.len() as f64;
-        scatter += points.iter().map(|(p, _)| (p[axis] - mean[axis]).powi(2)).sum::<f64>();
+        scatter += points.iter().map(|(p, _)| math::square(p[axis] - mean[axis])).sum::<f64>();
     }
     (mean, scatter)
 }

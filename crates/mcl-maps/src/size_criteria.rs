@@ -3,8 +3,7 @@
 
 use std::f64::consts::{E, TAU};
 
-use mcl_core::{Bounds, PointMap};
-use statrs::function::factorial::ln_factorial;
+use mcl_core::{Bounds, PointMap, math};
 
 use crate::{LogLikelihood, MapError, PointSet, mixture_log_likelihood};
 
@@ -12,7 +11,7 @@ use crate::{LogLikelihood, MapError, PointSet, mixture_log_likelihood};
 /// for K means of D coordinates (`dimensions`) each. `log_likelihood` is ln p(D|Θ)/N.
 pub fn bic(log_likelihood: f64, points: usize, map_points: usize, dimensions: usize) -> f64 {
     let points = points as f64;
-    map_points as f64 * dimensions as f64 * points.ln() / (2.0 * points) - log_likelihood
+    map_points as f64 * dimensions as f64 * math::ln(points) / (2.0 * points) - log_likelihood
 }
 
 /// The description length (Rissanen 1978) of the set of points of which `map` is a subset, per point and
@@ -34,12 +33,12 @@ pub fn description_length<const D: usize>(
     let others = log_likelihood.total - mixture_log_likelihood(&own, map, sigma)?.total;
     let width = sigma * (TAU * E).sqrt();
     let bounds = Bounds::of(data.points()).unwrap_or(map.bounds());
-    let ln_volume: f64 = (0..D).map(|axis| (bounds.extent(axis) + width).ln()).sum();
+    let ln_volume: f64 = (0..D).map(|axis| math::ln(bounds.extent(axis) + width)).sum();
     let (points, map_points) = (data.len(), map.len().min(data.len()));
     let [n, k, rest] =
-        [points, map_points, points - map_points].map(|count| ln_factorial(count as u64));
+        [points, map_points, points - map_points].map(|count| math::ln_gamma(count as f64 + 1.0));
     let count = points as f64;
-    Ok((count.ln() + n - k - rest + map_points as f64 * ln_volume - others) / count)
+    Ok((math::ln(count) + n - k - rest + map_points as f64 * ln_volume - others) / count)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-use mcl_core::{Point, Pose2};
+use mcl_core::{Point, Pose2, math};
 
 use crate::error::{MetricsError, check_poses};
 
@@ -61,7 +61,7 @@ pub fn ate(
 }
 
 pub(crate) fn translation(error: &Pose2) -> f64 {
-    error.x.hypot(error.y)
+    math::hypot(error.x, error.y)
 }
 
 pub(crate) fn rotation(error: &Pose2) -> f64 {
@@ -70,7 +70,7 @@ pub(crate) fn rotation(error: &Pose2) -> f64 {
 
 /// ‖E − I‖² = ‖R − I‖² + ‖t‖², and ‖R − I‖² = 4 − 4·cos θ = 8·sin²(θ/2).
 pub(crate) fn full(error: &Pose2) -> f64 {
-    translation(error).hypot(8_f64.sqrt() * (0.5 * error.theta).sin())
+    math::hypot(translation(error), 8_f64.sqrt() * math::sin(0.5 * error.theta))
 }
 
 /// The rigid motion that minimizes Σ‖r − (R·e + t)‖². In the plane Umeyama's singular value
@@ -90,10 +90,10 @@ fn align(reference: &[Pose2], estimate: &[Pose2]) -> Result<Pose2, MetricsError>
     }
     // By Cauchy and Schwarz the left side is at most √(spread·spread); next to nothing of it is
     // rounding, and its direction means nothing.
-    if dot.hypot(cross) <= 1e-12 * (reference_spread * estimate_spread).sqrt() {
+    if math::hypot(dot, cross) <= 1e-12 * (reference_spread * estimate_spread).sqrt() {
         return Err(MetricsError::Alignment { poses: reference.len() });
     }
-    let rotation = Pose2::new(0.0, 0.0, cross.atan2(dot));
+    let rotation = Pose2::new(0.0, 0.0, math::atan2(cross, dot));
     let [x, y] = rotation.transform_point(estimate_mean);
     Ok(Pose2::new(reference_mean[0] - x, reference_mean[1] - y, rotation.theta))
 }

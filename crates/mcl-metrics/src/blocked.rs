@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use mcl_core::Seed;
+use mcl_core::{Seed, math};
 
 use crate::error::{MetricsError, TooFew, is_usable};
 use crate::interval::{self, Interval, MeanInterval, resample_groups};
@@ -200,8 +200,8 @@ impl Blocked {
         let (mut between, mut within, mut squared_sizes) = (0.0, 0.0, 0.0);
         for ((_, values), (_, mean)) in groups(&self.items).zip(&self.means) {
             let size = values.len() as f64;
-            between += size * (mean - grand_mean).powi(2);
-            within += values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+            between += size * math::square(mean - grand_mean);
+            within += values.iter().map(|value| math::square(value - mean)).sum::<f64>();
             squared_sizes += size * size;
         }
         let (between, within) = (between / (blocks - 1.0), within / (count - blocks));

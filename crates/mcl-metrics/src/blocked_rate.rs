@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use mcl_core::math;
 use serde::Serialize;
 
 use crate::error::{MetricsError, TooFew};
@@ -74,7 +75,7 @@ impl BlockedRate {
         Ok(BlockedRate {
             of_units: Rate::new(sum(|block| block.0), sum(|block| block.1))?,
             of_blocks: Rate::new(sum(|block| usize::from(block.0 > 0)), blocks.len())?,
-            squared_sizes: blocks.values().map(|block| (block.1 as f64).powi(2)).sum(),
+            squared_sizes: blocks.values().map(|block| math::square(block.1 as f64)).sum(),
         })
     }
 

@@ -1,17 +1,14 @@
 //! Whether the covariance of an estimate agrees with its error.
 
-use std::sync::LazyLock;
-
+use mcl_core::math;
 use nalgebra::{Matrix3, Vector3};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Smallest share of a component's variance that the components before it may leave unexplained; less is
 /// rounding, as in a cloud of collinear particles.
 const SINGULAR_BELOW: f64 = 1e-12;
 
-/// The 0.95 quantile of χ² with three degrees of freedom, 7.81.
-static LIMIT_95: LazyLock<f64> =
-    LazyLock::new(|| ChiSquared::new(3.0).expect("three degrees of freedom").inverse_cdf(0.95));
+/// The 0.95 quantile of χ² with three degrees of freedom.
+const LIMIT_95: f64 = 7.814_727_903_251_179;
 
 /// Normalized estimation error squared, eᵀ C⁻¹ e (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): the
 /// squared distance of the reference from the estimate in standard deviations of the estimate. Its
@@ -33,7 +30,7 @@ pub fn nees(error: [f64; 3], covariance: [[f64; 3]; 3]) -> Option<f64> {
     let covariance = Matrix3::from_fn(|row, column| covariance[row][column]);
     let factor = covariance.cholesky()?.l();
     // Squares on the diagonal are the variances that remain when the components before are known.
-    let is_singular = |i| factor[(i, i)].powi(2) <= SINGULAR_BELOW * covariance[(i, i)];
+    let is_singular = |i| math::square(factor[(i, i)]) <= SINGULAR_BELOW * covariance[(i, i)];
     if (0..3).any(is_singular) {
         return None;
     }
@@ -45,7 +42,7 @@ pub fn nees(error: [f64; 3], covariance: [[f64; 3]; 3]) -> Option<f64> {
 /// the estimate is a Gaussian with its covariance: `nees` is at most the 0.95 quantile of χ² with three
 /// degrees of freedom. Of a consistent estimate, 95 % of all scans.
 pub fn inside_ellipsoid_95(nees: f64) -> bool {
-    nees <= *LIMIT_95
+    nees <= LIMIT_95
 }
 
 #[cfg(test)]
@@ -53,10 +50,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Source: SciPy 1.17.1, `chi2.ppf(0.95, 3)`.
+    /// The length of a standard normal vector in space has the density √(2/π)·r²·exp(−r²/2).
     #[test]
-    fn limit_agrees_with_scipy() {
-        assert!((*LIMIT_95 - 7.814727903251179).abs() < 1e-9, "{}", *LIMIT_95);
+    fn the_limit_holds_95_percent() {
+        const STEPS: u32 = 1000;
+        let step = LIMIT_95.sqrt() / f64::from(STEPS);
+        let density = |r: f64| (2.0 / std::f64::consts::PI).sqrt() * r * r * (-0.5 * r * r).exp();
+        // Simpson's rule.
+        let weight = |i: u32| if i == 0 || i == STEPS { 1.0 } else { f64::from(2 + 2 * (i % 2)) };
+        let sum: f64 = (0..=STEPS).map(|i| weight(i) * density(f64::from(i) * step)).sum();
+        assert!((sum * step / 3.0 - 0.95).abs() < 1e-12, "{}", sum * step / 3.0);
         assert!(inside_ellipsoid_95(7.8147) && !inside_ellipsoid_95(7.8148));
         assert!(!inside_ellipsoid_95(f64::NAN));
     }

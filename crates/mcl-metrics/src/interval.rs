@@ -1,4 +1,4 @@
-use mcl_core::Seed;
+use mcl_core::{Seed, math};
 use rand::RngExt;
 use serde::Serialize;
 
@@ -86,7 +86,7 @@ impl Moments {
     /// Of at least two samples. The variance of equal samples is exactly 0.
     pub fn of(samples: &[f64]) -> Self {
         let (mean, count) = (mean(samples), samples.len() as f64);
-        let squares: f64 = samples.iter().map(|sample| (sample - mean).powi(2)).sum();
+        let squares: f64 = samples.iter().map(|sample| math::square(sample - mean)).sum();
         Moments { count, mean, variance: squares / (count - 1.0) }
     }
 

@@ -31,8 +31,11 @@
 //! # Ok::<(), mcl_metrics::MetricsError>(())
 //! ```
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 mod association;
 mod ate;
+mod beta;
 mod blocked;
 mod blocked_rate;
 mod comparison;

@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, Recording};
+use mcl_core::{Pose2, Recording, math};
 
 /// Shorter steps (m) have no direction: standing still, both odometry and reference err by centimetres.
 const SHORTEST_STEP: f64 = 0.03;
@@ -37,11 +37,11 @@ impl OdometryError {
         for (reference, odometry) in steps {
             let difference = reference.between(&odometry);
             error.steps += 1;
-            error.translation_rmse += difference.x.powi(2) + difference.y.powi(2);
-            error.rotation_rmse += difference.theta.powi(2);
+            error.translation_rmse += math::square(difference.x) + math::square(difference.y);
+            error.rotation_rmse += math::square(difference.theta);
             if are_opposed(&reference, &odometry) {
                 error.opposed_steps += 1;
-                error.opposed_m += reference.x.hypot(reference.y);
+                error.opposed_m += math::hypot(reference.x, reference.y);
             }
         }
         if error.steps == 0 {
@@ -55,7 +55,7 @@ impl OdometryError {
 }
 
 fn are_opposed(a: &Pose2, b: &Pose2) -> bool {
-    let (a_length, b_length) = (a.x.hypot(a.y), b.x.hypot(b.y));
+    let (a_length, b_length) = (math::hypot(a.x, a.y), math::hypot(b.x, b.y));
     let is_directed = a_length.min(b_length) >= SHORTEST_STEP;
     is_directed && a.x * b.x + a.y * b.y < -0.5 * a_length * b_length
 }

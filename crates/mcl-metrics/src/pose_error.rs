@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, wrap_angle};
+use mcl_core::{Pose2, math, wrap_angle};
 use serde::Serialize;
 
 use crate::error::{MetricsError, check_poses};
@@ -36,7 +36,7 @@ impl PoseError {
 
     /// Distance between the positions, in metres.
     pub fn translation(&self) -> f64 {
-        self.dx.hypot(self.dy)
+        math::hypot(self.dx, self.dy)
     }
 
     /// |δθ| in radians, within [0, π].

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use mcl_core::Pose2;
+use mcl_core::{Pose2, math};
 
 use crate::ate::{full, rotation, translation};
 use crate::error::{MetricsError, check_poses};
@@ -137,7 +137,7 @@ pub fn rpe(
 /// not `hypot`: whether a straight run of equal steps has covered `delta` hangs on the last digit.
 fn step_lengths(poses: &[Pose2]) -> Vec<f64> {
     let squared =
-        |pair: &[Pose2]| (pair[1].x - pair[0].x).powi(2) + (pair[1].y - pair[0].y).powi(2);
+        |pair: &[Pose2]| math::square(pair[1].x - pair[0].x) + math::square(pair[1].y - pair[0].y);
     poses.windows(2).map(|pair| squared(pair).sqrt()).collect()
 }
 

@@ -1,3 +1,4 @@
+use mcl_core::math;
 use serde::Serialize;
 
 use crate::error::{MetricsError, check_runs, check_samples};
@@ -64,7 +65,7 @@ fn summarize(mut samples: Vec<f64>) -> Summary {
     let sum = |of: &dyn Fn(f64) -> f64| samples.iter().map(|&sample| of(sample)).sum::<f64>();
     let mean = sum(&|sample| sample) / count;
     let sse = sum(&|sample| sample * sample);
-    let std = (sum(&|sample| (sample - mean).powi(2)) / count).sqrt();
+    let std = (sum(&|sample| math::square(sample - mean)) / count).sqrt();
     samples.sort_unstable_by(f64::total_cmp);
     Summary {
         count: samples.len(),

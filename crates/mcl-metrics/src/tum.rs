@@ -22,7 +22,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use mcl_core::{Pose2, Stamp, Trajectory, files, wrap_angle};
+use mcl_core::{Pose2, Stamp, Trajectory, files, math, wrap_angle};
 
 /// Largest height above or below the plane of a planar pose, in metres.
 pub const MAX_Z: f64 = 1e-3;
@@ -218,11 +218,14 @@ impl Line<'_> {
         let [x, y, z, w] = quaternion.map(|q| q / largest);
         let (sin, cos) = (2.0 * (w * z + x * y), w * w + x * x - y * y - z * z);
         // The x axis seen from above, in units of |q|² ≥ 1; too short to have a direction.
-        if sin.hypot(cos) < 1e-9 {
+        if math::hypot(sin, cos) < 1e-9 {
             let expected = "an x axis that is not vertical: this one has no heading".into();
             return Err(self.error(QUATERNION, "a pitch of ±90°".into(), expected));
         }
-        Ok((wrap_angle(sin.atan2(cos)), 2.0 * x.hypot(y).atan2(z.hypot(w))))
+        Ok((
+            wrap_angle(math::atan2(sin, cos)),
+            2.0 * math::atan2(math::hypot(x, y), math::hypot(z, w)),
+        ))
     }
 
     fn error(&self, field: &'static str, found: String, expected: String) -> TumError {
@@ -261,7 +264,7 @@ pub fn write(mut writer: impl Write, trajectory: &Trajectory) -> Result<(), TumE
         if !pose.is_finite() || stamp.nanoseconds() < 0 {
             return Err(TumError::Pose { index, stamp, pose });
         }
-        let (qz, qw) = (0.5 * wrap_angle(pose.theta)).sin_cos();
+        let (qz, qw) = math::sin_cos(0.5 * wrap_angle(pose.theta));
         writeln!(writer, "{stamp} {} {} 0 0 0 {qz} {qw}", pose.x, pose.y)?;
     }
     Ok(writer.flush()?)

@@ -5,6 +5,8 @@
 //! are what is found out about either. A [`study`] is a file that lists recipes, measures, and
 //! the views that its tables and figures show.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 pub mod auto;
 pub mod data;
 pub mod measure;

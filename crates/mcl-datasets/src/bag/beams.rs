@@ -1,6 +1,6 @@
 //! Beams where the laser was when it measured them, and in the plane of the robot.
 
-use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range};
+use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range, math};
 
 use super::messages::ScanMessage;
 use super::moment::Moment;
@@ -32,19 +32,19 @@ fn place(
 ) -> Beams {
     let mut beams = Beams::default();
     for (beam, &range) in ranges.iter().enumerate() {
-        let (sin, cos) = geometry.angle(beam).sin_cos();
+        let (sin, cos) = math::sin_cos(geometry.angle(beam));
         let level = plane.map(|[along, across]| along * cos + across * sin);
         let is_usable = is_usable_range(range, f64::INFINITY);
         let pose = moved(beam);
         let (range, [x, y]) = match (pose, is_usable) {
             (Some(pose), true) => {
                 let end = pose.compose(&Pose2::new(range * level[0], range * level[1], 0.0));
-                let carried = (end.x - range * level[0]).hypot(end.y - range * level[1]);
+                let carried = math::hypot(end.x - range * level[0], end.y - range * level[1]);
                 beams.farthest = beams.farthest.max(carried);
-                (end.x.hypot(end.y), [end.x, end.y])
+                (math::hypot(end.x, end.y), [end.x, end.y])
             }
             (Some(pose), false) => {
-                let (sin, cos) = pose.theta.sin_cos();
+                let (sin, cos) = math::sin_cos(pose.theta);
                 let [x, y] = level;
                 (range, [x * cos - y * sin, x * sin + y * cos])
             }
@@ -55,7 +55,7 @@ fn place(
             (None, false) => (range, level),
         };
         beams.ranges.push(range);
-        beams.directions.push(y.atan2(x));
+        beams.directions.push(math::atan2(y, x));
     }
     beams
 }

@@ -1,6 +1,6 @@
 //! Encoding messages: plain little-endian CDR, field by field.
 
-use mcl_core::{Pose2, Stamp};
+use mcl_core::{Pose2, Stamp, math};
 
 /// A message being encoded. Fields are written in the order of its description.
 #[derive(Debug, Clone)]
@@ -77,7 +77,7 @@ impl Encoder {
 
     /// A planar pose or transform: x, y and z, then the quaternion of the heading.
     pub fn pose(&mut self, pose: Pose2) -> &mut Self {
-        let (sin, cos) = (0.5 * pose.theta).sin_cos();
+        let (sin, cos) = math::sin_cos(0.5 * pose.theta);
         self.f64s(&[pose.x, pose.y, 0.0, 0.0, 0.0, sin, cos])
     }
 }

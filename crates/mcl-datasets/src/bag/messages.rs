@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use mcl_core::{Pose2, ScanGeometry};
+use mcl_core::{Pose2, ScanGeometry, math};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::cdr::{CdrError, View};
@@ -300,7 +300,7 @@ fn isometry(
 /// The pose seen from above: position and yaw, the direction of the x axis.
 pub(super) fn planar(pose: &Isometry3<f64>) -> Pose2 {
     let q = pose.rotation.quaternion();
-    let yaw = (2.0 * (q.w * q.k + q.i * q.j)).atan2(1.0 - 2.0 * (q.j * q.j + q.k * q.k));
+    let yaw = math::atan2(2.0 * (q.w * q.k + q.i * q.j), 1.0 - 2.0 * (q.j * q.j + q.k * q.k));
     Pose2::new(pose.translation.x, pose.translation.y, yaw)
 }
 

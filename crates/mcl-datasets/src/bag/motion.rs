@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mcl_core::{Pose2, ScanGeometry};
+use mcl_core::{Pose2, ScanGeometry, math};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::error::BagError;
@@ -87,14 +87,14 @@ impl Mount {
     fn of(robot_from_laser: &Isometry3<f64>) -> Self {
         let up = (robot_from_laser.rotation * Vector3::z()).z;
         let seen = planar(robot_from_laser);
-        let tilt_degrees = up.abs().min(1.0).acos().to_degrees();
+        let tilt_degrees = math::acos(up.abs().min(1.0)).to_degrees();
         let is_upside_down = up < 0.0;
         let plane = match tilt_degrees >= PROJECTED_TILT {
             false if is_upside_down => [[1.0, 0.0], [0.0, -1.0]],
             false => Mount::IDENTITY.plane,
             true => {
                 let turned = robot_from_laser.rotation.to_rotation_matrix();
-                let (sin, cos) = seen.theta.sin_cos();
+                let (sin, cos) = math::sin_cos(seen.theta);
                 let column = |of: usize| {
                     let [x, y] = [turned[(0, of)], turned[(1, of)]];
                     [x * cos + y * sin, y * cos - x * sin]

@@ -1,6 +1,6 @@
 //! `sensor_msgs/PointCloud2` as points.
 
-use mcl_core::Point;
+use mcl_core::{Point, math};
 
 use super::cdr::View;
 use super::messages::{Header, MessageError, header, malformed};
@@ -86,7 +86,7 @@ impl CloudMessage {
 
 /// Whether a point is a measurement of a scanner at the origin: `0 < r ≤ max_range` (m).
 pub fn is_in_range(point: &Point<3>, max_range: f64) -> bool {
-    let range = point[0].hypot(point[1]).hypot(point[2]);
+    let range = math::hypot(math::hypot(point[0], point[1]), point[2]);
     range > 0.0 && range <= max_range
 }
 

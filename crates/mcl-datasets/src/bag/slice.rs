@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use mcl_core::{Pose2, ScanGeometry};
+use mcl_core::{Pose2, ScanGeometry, math};
 use nalgebra::{Isometry3, Point3};
 
 use super::cdr::View;
@@ -31,9 +31,9 @@ pub(super) fn scan(
             continue;
         }
         let seen = laser_from_robot.compose(&Pose2::new(point.x, point.y, 0.0));
-        let range = seen.x.hypot(seen.y);
+        let range = math::hypot(seen.x, seen.y);
         if range > 0.0 {
-            let step = (seen.y.atan2(seen.x) - geometry.start_angle) / geometry.angle_step;
+            let step = (math::atan2(seen.y, seen.x) - geometry.start_angle) / geometry.angle_step;
             let nearest = &mut ranges[step.round() as usize % BEAMS];
             *nearest = nearest.min(range);
         }

@@ -4,7 +4,7 @@
 //! All coordinates are metres in the map's frame, whose origin is the building's south-west corner;
 //! *x* points east, *y* north. Walls are given by their centre lines.
 
-use mcl_core::{Bounds, Point};
+use mcl_core::{Bounds, Point, math};
 
 use super::obstacles::Obstacles;
 
@@ -256,7 +256,7 @@ impl Room {
     /// line; negative depths lie in front of the door.
     pub fn doorway(&self, depth: f64) -> Point<2> {
         // The leaf's tip stands DOORWAY·cos(open) from its hinge.
-        let leaf = DOORWAY * self.door.open.to_radians().cos().max(0.0);
+        let leaf = DOORWAY * math::cos(self.door.open.to_radians()).max(0.0);
         let shift = match self.door.hinge {
             Low => 0.5 * leaf,
             High => -0.5 * leaf,
@@ -299,7 +299,7 @@ impl Room {
 
     /// The open leaf, from its hinge at the wall's inner face.
     fn leaf(&self) -> [Point<2>; 2] {
-        let (sin, cos) = self.door.open.to_radians().sin_cos();
+        let (sin, cos) = math::sin_cos(self.door.open.to_radians());
         let (hinge, towards) = match self.door.hinge {
             Low => (self.door.at - 0.5 * DOORWAY, 1.0),
             High => (self.door.at + 0.5 * DOORWAY, -1.0),

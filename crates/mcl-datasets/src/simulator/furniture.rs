@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use mcl_core::{Bounds, Point, Pose2, Rng};
+use mcl_core::{Bounds, Point, Pose2, Rng, math};
 use rand::RngExt;
 
 use super::obstacles::Obstacles;
@@ -108,7 +108,7 @@ fn legs(x: f64, y: f64, radius: f64) -> Piece {
 /// A column over five castors.
 fn swivel_chair() -> Piece {
     let castor = |i: i32| {
-        let (sin, cos) = (f64::from(i) * TAU / 5.0).sin_cos();
+        let (sin, cos) = math::sin_cos(f64::from(i) * TAU / 5.0);
         Part::Round([0.28 * cos, 0.28 * sin], 0.03)
     };
     let mut shape: Vec<Part> = (0..5).map(castor).collect();

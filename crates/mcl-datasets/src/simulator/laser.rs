@@ -1,6 +1,6 @@
-use mcl_core::{Pose2, Rng};
+use mcl_core::{Pose2, Rng, StandardNormal, math};
 use rand::RngExt;
-use rand_distr::StandardNormal;
+use rand_distr::Distribution;
 
 use super::obstacles::Material;
 use super::ray::RayCaster;
@@ -63,7 +63,7 @@ impl LaserSettings {
 
     /// What the scanner makes of a distance: noise, rounding, and the limit of its range.
     fn logged(&self, distance: f64, rng: &mut Rng) -> f64 {
-        let mut range = distance + self.range_noise * rng.sample::<f64, _>(StandardNormal);
+        let mut range = distance + self.range_noise * StandardNormal.sample(rng);
         if self.resolution > 0.0 {
             range = (range / self.resolution).round() * self.resolution;
         }
@@ -83,7 +83,8 @@ impl LaserSettings {
         let angle = map_from_laser.theta + beam_angle;
         let mut hit = caster.first_hit(origin, angle, 0.0)?;
         while hit.material == Material::Glass {
-            let answer = self.glass_return * hit.incidence_cos.min(1.0).powf(self.glass_exponent);
+            let answer =
+                self.glass_return * math::powf(hit.incidence_cos.min(1.0), self.glass_exponent);
             if rng.random_bool(answer) {
                 break;
             }
@@ -93,8 +94,7 @@ impl LaserSettings {
     }
 }
 
-/// The float nearest to a decimal of six places: a text log holds it exactly, and the last bits of
-/// a platform's sine do not reach it.
+/// The float nearest to a decimal of six places: a text log holds it exactly.
 pub(super) fn decimal(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }

@@ -19,10 +19,8 @@
 //! several beams along the same path.
 //!
 //! **Reproducibility.** The same settings and seed give the same bits on every run, whatever the
-//! number of threads. Ranges, poses and odometry increments are rounded to six decimals (1 µm,
-//! 1 µrad), which also makes a text log exact, and which removes the differences in the last bits that
-//! the sines of different platforms have; only a value that falls right between two decimals could
-//! still differ from one platform to another.
+//! number of threads and the processor. Ranges, poses and odometry increments are rounded to six decimals
+//! (1 µm, 1 µrad), which makes a text log exact.
 //!
 //! # Example
 //! ```

@@ -1,4 +1,4 @@
-use mcl_core::{Bounds, Point};
+use mcl_core::{Bounds, Point, math};
 
 /// What a surface is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,14 +47,14 @@ impl Segment {
         } else {
             0.0
         };
-        (offset[0] - fraction * along[0]).hypot(offset[1] - fraction * along[1])
+        math::hypot(offset[0] - fraction * along[0], offset[1] - fraction * along[1])
     }
 }
 
 impl Circle {
     /// Distance from a point to the circle's disc, in m; 0 inside.
     pub fn distance(&self, point: Point<2>) -> f64 {
-        ((point[0] - self.center[0]).hypot(point[1] - self.center[1]) - self.radius).max(0.0)
+        (math::hypot(point[0] - self.center[0], point[1] - self.center[1]) - self.radius).max(0.0)
     }
 }
 

@@ -1,6 +1,5 @@
-use mcl_core::{Pose2, Rng};
-use rand::RngExt;
-use rand_distr::StandardNormal;
+use mcl_core::{Pose2, Rng, StandardNormal};
+use rand_distr::Distribution;
 
 use super::settings::OdometrySettings;
 
@@ -8,12 +7,14 @@ impl OdometrySettings {
     /// The increment that the odometry logs for a true increment (metres, radians, in the frame of
     /// the laser at the previous scan).
     pub(super) fn measure(&self, increment: &Pose2, rng: &mut Rng) -> Pose2 {
-        let mut noise = |deviation: f64| deviation * rng.sample::<f64, _>(StandardNormal);
+        let [ahead, left, turned]: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(rng));
         let (forward, turn) = (increment.x, increment.theta);
         let error = Pose2::new(
-            self.translation_scale * forward + noise(self.noise_translation),
-            self.sideways_drift * forward + self.turn_slip * turn + noise(self.noise_translation),
-            self.heading_drift * forward + self.rotation_scale * turn + noise(self.noise_rotation),
+            self.translation_scale * forward + self.noise_translation * ahead,
+            self.sideways_drift * forward + self.turn_slip * turn + self.noise_translation * left,
+            self.heading_drift * forward
+                + self.rotation_scale * turn
+                + self.noise_rotation * turned,
         );
         increment.compose(&error)
     }

@@ -1,4 +1,4 @@
-use mcl_core::{Point, Pose2, wrap_angle};
+use mcl_core::{Point, Pose2, math, wrap_angle};
 
 use super::settings::DriveSettings;
 
@@ -51,7 +51,7 @@ impl Motion {
                 from.compose(&Pose2::new(fraction * length, 0.0, 0.0))
             }
             Motion::Curve { from, radius, sweep } => {
-                let (sin, cos) = (fraction * sweep).sin_cos();
+                let (sin, cos) = math::sin_cos(fraction * sweep);
                 let side = sweep.signum();
                 let step =
                     Pose2::new(radius * sin * side, radius * (1.0 - cos) * side, fraction * sweep);
@@ -82,7 +82,7 @@ impl Path {
         for (i, line) in lines.iter().enumerate() {
             let corner = lines.get(i + 1).and_then(|next| corner(line, next));
             let trimmed = match corner {
-                Some(Motion::Curve { radius, sweep, .. }) => radius * (0.5 * sweep.abs()).tan(),
+                Some(Motion::Curve { radius, sweep, .. }) => radius * math::tan(0.5 * sweep.abs()),
                 _ => 0.0,
             };
             let sign = if line.backward { -1.0 } else { 1.0 };
@@ -153,9 +153,9 @@ fn lines(start: Point<2>, legs: &[Leg]) -> Vec<Line> {
     let [mut x, mut y] = start;
     for &Leg { to, backward } in legs {
         let (dx, dy) = (to[0] - x, to[1] - y);
-        let length = dx.hypot(dy);
+        let length = math::hypot(dx, dy);
         if length > 0.0 {
-            let heading = if backward { (-dy).atan2(-dx) } else { dy.atan2(dx) };
+            let heading = if backward { math::atan2(-dy, -dx) } else { math::atan2(dy, dx) };
             lines.push(Line { from: Pose2::new(x, y, heading), length, backward });
             [x, y] = to;
         }
@@ -172,7 +172,7 @@ fn corner(line: &Line, next: &Line) -> Option<Motion> {
     }
     let at = Pose2::new(next.from.x, next.from.y, line.from.theta);
     // A curve of radius r touches both lines at r·tan(sweep/2) from the corner.
-    let half_tan = (0.5 * sweep.abs()).tan();
+    let half_tan = math::tan(0.5 * sweep.abs());
     let radius = CURVE_RADIUS.min(0.5 * line.length.min(next.length) / half_tan);
     if line.backward || next.backward || sweep.abs() > LARGEST_CURVE || radius < SMALLEST_RADIUS {
         return Some(Motion::Turn { from: at, sweep });

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::f64::consts::{PI, SQRT_2};
 
-use mcl_core::{Bounds, Point, Rng, Seed};
+use mcl_core::{Bounds, Point, Rng, Seed, math};
 use rand::RngExt;
 
 use super::obstacles::Obstacles;
@@ -86,7 +86,7 @@ impl People {
             let body = [0, 1].map(|axis| from.at[axis] + part * (to.at[axis] - from.at[axis]));
             let walked = from.walked + part * (to.walked - from.walked);
             let [along, across] = facing(&way[..=next]);
-            let swing = SWING * (PI * walked / STEP).sin();
+            let swing = SWING * math::sin(PI * walked / STEP);
             for side in [-1.0, 1.0] {
                 let leg = [0, 1].map(|axis| {
                     body[axis] + side * (swing * along[axis] + HALF_STANCE * across[axis])
@@ -103,7 +103,7 @@ fn facing(way: &[Knot]) -> [Point<2>; 2] {
     let moved = way.windows(2).rev().find(|pair| pair[1].walked > pair[0].walked);
     let [x, y] = moved.map_or([1.0, 0.0], |pair| {
         let [from, to] = [pair[0].at, pair[1].at];
-        let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+        let length = math::hypot(to[0] - from[0], to[1] - from[1]);
         [(to[0] - from[0]) / length, (to[1] - from[1]) / length]
     });
     [[x, y], [-y, x]]
@@ -127,7 +127,7 @@ impl Floor {
     fn nearest_free(&self, place: Point<2>) -> Option<usize> {
         let distance = |&cell: &usize| {
             let [x, y] = self.middle(cell);
-            (x - place[0]).hypot(y - place[1])
+            math::hypot(x - place[0], y - place[1])
         };
         let free = (0..self.is_free.len()).filter(|&cell| self.is_free[cell]);
         free.min_by(|a, b| distance(a).total_cmp(&distance(b)))
@@ -176,7 +176,7 @@ impl Floor {
     fn way(&self, places: &[usize], path: &Path, rng: &mut Rng) -> Vec<Knot> {
         let from_robot = |cell: usize, time: f64| {
             let [x, y] = self.middle(cell);
-            path.pose(time).map_or(f64::INFINITY, |robot| (robot.x - x).hypot(robot.y - y))
+            path.pose(time).map_or(f64::INFINITY, |robot| math::hypot(robot.x - x, robot.y - y))
         };
         let starts = places.iter().filter(|&&cell| from_robot(cell, 0.0) >= DISTANCE);
         let starts: Vec<usize> = starts.copied().collect();
@@ -207,7 +207,7 @@ impl Floor {
                     .or_else(|| steps().max_by(|a, b| room(a).total_cmp(&room(b))))
                     .unwrap_or((cell, STRAIGHT));
                 let at = self.middle(next);
-                let walked = last.walked + (at[0] - last.at[0]).hypot(at[1] - last.at[1]);
+                let walked = last.walked + math::hypot(at[0] - last.at[0], at[1] - last.at[1]);
                 way.push(Knot { time: time(length), at, walked });
                 cell = next;
             }

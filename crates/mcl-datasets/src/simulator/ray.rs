@@ -1,4 +1,4 @@
-use mcl_core::{Bounds, Point};
+use mcl_core::{Bounds, Point, math};
 
 use super::obstacles::{Circle, Material, Obstacles, Segment};
 
@@ -59,7 +59,7 @@ impl<'a> RayCaster<'a> {
     /// The nearest surface from `origin` in the direction `angle` (rad), at a distance greater than
     /// `beyond` (m).
     pub fn first_hit(&self, origin: Point<2>, angle: f64, beyond: f64) -> Option<Hit> {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = math::sin_cos(angle);
         let direction = [cos, sin];
         let enter = self.enter(origin, direction, beyond)?;
         let start = std::array::from_fn(|axis| origin[axis] + enter * direction[axis]);
@@ -168,7 +168,7 @@ fn hit_segment(segment: &Segment, origin: Point<2>, direction: [f64; 2]) -> Opti
     let u = cross(offset, direction) / denominator;
     (-END_TOLERANCE..=1.0 + END_TOLERANCE).contains(&u).then(|| Hit {
         distance: cross(offset, along) / denominator,
-        incidence_cos: denominator.abs() / along[0].hypot(along[1]),
+        incidence_cos: denominator.abs() / math::hypot(along[0], along[1]),
         material: segment.material,
         surface: 0,
     })
@@ -271,7 +271,7 @@ mod tests {
             let origin = std::array::from_fn(|_| rng.random_range(-2.0..22.0));
             let angle: f64 = rng.random_range(0.0..TAU);
             let beyond = if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..10.0) };
-            let direction = [angle.cos(), angle.sin()];
+            let direction = [math::cos(angle), math::sin(angle)];
             let expected = (0..surfaces)
                 .filter_map(|surface| caster.hit(surface, origin, direction, beyond))
                 .map(|hit| hit.distance)

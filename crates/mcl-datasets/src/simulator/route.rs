@@ -1,7 +1,7 @@
 //! The robot's route through the floor plan: along the corridors, through every room, and around the
 //! loops again.
 
-use mcl_core::{Point, Rng};
+use mcl_core::{Point, Rng, math};
 use rand::RngExt;
 
 use super::floor_plan::{ROOMS, Room, Tour};
@@ -154,7 +154,7 @@ impl Route<'_> {
     fn weave(&mut self, to: Point<2>) {
         let from = self.at;
         let offset = [to[0] - from[0], to[1] - from[1]];
-        let length = offset[0].hypot(offset[1]);
+        let length = math::hypot(offset[0], offset[1]);
         let pieces = (length / STRAIGHT).ceil().max(1.0) as usize;
         for piece in 1..pieces {
             let fraction = piece as f64 / pieces as f64;

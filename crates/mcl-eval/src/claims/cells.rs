@@ -6,7 +6,7 @@
 //! difference.
 
 use anyhow::{Result, bail};
-use mcl_core::text::list;
+use mcl_core::{math, text::list};
 use mcl_metrics::{Blocked, Effect};
 use mcl_study::recipe::split::Split;
 use mcl_study::store::results::Results;
@@ -219,7 +219,7 @@ pub(super) fn log_ratios(pairs: &[[Cell; 2]], column: &str) -> Result<Blocked, U
     let mut ratios = Vec::new();
     for [a, b] in pairs {
         let logs =
-            |cell: &Cell| cell.values(column)?.map(f64::ln).map_err(|error| cell.because(error));
+            |cell: &Cell| cell.values(column)?.map(math::ln).map_err(|error| cell.because(error));
         ratios.push(logs(a)?.minus(&logs(b)?).map_err(|error| a.because(error))?);
     }
     match ratios.as_slice() {

@@ -1,5 +1,6 @@
 //! What a claim consists of.
 
+use mcl_core::math;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm};
 use mcl_study::recipe::split::Split;
 use serde::Serialize;
@@ -145,7 +146,7 @@ impl Tested {
         let Some(Tested { p, effect, of }) = test else { return Default::default() };
         let (unit, value): (_, fn(f64) -> f64) = match shown {
             Shown::Difference(unit) => (unit, |difference| difference),
-            Shown::Ratio(of) => (of, f64::exp),
+            Shown::Ratio(of) => (of, math::exp),
         };
         let evidence = Evidence {
             p: Some(p),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use mcl_core::math;
 use mcl_core::text::{list, number};
 use mcl_metrics::{Blocked, one_sample};
 use mcl_study::study::views::{INITIALIZATIONS, TestKind};
@@ -117,13 +118,13 @@ fn slopes(values: &[(f64, Blocked)]) -> Result<Blocked, Untestable> {
     let mut blocks: BTreeMap<u64, Vec<(f64, f64)>> = BTreeMap::new();
     for (size, values) in values {
         for &(block, value) in values.block_means() {
-            blocks.entry(block).or_default().push((size.log10(), value));
+            blocks.entry(block).or_default().push((math::log10(*size), value));
         }
     }
     let slope = |(block, points): (u64, Vec<(f64, f64)>)| {
         let mean = points.iter().map(|point| point.0).sum::<f64>() / points.len() as f64;
         let products = points.iter().map(|(x, y)| (x - mean) * y).sum::<f64>();
-        let squares = points.iter().map(|(x, _)| (x - mean).powi(2)).sum::<f64>();
+        let squares = points.iter().map(|(x, _)| math::square(x - mean)).sum::<f64>();
         (points.len() > 1).then_some((block, products / squares))
     };
     Ok(Blocked::new(blocks.into_iter().filter_map(slope))?)

@@ -1,6 +1,7 @@
 //! Section V-B: how well a robot localizes itself, by equation 7's weighted error, and when the filter
 //! loses it for good. How errors are compared: [`crate::claims::cells`].
 
+use mcl_core::math;
 use mcl_core::text::{list, number, p_value};
 use mcl_metrics::{Blocked, BlockedRate, Interval, one_sample, paired};
 use mcl_study::study::views::{INITIALIZATIONS, TestKind};
@@ -113,7 +114,7 @@ fn most_on_small(data: &Sampled) -> Outcome {
         let effect = paired(&small, &large)?;
         let of = format!("{improved} over {kind}, below 1 % over from 1 % on");
         tests.push(Tested { p: effect.p_less, effect, of });
-        let [small, large] = [small, large].map(|gain| number(gain.mean_of_blocks().exp()));
+        let [small, large] = [small, large].map(|gain| number(math::exp(gain.mean_of_blocks())));
         shown.push(format!("{improved} over {kind} {small} below 1 %, {large} from 1 % on"));
     }
     let measured = format!("ratio of geometric mean errors: {}", shown.join("; "));
@@ -146,7 +147,7 @@ fn gbs_over_rnd(data: &Sampled) -> Outcome {
 
 fn no_gain(data: &Sampled) -> Outcome {
     let mut tests = Vec::new();
-    let limit = (1.0 - SAME_ERROR).ln();
+    let limit = math::ln(1.0 - SAME_ERROR);
     for step in steps_up(data)? {
         let above = log_ratios(std::slice::from_ref(&step), COLUMN)?.map(|log| log - limit)?;
         let p = one_sample(&above)?.p_greater;
@@ -287,7 +288,7 @@ fn hits(rate: &BlockedRate) -> String {
 
 /// "gbs+f-km over gbs 0.87"
 fn ratio(test: &Tested) -> String {
-    format!("{} {}", test.of, number(test.effect.mean_difference.exp()))
+    format!("{} {}", test.of, number(math::exp(test.effect.mean_difference)))
 }
 
 #[cfg(test)]

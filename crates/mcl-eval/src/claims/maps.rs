@@ -1,6 +1,6 @@
 //! Section IV: how grid-based sampling chooses points.
 
-use mcl_core::PointMap;
+use mcl_core::{PointMap, math};
 use mcl_maps::files::read_map;
 use mcl_study::store::results::Results;
 use mcl_study::table::Value;
@@ -99,7 +99,7 @@ fn spread(map: &PointMap<2>) -> Result<f64, Untestable> {
     if mean == 0.0 {
         return Err(Untestable("all points of a map have a twin at the same place".to_owned()));
     }
-    let variance = distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
+    let variance = distances.iter().map(|d| math::square(d - mean)).sum::<f64>() / count;
     Ok(variance.sqrt() / mean)
 }
 
@@ -111,7 +111,7 @@ fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
     }
     let nearest = |(index, [x, y]): (usize, &[f64; 2])| {
         let others = points[..index].iter().chain(&points[index + 1..]);
-        others.map(|[u, v]| (u - x).hypot(v - y)).fold(f64::INFINITY, f64::min)
+        others.map(|[u, v]| math::hypot(u - x, v - y)).fold(f64::INFINITY, f64::min)
     };
     Ok(points.iter().enumerate().map(nearest).collect())
 }

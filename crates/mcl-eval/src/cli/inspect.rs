@@ -5,7 +5,7 @@ mod survey;
 use std::fmt::Write;
 
 use anyhow::Result;
-use mcl_core::{Bounds, Point, Recording};
+use mcl_core::{Bounds, Point, Recording, math};
 use mcl_metrics::OdometryError;
 use serde::Serialize;
 
@@ -74,7 +74,7 @@ impl UnknownStep {
         let unknown = steps.filter(|(_, pair)| pair[1].odometry.is_none());
         let step = unknown.filter_map(|(index, pair)| {
             let motion = pair[0].map_from_laser?.between(&pair[1].map_from_laser?);
-            let (metres, radians) = (motion.x.hypot(motion.y), motion.theta.abs());
+            let (metres, radians) = (math::hypot(motion.x, motion.y), motion.theta.abs());
             Some(UnknownStep { scan: index + 1, metres, radians })
         });
         step.max_by(|a, b| (a.radians + a.metres).total_cmp(&(b.radians + b.metres)))

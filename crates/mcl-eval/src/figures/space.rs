@@ -3,7 +3,7 @@
 use std::f64::consts::FRAC_PI_6;
 
 use anyhow::Result;
-use mcl_core::{Point, PointMap};
+use mcl_core::{Point, PointMap, math};
 use mcl_maps::files::read_map;
 use mcl_study::store::results::{Pictured, Results};
 
@@ -67,8 +67,8 @@ impl View {
 
     /// A map as it is seen.
     pub fn seen(&self, map: &PointMap<3>) -> Seen {
-        let (sin, cos) = AZIMUTH.sin_cos();
-        let (sin_up, cos_up) = ELEVATION.sin_cos();
+        let (sin, cos) = math::sin_cos(AZIMUTH);
+        let (sin_up, cos_up) = math::sin_cos(ELEVATION);
         let [low, high] = self.heights;
         let mut seen: Vec<(f64, Point<2>, f64)> = map
             .points()

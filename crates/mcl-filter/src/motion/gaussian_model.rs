@@ -1,4 +1,4 @@
-use mcl_core::Pose2;
+use mcl_core::{Pose2, math};
 
 use crate::proposal::Noise;
 
@@ -13,7 +13,7 @@ impl Spread {
     /// Standard deviation after a step of this length (m) and turn (rad).
     fn std(self, length: f64, turn: f64) -> f64 {
         let Spread([step, metre, radian]) = self;
-        (step * step + (metre * length).powi(2) + (radian * turn).powi(2)).sqrt()
+        (step * step + math::square(metre * length) + math::square(radian * turn)).sqrt()
     }
 }
 
@@ -37,7 +37,7 @@ impl GaussianModel {
 
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before) stands for.
     pub fn motion(&self, increment: &Pose2) -> GaussianMotion {
-        let length = increment.x.hypot(increment.y);
+        let length = math::hypot(increment.x, increment.y);
         GaussianMotion {
             increment: *increment,
             position_std: self.position.std(length, increment.theta),
@@ -65,7 +65,7 @@ impl GaussianMotion {
         move |[x, y, theta], [ahead, left, turn]| {
             let ahead = increment.x + position_std * ahead;
             let left = increment.y + position_std * left;
-            let (sin, cos) = theta.sin_cos();
+            let (sin, cos) = math::sin_cos(theta);
             [
                 x + (cos * ahead - sin * left),
                 y + (sin * ahead + cos * left),

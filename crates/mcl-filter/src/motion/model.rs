@@ -1,5 +1,5 @@
-use mcl_core::{Pose2, Rng, wrap_angle};
-use rand_distr::{Distribution, StandardNormal};
+use mcl_core::{Pose2, Rng, StandardNormal, wrap_angle};
+use rand_distr::Distribution;
 
 use super::gaussian_model::{GaussianModel, GaussianMotion};
 use super::odometry_model::{NoisyMotion, OdometryModel};

@@ -1,6 +1,6 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use mcl_core::{Pose2, wrap_angle};
+use mcl_core::{Pose2, math, wrap_angle};
 
 use crate::proposal::Noise;
 
@@ -34,8 +34,8 @@ impl OdometryModel {
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
     /// stands for, ready to be sampled for every particle.
     pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
-        let distance = increment.x.hypot(increment.y);
-        let direction = increment.y.atan2(increment.x);
+        let distance = math::hypot(increment.x, increment.y);
+        let direction = math::atan2(increment.y, increment.x);
         let (rotation1, translation) = if direction.abs() > FRAC_PI_2 {
             (wrap_angle(direction - PI), -distance)
         } else {
@@ -91,7 +91,7 @@ impl NoisyMotion {
             let rotation1 = rotation1 + std1 * noise1;
             let translation = translation + std_translation * noise;
             let rotation2 = rotation2 + std2 * noise2;
-            let (sin, cos) = (theta + rotation1).sin_cos();
+            let (sin, cos) = math::sin_cos(theta + rotation1);
             [x + translation * cos, y + translation * sin, theta + rotation1 + rotation2]
         }
     }

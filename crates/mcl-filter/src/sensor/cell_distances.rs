@@ -1,6 +1,6 @@
 use std::f64::consts::SQRT_2;
 
-use mcl_core::{Bounds, CoreError, Point, Pose2};
+use mcl_core::{Bounds, CoreError, Point, Pose2, math};
 
 use crate::FilterError;
 use crate::check::check_length;
@@ -143,7 +143,7 @@ fn squared_distances(width: usize, occupied: &[bool]) -> Vec<f64> {
                 lowest += 1;
             }
             if let Some(parabola) = envelope.get(lowest) {
-                *value = (x - parabola.vertex).powi(2) + parabola.height;
+                *value = math::square(x - parabola.vertex) + parabola.height;
             }
         }
     }

@@ -1,6 +1,6 @@
 use std::f64::consts::LOG2_E;
 
-use mcl_core::{Point, Pose2};
+use mcl_core::{Point, Pose2, math};
 
 use super::fetch::dispatch;
 use super::lookup::{CHUNK, Lookup};
@@ -75,12 +75,12 @@ impl<'a> LikelihoodField<'a> {
         // Every factor is in [random, hit + random], so the logarithm of a product of n factors is
         // within ±n·max(|ln random|, |ln(hit + random)|): below LARGEST_LOG a product can neither
         // underflow nor overflow. A single factor cannot either, as random > 0 where it is used.
-        let largest = random.ln().abs().max((hit + random).ln().abs());
+        let largest = math::ln(random).abs().max(math::ln(hit + random).abs());
         let group = factors(LARGEST_LOG, largest);
         Ok(LikelihoodField {
             distances,
             hit,
-            ln_hit: hit.ln(),
+            ln_hit: math::ln(hit),
             decay: 1.0 / (2.0 * sigma * sigma),
             random,
             improbable: 9.0 * sigma * sigma,
@@ -107,7 +107,7 @@ impl<'a> LikelihoodField<'a> {
     /// Log-likelihood of a scan seen from a finite pose of the robot, tempered by the exponent; 0 for
     /// a scan without usable beams.
     pub fn log_likelihood(&self, endpoints: &ScanEndpoints, map_from_robot: Pose2) -> f64 {
-        let (sin, cos) = map_from_robot.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(map_from_robot.theta);
         let mut log_likelihood = [0.0];
         let poses =
             Poses { x: &[map_from_robot.x], y: &[map_from_robot.y], sin: &[sin], cos: &[cos] };
@@ -185,7 +185,7 @@ impl<'a> LikelihoodField<'a> {
         let whole = self.hit + self.random;
         let smallest = self.random / whole;
         let (few, group) =
-            (factors(F32_LOG2, smallest.log2()), factors(LARGEST_LOG, smallest.ln()));
+            (factors(F32_LOG2, math::log2(smallest)), factors(LARGEST_LOG, math::ln(smallest)));
         let update = Product {
             decay: (-decay * LOG2_E) as f32,
             hit: (self.hit / whole) as f32,
@@ -210,9 +210,9 @@ impl<'a> LikelihoodField<'a> {
                 left -= group;
                 let beams = beams.by_ref().take(group);
                 dispatch(Pass { lookup, particles, beams, near, few, update });
-                let constant = group as f64 * whole.ln();
+                let constant = group as f64 * math::ln(whole);
                 particles.take_values(log_weights, neutral, |product| {
-                    self.exponent * (constant + product.ln())
+                    self.exponent * (constant + math::ln(product))
                 });
             }
         }
@@ -242,10 +242,10 @@ impl<'a> LikelihoodField<'a> {
             return distances_squared.len() as f64 * self.ln_hit - sum * self.decay;
         }
         // One logarithm for as many factors as a product can hold.
-        let factor = |&squared: &f64| self.hit * (-squared * self.decay).exp() + self.random;
+        let factor = |&squared: &f64| self.hit * math::exp(-squared * self.decay) + self.random;
         distances_squared
             .chunks(self.group)
-            .map(|group| group.iter().map(factor).product::<f64>().ln())
+            .map(|group| math::ln(group.iter().map(factor).product::<f64>()))
             .sum()
     }
 }

@@ -1,4 +1,4 @@
-use mcl_core::{LaserScan, Point, Pose2, is_usable_range};
+use mcl_core::{LaserScan, Point, Pose2, is_usable_range, math};
 
 use crate::{Beams, FilterError};
 
@@ -60,7 +60,7 @@ impl ScanEndpoints {
     fn push(&mut self, scan: &LaserScan, beam: usize, robot_from_laser: &Pose2, max_range: f64) {
         let range = scan.ranges[beam];
         if is_usable_range(range, max_range) {
-            let (sin, cos) = (robot_from_laser.theta + scan.direction(beam)).sin_cos();
+            let (sin, cos) = math::sin_cos(robot_from_laser.theta + scan.direction(beam));
             self.x.push(robot_from_laser.x + range * cos);
             self.y.push(robot_from_laser.y + range * sin);
         }

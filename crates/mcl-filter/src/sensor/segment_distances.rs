@@ -1,4 +1,4 @@
-use mcl_core::{Bounds, LineSegment, Point, SegmentMap};
+use mcl_core::{Bounds, LineSegment, Point, SegmentMap, math};
 
 use super::grid_builder::Block;
 use crate::FilterError;
@@ -97,7 +97,7 @@ impl SegmentDistances {
     /// distance differs by no more than half the diagonal.
     fn near(&self, block: Block, candidates: &[u32], rounding: f64) -> Vec<u32> {
         let [columns, rows] = [block.columns, block.rows].map(|number| 0.5 * number as f64);
-        let radius = self.cell * columns.hypot(rows) + rounding;
+        let radius = self.cell * math::hypot(columns, rows) + rounding;
         let middle = [
             self.origin[0] + (block.column as f64 + columns) * self.cell,
             self.origin[1] + (block.row as f64 + rows) * self.cell,

@@ -1,6 +1,6 @@
 use std::f64::consts::LN_2;
 
-use mcl_core::Point;
+use mcl_core::{Point, math};
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -102,9 +102,9 @@ impl<'a, const D: usize, const NEAREST: usize> Walk<'a, D, NEAREST> {
             arch,
             tree: data.tree(),
             inverse_unit: inverse_unit(sigma),
-            reach: square * (2.0 * components as f64 / TRUNCATION).ln(),
+            reach: square * math::ln(2.0 * components as f64 / TRUNCATION),
             reach_among: std::array::from_fn(|log2| {
-                square * (LN_2 * (log2 + 1) as f64 - TRUNCATION.ln())
+                square * (LN_2 * (log2 + 1) as f64 - math::ln(TRUNCATION))
             }),
         }
     }
@@ -272,6 +272,18 @@ impl<const D: usize> Walk<'_, D, 1> {
     }
 }
 
+/// Every instruction set that the machine has.
+#[cfg(test)]
+pub(super) fn instruction_sets() -> Vec<Arch> {
+    let mut sets = vec![Arch::Scalar];
+    #[cfg(target_arch = "x86_64")]
+    {
+        sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
+        sets.extend(pulp::x86::V4::try_new().map(Arch::V4));
+    }
+    sets
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -289,10 +301,12 @@ mod tests {
         let data = PointSet::new(points).unwrap();
         for count in [1, 7, 40, 5001] {
             let means = data.centred(&data.points()[..count]);
-            let [plain, wide] = [Arch::Scalar, Arch::new()]
-                .map(|arch| expectation_on(arch, &data, &means, 0.05, true));
-            assert_eq!(plain.log_sum.to_bits(), wide.log_sum.to_bits());
-            assert_eq!(plain.pulls, wide.pulls);
+            let plain = expectation_on(Arch::Scalar, &data, &means, 0.05, true);
+            for arch in instruction_sets() {
+                let wide = expectation_on(arch, &data, &means, 0.05, true);
+                assert_eq!(plain.log_sum.to_bits(), wide.log_sum.to_bits(), "{arch:?}");
+                assert_eq!(plain.pulls, wide.pulls, "{arch:?}");
+            }
         }
     }
 }

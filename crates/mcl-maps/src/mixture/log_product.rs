@@ -1,6 +1,7 @@
 use std::f64::consts::LN_2;
 
 use crate::point_set::LEAF_POINTS;
+use mcl_core::math;
 
 const LANES: usize = 4;
 const MANTISSA: u64 = (1 << 52) - 1;
@@ -60,7 +61,7 @@ impl LogProduct {
 
     /// The natural logarithm.
     pub fn ln(&self) -> f64 {
-        self.mantissa.ln() + LN_2 * (self.exponent as f64 - self.shift)
+        math::ln(self.mantissa) + LN_2 * (self.exponent as f64 - self.shift)
     }
 }
 

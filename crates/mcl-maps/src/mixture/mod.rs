@@ -25,7 +25,7 @@ pub(crate) use sums::Sums;
 
 use std::f64::consts::TAU;
 
-use mcl_core::PointMap;
+use mcl_core::{PointMap, math};
 use serde::{Deserialize, Serialize};
 
 use crate::{MapError, PointSet};
@@ -66,7 +66,7 @@ pub(crate) fn log_likelihood(
     sigma: f64,
 ) -> LogLikelihood {
     let normalizer =
-        (components as f64).ln() + 0.5 * dimensions as f64 * (TAU * sigma * sigma).ln();
+        math::ln(components as f64) + 0.5 * dimensions as f64 * math::ln(TAU * sigma * sigma);
     let total = log_sum - points as f64 * normalizer;
     LogLikelihood { total, per_point: total / points as f64 }
 }

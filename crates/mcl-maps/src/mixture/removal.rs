@@ -2,7 +2,7 @@
 
 use std::f64::consts::LN_2;
 
-use mcl_core::Point;
+use mcl_core::{Point, math};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
@@ -30,8 +30,18 @@ pub(crate) fn removal<const D: usize>(
     means: &[Point<D>],
     sigma: f64,
 ) -> Removal {
+    removal_on(Arch::new(), data, means, sigma)
+}
+
+/// [`removal`] with the instructions of `arch`.
+fn removal_on<const D: usize>(
+    arch: Arch,
+    data: &PointSet<D>,
+    means: &[Point<D>],
+    sigma: f64,
+) -> Removal {
     // Every point has to see its two nearest components: without the nearest, the second counts.
-    let walk = Walk::<D, 2>::new(Arch::new(), data, means.len(), sigma);
+    let walk = Walk::<D, 2>::new(arch, data, means.len(), sigma);
     let tasks = walk.tasks(means);
     let parts: Vec<Part> = tasks
         .par_iter()
@@ -171,7 +181,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         let mut nearest = [[0; 2]; LEAF_POINTS];
         for i in 0..count {
             nearest[i] = [first_at[i] as u32, second_at[i] as u32];
-            let cost = LN_2 * (second[i] - first[i]) + own[i].ln();
+            let cost = LN_2 * (second[i] - first[i]) + math::ln(own[i]);
             self.cost[components.places[nearest[i][0] as usize] as usize] += cost;
         }
         nearest
@@ -182,6 +192,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
 mod tests {
     use super::*;
     use crate::mixture::expectation;
+    use crate::mixture::expectation::instruction_sets;
     use mcl_core::Seed;
     use proptest::prelude::*;
     use rand::RngExt;
@@ -219,6 +230,22 @@ mod tests {
                     prop_assert!((found - expected).abs() <= 1e-12 * (1.0 + expected));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_same_bits_for_every_instruction_set() {
+        let mut rng = Seed::new(1).rng();
+        let points: Vec<Point<2>> = (0..3000)
+            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
+            .collect();
+        let data = PointSet::new(points).unwrap();
+        let means = data.centred(&data.points()[..50]);
+        let plain = removal_on(Arch::Scalar, &data, &means, 0.05);
+        for arch in instruction_sets() {
+            let wide = removal_on(arch, &data, &means, 0.05);
+            assert_eq!(plain.cost, wide.cost, "{arch:?}");
+            assert_eq!(plain.nearest, wide.nearest, "{arch:?}");
         }
     }
 }

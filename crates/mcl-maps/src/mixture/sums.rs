@@ -43,7 +43,11 @@ impl<'a, const D: usize> Sums<'a, D> {
     /// The sums over components of standard deviation `sigma` (m) at `means`, one or more, relative to
     /// the middle of the data.
     pub fn new(data: &'a PointSet<D>, means: &[Point<D>], sigma: f64) -> Self {
-        let arch = Arch::new();
+        Self::on(Arch::new(), data, means, sigma)
+    }
+
+    /// [`new`](Self::new) with the instructions of `arch`.
+    fn on(arch: Arch, data: &'a PointSet<D>, means: &[Point<D>], sigma: f64) -> Self {
         let tree = data.tree();
         let inverse_unit = inverse_unit(sigma);
         let walk = Walk::<D, 1>::new(arch, data, means.len(), sigma);
@@ -287,6 +291,7 @@ fn without(sum: f64, part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mixture::expectation::instruction_sets;
     use crate::mixture::{Expectation, expectation};
     use mcl_core::Seed;
     use proptest::prelude::*;
@@ -327,5 +332,29 @@ mod tests {
                 sums.shift(&from, &means[j], &leaves);
             }
         }
+    }
+
+    #[test]
+    fn the_same_bits_for_every_instruction_set() {
+        let mut rng = Seed::new(1).rng();
+        let points: Vec<Point<2>> = (0..3000)
+            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
+            .collect();
+        let data = PointSet::new(points).unwrap();
+        let means = data.centred(&data.points()[..50]);
+        let (from, to) = (means[3], [means[3][0] + 0.03, means[3][1] - 0.02]);
+        let found = instruction_sets().into_iter().map(|arch| {
+            let mut sums = Sums::on(arch, &data, &means, 0.05);
+            let mut leaves = Vec::new();
+            sums.near(&[from, to], &mut leaves);
+            let pulled = sums.pulled(&from, &leaves).unwrap();
+            let gains = sums.gains(&from, &[to, pulled], &leaves);
+            sums.shift(&from, &to, &leaves);
+            let bits = |row: Row| row.map(f64::to_bits);
+            let all: Vec<_> = sums.leaves.iter().map(|l| (bits(l.shift), bits(l.sum))).collect();
+            (leaves.len(), pulled.map(f64::to_bits), gains, all)
+        });
+        let found: Vec<_> = found.collect();
+        assert!(found[0].0 > 0 && found.iter().all(|of_set| *of_set == found[0]));
     }
 }

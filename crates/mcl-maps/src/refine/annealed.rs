@@ -1,6 +1,7 @@
 use super::{Progress, Stage, relax};
 use crate::PointSet;
 use crate::fkm::Model;
+use mcl_core::math;
 
 /// Evaluations at each σ.
 const EVALUATIONS: usize = 10;
@@ -20,7 +21,7 @@ pub(super) fn search<const D: usize>(
             break;
         }
         let left = (steps - step) as f64 / steps as f64;
-        means = relax(data, means, sigma * start.powf(left), EVALUATIONS, progress).means;
+        means = relax(data, means, sigma * math::powf(start, left), EVALUATIONS, progress).means;
     }
     let annealed = relax(data, means, sigma, EVALUATIONS, progress);
     if annealed.per_point > model.per_point {

@@ -1,4 +1,4 @@
-use mcl_core::Point;
+use mcl_core::{Point, math};
 
 use super::{Progress, Stage};
 use crate::mixture::{Sums, expectation, log_likelihood};
@@ -177,7 +177,8 @@ impl<'a, const D: usize> Nearest<'a, D> {
                 for i in (0..self.counts[leaf]).filter(|&i| !self.is_taken[leaf][i]) {
                     let slot = Slot { leaf, place: i };
                     let point = slot.point(self.tree);
-                    let squared: f64 = (0..D).map(|axis| (point[axis] - place[axis]).powi(2)).sum();
+                    let squared: f64 =
+                        (0..D).map(|axis| math::square(point[axis] - place[axis])).sum();
                     let rank = found.partition_point(|other| {
                         other.is_some_and(|(_, distance)| distance <= squared)
                     });

@@ -1,4 +1,4 @@
-use mcl_core::{Point, Rng, Seed};
+use mcl_core::{Point, Rng, Seed, math};
 use rand::RngExt;
 
 use super::split::{Split, splits};
@@ -110,7 +110,7 @@ struct Choice {
 impl Choice {
     fn disturbed(&mut self, value: f64) -> f64 {
         match &mut self.disturbance {
-            Some(rng) => value * rng.random_range(-DISTURBANCE..DISTURBANCE).exp(),
+            Some(rng) => value * math::exp(rng.random_range(-DISTURBANCE..DISTURBANCE)),
             None => value,
         }
     }

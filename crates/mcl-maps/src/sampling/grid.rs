@@ -1,7 +1,7 @@
 use std::collections::HashMap;
 
 use mcl_core::memory::{check_room, with_room};
-use mcl_core::{Bounds, OutOfMemory, Point, TIE_DISTANCE};
+use mcl_core::{Bounds, OutOfMemory, Point, TIE_DISTANCE, math};
 
 use crate::MapError;
 
@@ -280,7 +280,9 @@ fn keep_nearest_to_mean<const D: usize>(
         }
     }
     let distance_squared = |cell: &Cell<D>, point: &Point<D>| {
-        (0..D).map(|axis| (point[axis] - cell.first[axis] - cell.mean[axis]).powi(2)).sum::<f64>()
+        (0..D)
+            .map(|axis| math::square(point[axis] - cell.first[axis] - cell.mean[axis]))
+            .sum::<f64>()
     };
     for (point, &cell) in points.iter().zip(cells) {
         let cell = &mut table[cell as usize];

@@ -1,6 +1,6 @@
 use std::cmp::Ordering;
 
-use mcl_core::{LineSegment, Point};
+use mcl_core::{LineSegment, Point, math};
 
 /// Number, mean and scatter of points: all that a line through them needs. Those of two sets of points
 /// together are known from those of each.
@@ -35,7 +35,7 @@ impl Moments {
     /// Direction of the line with the least sum of squared distances: that of the larger eigenvalue.
     fn direction(&self) -> Point<2> {
         let [xx, xy, yy] = self.scatter;
-        let (sin, cos) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
+        let (sin, cos) = math::sin_cos(0.5 * math::atan2(2.0 * xy, xx - yy));
         [cos, sin]
     }
 }

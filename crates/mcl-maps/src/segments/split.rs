@@ -1,4 +1,4 @@
-use mcl_core::{LineSegment, Point};
+use mcl_core::{LineSegment, Point, math};
 
 use super::SegmentSettings;
 use super::piece::Piece;
@@ -16,7 +16,8 @@ pub(super) fn split<'a>(
     settings: &SegmentSettings,
 ) -> impl Iterator<Item = Piece> + use<'a> {
     let SegmentSettings { tolerance, max_gap, .. } = *settings;
-    let squared = |a: &Point<2>, b: &Point<2>| (b[0] - a[0]).powi(2) + (b[1] - a[1]).powi(2);
+    let squared =
+        |a: &Point<2>, b: &Point<2>| math::square(b[0] - a[0]) + math::square(b[1] - a[1]);
     let mut runs: Vec<&[Point<2>]> =
         points.chunk_by(|a, b| squared(a, b) <= max_gap * max_gap).collect();
     std::iter::from_fn(move || {

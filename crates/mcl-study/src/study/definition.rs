@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Error, Result, anyhow, bail};
-use mcl_core::files::open;
+use mcl_core::{files::open, math};
 use mcl_datasets::registry::is_plain_name;
 use mcl_maps::Refinement;
 use serde::Deserialize;
@@ -454,14 +454,14 @@ fn steps(range: &serde_json::Map<String, Json>) -> Result<Vec<Json>, String> {
     if range.len() != 3 || !(from > 0.0 && to >= from && to.is_finite()) {
         return Err("expected { from, to, factor }: positive numbers, the smaller first".to_owned());
     }
-    if !(factor > 1.0 && factor.is_finite() && (to / from).ln() / factor.ln() < MAX_STEPS) {
+    if !(factor > 1.0 && factor.is_finite() && math::ln(to / from) / math::ln(factor) < MAX_STEPS) {
         return Err(format!(
             "factor is {factor}, expected one above 1 that makes at most {MAX_STEPS} values"
         ));
     }
     // A last one that rounding lifts above the end counts.
     let end = to * (1.0 + 1e-9);
-    let values = (0..).map(|step| from * factor.powi(step));
+    let values = (0..).map(|step| from * math::powi(factor, step));
     Ok(values.take_while(|&value| value <= end).map(Json::from).collect())
 }
 

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use anyhow::{Result, bail};
-use mcl_core::{LaserScan, Pose2, Rng, Seed, is_usable_range, wrap_angle};
+use mcl_core::{LaserScan, Pose2, Rng, Seed, is_usable_range, math, wrap_angle};
 use rand::RngExt;
 
 use crate::recipe::disturbance::People;
@@ -102,11 +102,11 @@ fn ends(
     if distance < NEAREST {
         return Vec::new();
     }
-    let half_width = (RADIUS / distance).asin();
+    let half_width = math::asin(RADIUS / distance);
     let seen = off.iter().enumerate().filter(|(_, off)| off.abs() < half_width);
     let range = |off: f64| {
-        let (sin, cos) = off.sin_cos();
-        distance * cos - (RADIUS.powi(2) - (distance * sin).powi(2)).max(0.0).sqrt()
+        let (sin, cos) = math::sin_cos(off);
+        distance * cos - (math::square(RADIUS) - math::square(distance * sin)).max(0.0).sqrt()
     };
     seen.map(|(beam, &off)| (beam, range(off))).collect()
 }

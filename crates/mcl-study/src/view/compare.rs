@@ -1,6 +1,7 @@
 //! `tests.csv`: values of a setting against each other.
 
 use anyhow::Result;
+use mcl_core::math;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm, paired, two_sample};
 
 use crate::store::results::Results;
@@ -36,7 +37,7 @@ pub fn compare(
         return Ok(Comparison::Untested(format!("not every row has {y}")));
     };
     if ratio {
-        let logarithms = [&of_a, &of_b].map(|values| values.map(f64::ln));
+        let logarithms = [&of_a, &of_b].map(|values| values.map(math::ln));
         let [Ok(ln_a), Ok(ln_b)] = logarithms else {
             let values = of_a.values().chain(of_b.values());
             let smallest = values.map(|(_, value)| value).fold(f64::INFINITY, f64::min);
@@ -146,7 +147,7 @@ fn shared(
 
 fn effect_cells(compared: &Comparison, ratio: bool, p_holm: f64) -> Vec<Value> {
     let Comparison::Tested(effect) = compared else { return vec![Value::Empty; 8] };
-    let back = |value: f64| if ratio { value.exp() } else { value };
+    let back = |value: f64| if ratio { math::exp(value) } else { value };
     let [low, high] = [effect.interval.low, effect.interval.high];
     let mut cells: Vec<Value> =
         [effect.mean_difference, low, high].map(|value| back(value).into()).to_vec();

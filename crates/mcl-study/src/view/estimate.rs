@@ -1,6 +1,7 @@
 //! Means of groups of rows, and how sure they are.
 
 use anyhow::{Context, Result};
+use mcl_core::math;
 use mcl_metrics::{Blocked, Interval, IntervalBasis, standard_deviation};
 
 use crate::store::results::Results;
@@ -127,7 +128,7 @@ fn reached(curve: &[[f64; 2]], height: f64) -> Option<f64> {
     let pair = curve.windows(2).find(|pair| (pair[0][1]..=pair[1][1]).contains(&height))?;
     let ([x0, below], [x1, above]) = (pair[0], pair[1]);
     let part = if above > below { (height - below) / (above - below) } else { 0.0 };
-    let x = (x0.ln() + part * (x1.ln() - x0.ln())).exp();
+    let x = math::exp(math::ln(x0) + part * (math::ln(x1) - math::ln(x0)));
     x.is_finite().then_some(x)
 }
 

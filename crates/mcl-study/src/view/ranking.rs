@@ -1,6 +1,7 @@
 //! `ranking.csv`: settings over several data sets.
 
 use anyhow::{Result, bail};
+use mcl_core::math;
 
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
@@ -121,7 +122,7 @@ fn rank<'g, 'r>(
                 if mean <= 0.0 {
                     bail!("{name}: {y} of {group} is {mean}, expected above 0 to be ranked");
                 }
-                logarithms.push(mean.ln());
+                logarithms.push(math::ln(mean));
             }
             if logarithms.len() < groups.combinations(of_entry, &places(groups, true)).len() {
                 if has_say {
@@ -133,19 +134,20 @@ fn rank<'g, 'r>(
             datasets.push(OfData {
                 results: groups.results,
                 has_say,
-                error: (logarithms.iter().sum::<f64>() / own.len() as f64).exp(),
+                error: math::exp(logarithms.iter().sum::<f64>() / own.len() as f64),
                 rows: rows().count(),
                 diverged: rows().filter(|row| *row.get("diverged") == Value::Bool(true)).count(),
             });
         }
-        let say: Vec<f64> = datasets.iter().filter(|d| d.has_say).map(|d| d.error.ln()).collect();
+        let say: Vec<f64> =
+            datasets.iter().filter(|d| d.has_say).map(|d| math::ln(d.error)).collect();
         if say.is_empty() {
             continue;
         }
         ranked.push(Ranked {
             entry: entry.first().cloned(),
             rank: 0,
-            score: (say.iter().sum::<f64>() / say.len() as f64).exp(),
+            score: math::exp(say.iter().sum::<f64>() / say.len() as f64),
             setting: with_it,
             datasets,
         });
