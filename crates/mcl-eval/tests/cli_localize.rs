@@ -85,6 +85,40 @@ fn has_figures(value: &Value) -> bool {
 }
 
 #[test]
+fn the_motion_of_a_log_is_fitted() {
+    let lab = Lab::new();
+    let text = lab.done(&["inspect", "simulated-office", "--fit-motion"]);
+    let found = lab.json(&["inspect", "simulated-office", "--fit-motion", "--json"]);
+    let fitted = &found["fitted_motion"];
+    assert_eq!((&fitted["steps"], &fitted["unknown_steps"]), (&915.into(), &0.into()));
+    // By the log's odometry, steps err by 1 to 6 cm whatever their length.
+    let parts = fitted["position_noise"].as_array().unwrap();
+    for part in parts.iter().chain(fitted["alpha"].as_array().unwrap()) {
+        let [low, value, high] =
+            [&part["ci95"][0], &part["value"], &part["ci95"][1]].map(|n| n.as_f64().unwrap());
+        assert!(0.0 <= low && low <= value && value <= high && low < high, "{part}");
+    }
+    assert!((0.01..0.06).contains(&parts[0]["value"].as_f64().unwrap()), "{parts:?}");
+    // Options as they are printed are options of localize.
+    for options in ["gaussian_options", "book_options"] {
+        let options = fitted[options].as_str().unwrap();
+        assert!(text.contains(options), "{text}");
+        let localize = ["localize", "office.log", "--map", "map.csv", "--particles", "20"];
+        lab.done(&[&localize[..], &options.split(' ').collect::<Vec<&str>>()].concat());
+    }
+    assert!(lab.json(&["inspect", "office.log", "--json"])["fitted_motion"].is_null());
+
+    for (args, expected) in [
+        (&["office.log", "--reference", "none"][..], "--reference FILE"),
+        (&["map.csv"], "a point cloud has no odometry"),
+        (&["office.log"], "at least 100"),
+    ] {
+        let (_, stderr) = lab.ends(&[&["inspect", "--fit-motion"], args].concat(), 1);
+        assert!(stderr.contains(expected), "{args:?}: {stderr}");
+    }
+}
+
+#[test]
 fn localize_and_evaluate_agree() {
     let lab = Lab::new();
     let found = lab.json(&localize(&["--runs", "3", "-o", "out", "--json"]));
