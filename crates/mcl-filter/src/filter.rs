@@ -43,6 +43,10 @@ pub struct StepReport {
     /// Exponent on the likelihood of the scan: that of the settings, or less while particles that started from a
     /// scan do not agree.
     pub likelihood_exponent: f64,
+    /// Share of the beams with a usable reading that the map explains, seen from the estimate
+    /// ([`LikelihoodField::explained`]); those left out as improbable are not explained. `None` where no scan was
+    /// used, or none of its beams.
+    pub explained_beams: Option<f64>,
 }
 
 /// Monte Carlo localization (*Probabilistic Robotics*, table 8.2) with selective resampling.
@@ -372,6 +376,7 @@ impl<'a> ParticleFilter<'a> {
             }
         }
         self.load(scan)?;
+        let readings = self.buffers.endpoints.len();
         self.draw_from_scan()?;
         let outlier_fraction = self.settings.values().outlier_fraction;
         let number = self.particles.len();
@@ -389,7 +394,8 @@ impl<'a> ParticleFilter<'a> {
         }
 
         let settings = self.settings.values();
-        let Buffers { endpoints, sin, cos, weights, log_likelihoods, .. } = &mut self.buffers;
+        let Buffers { endpoints, sin, cos, weights, log_likelihoods, likelihoods, .. } =
+            &mut self.buffers;
         let particles = &mut self.particles;
         for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
             *log_weight += likelihood;
@@ -401,6 +407,10 @@ impl<'a> ParticleFilter<'a> {
         let is_due =
             self.travelled >= settings.resample_distance || self.turned >= settings.resample_angle;
         let used_beams = endpoints.len();
+        let explained_beams = (used_beams > 0).then(|| {
+            let explained = self.field.explained(endpoints, estimate.map_from_robot, likelihoods);
+            explained as f64 / readings as f64
+        });
         let exponent = self.start.exponent(settings.likelihood_exponent, used_beams);
         let mut injected = 0.0;
         if let Start::Searching { agreement, .. } = self.start {
@@ -422,6 +432,7 @@ impl<'a> ParticleFilter<'a> {
             used_beams,
             particles: particles.len(),
             likelihood_exponent: exponent,
+            explained_beams,
         };
         if resampled {
             self.resample(injected)?;
@@ -502,6 +513,7 @@ impl<'a> ParticleFilter<'a> {
             used_beams: 0,
             particles: moved.len(),
             likelihood_exponent: self.settings.values().likelihood_exponent,
+            explained_beams: None,
         }
     }
 

@@ -106,10 +106,7 @@ impl MapDistances {
         distances: &mut Vec<f64>,
         floors: &mut Vec<f64>,
     ) {
-        match self {
-            MapDistances::Grid(field) => field.distances_squared(points, distances),
-            other => other.distances_squared(points, distances),
-        }
+        self.all_squared(points, distances);
         distances.iter_mut().for_each(|distance| *distance = distance.sqrt());
         floors.clear();
         match self {
@@ -117,6 +114,14 @@ impl MapDistances {
             MapDistances::Ndt(_) => floors.resize(points.len(), 0.0),
             // Both ends of a way may be off by the largest error.
             _ => floors.extend(distances.iter().map(|distance| distance - 2.0 * LARGEST_ERROR)),
+        }
+    }
+
+    /// [`MapDistances::distances_squared`] by the fastest way: of points, with an error of d of at most 10⁻⁵ m.
+    pub(crate) fn all_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
+        match self {
+            MapDistances::Grid(field) => field.distances_squared(points, squared),
+            other => other.distances_squared(points, squared),
         }
     }
 

@@ -1,7 +1,7 @@
 //! What columns are called in figures, with their units.
 
 /// Column (or setting of several columns), name, unit.
-const LABELS: [(&str, &str, &str); 50] = [
+const LABELS: [(&str, &str, &str); 52] = [
     ("size_percent", "requested map size", "% of the points that build the map"),
     ("size_points", "requested map size", "points"),
     ("resolution_m", "resolution", "m"),
@@ -38,6 +38,8 @@ const LABELS: [(&str, &str, &str); 50] = [
     ("smallest_effective_sample_size", "smallest effective sample size", ""),
     ("nees", "mean NEES", "–"),
     ("inside_95", "share in the 95 % ellipsoid", "–"),
+    ("log_evidence", "mean log-evidence", "nats"),
+    ("explained_beams", "share of explained beams", "–"),
     ("initial_pose_kind", "start", ""),
     ("initial_pose_std", "spread of the start", "m, m, rad"),
     ("alpha", "α", ""),

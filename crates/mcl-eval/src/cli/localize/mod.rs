@@ -24,6 +24,7 @@ use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
+use mcl_study::measure::consistency::{Tally, scan_nees};
 use mcl_study::trial::stopwatch;
 use mcl_study::trial::tracking::bridge;
 use replay::{ReplayFile, Scene};
@@ -38,6 +39,8 @@ struct FinishedRun {
     weighed: f64,
     /// Mean over the scans.
     particles: f64,
+    /// What the filter said of itself.
+    tally: Tally,
     /// Its thread's time inside the filter: drawing the first particles, and all steps.
     elapsed: Duration,
 }
@@ -92,8 +95,19 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
                 .as_ref()
                 .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
                 .transpose()?;
+            let laser_from_robot = source.recording.robot_from_laser.inverse();
+            let nees: Vec<Option<f64>> = run
+                .reports
+                .iter()
+                .enumerate()
+                .map(|(scan, report)| {
+                    scan_nees(reference.as_ref()?.get(scan)?, report, &laser_from_robot)
+                })
+                .collect();
+            let mut tally = Tally::default();
+            run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
             if let Some(folder) = &folder {
-                folder.write_run(number, &source.recording, &run, errors.as_ref())?;
+                folder.write_run(number, &source.recording, &run, errors.as_ref(), &nees)?;
             }
             bar.inc(1);
             let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
@@ -101,7 +115,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             let weighed = weighed.sum::<usize>() as f64;
             let particles = run.reports.iter().map(|report| report.particles).sum::<usize>() as f64
                 / run.reports.len() as f64;
-            Ok(FinishedRun { errors, used_beams, weighed, particles, elapsed })
+            Ok(FinishedRun { errors, used_beams, weighed, particles, tally, elapsed })
         })
         .collect::<Result<Vec<_>>>();
     bar.finish_and_clear();
