@@ -205,6 +205,7 @@ impl<'a> ParticleFilter<'a> {
             values.initial_pose,
             map_from_robot,
             &distances.bounds(),
+            distances.free_space(),
             &mut seed.derive("initial-pose").rng(),
         )?;
         let start = match values.initial_pose {
