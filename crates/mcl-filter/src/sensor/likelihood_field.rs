@@ -146,15 +146,32 @@ impl<'a> LikelihoodField<'a> {
             .map(|endpoint| {
                 points.clear();
                 points.extend((0..poses.x.len()).map(|i| poses.place(i, endpoint)));
-                match self.distances {
-                    MapDistances::Grid(field) => field.distances_squared(points, squared),
-                    distances => distances.distances_squared(points, squared),
-                }
+                self.distances.all_squared(points, squared);
                 let improbable = squared.iter().filter(|&&squared| squared > self.improbable);
                 improbable.count() as f64 <= most
             })
             .collect();
         endpoints.retain(|beam| is_probable[beam]);
+    }
+
+    /// Number of beams that the map explains, seen from a finite pose of the robot: those to whose likelihood the
+    /// Gaussian contributes more than z_rand/z_max does, which without random measurements are all.
+    pub(crate) fn explained(
+        &self,
+        endpoints: &ScanEndpoints,
+        map_from_robot: Pose2,
+        scratch: &mut Scratch,
+    ) -> usize {
+        let (sin, cos) = map_from_robot.theta.sin_cos();
+        let pose =
+            Poses { x: &[map_from_robot.x], y: &[map_from_robot.y], sin: &[sin], cos: &[cos] };
+        let Scratch { points, squared, .. } = scratch;
+        points.clear();
+        points.extend(endpoints.iter().map(|endpoint| pose.place(0, endpoint)));
+        self.distances.all_squared(points, squared);
+        // hit·exp(−d²·decay) > random; without random measurements this is infinite.
+        let most = (self.hit / self.random).ln() / self.decay;
+        squared.iter().filter(|&&squared| squared < most).count()
     }
 
     /// Whether `f32` is good enough for distances and for the Gaussian, which it cuts at
@@ -383,6 +400,44 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// A wall, beams that end 0, 0.3, 0.6 and 1.5 m before it, and σ_hit = 0.3 m. With both parts equal at
+    /// d = σ·√(2·ln(hit/random)), three beams are explained from there, and one from half a metre behind.
+    #[test]
+    fn explained_beams_by_hand() {
+        let wall = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
+        let map = PointMap::new(wall.collect()).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let scan = LaserScan {
+            stamp: None,
+            geometry: ScanGeometry { start_angle: 0.0, angle_step: 1e-6, beams: 4 },
+            ranges: vec![5.0, 4.7, 4.4, 3.5],
+            map_from_laser: None,
+            odometry: None,
+            sweep: Default::default(),
+        };
+        let mut endpoints = ScanEndpoints::default();
+        endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();
+        let explained = |z_rand, x| {
+            let settings = FilterSettings {
+                sigma_hit: SigmaHit::Metres(0.3),
+                z_rand,
+                beam_floor: None,
+                max_range: 10.0,
+                ..FilterSettings::default()
+            };
+            let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
+            let [hit, random, sigma] = field.parts();
+            let most = sigma * (2.0 * (hit / random).ln()).sqrt();
+            let scratch = &mut Scratch::default();
+            (most, field.explained(&endpoints, Pose2::new(x, 0.0, 0.0), scratch))
+        };
+        let (most, number) = explained(0.5, 0.0);
+        assert!((0.6..1.5).contains(&most) && number == 3, "{most} {number}");
+        assert_eq!(explained(0.5, -0.5).1, 1);
+        assert_eq!(explained(1.0, 0.0).1, 0);
+        assert_eq!(explained(0.0, 0.0).1, 4);
     }
 
     /// A wall ahead and four poses before it. σ_hit is 0.3 m: beams are improbable beyond 0.9 m.

@@ -54,6 +54,8 @@ const LABELS: [(&str, &str, &str); 66] = [
     ("smallest_effective_sample_size", "smallest effective sample size", ""),
     ("nees", "mean NEES", "–"),
     ("inside_95", "share in the 95 % ellipsoid", "–"),
+    ("log_evidence", "mean log-evidence", "nats"),
+    ("explained_beams", "share of explained beams", "–"),
     ("initial_pose_kind", "start", ""),
     ("initial_pose_std", "spread of the start", "m, m, rad"),
     ("alpha", "α", ""),
