@@ -214,6 +214,7 @@ impl Drawing<'_, '_> {
                 _ if values.iter().all(Value::is_empty) => None,
                 "map" | "dataset" | PRESET => Some(text),
                 "size_percent" => Some(format!("{text} %")),
+                "particles" => Some(format!("{text} particles")),
                 _ if values == &[Value::Bool(true)] => Some(name_and_unit(setting).0),
                 _ if values == &[Value::Bool(false)] => {
                     Some(format!("no {}", name_and_unit(setting).0))
