@@ -1,7 +1,7 @@
 //! What columns are called in figures, with their units.
 
 /// Column (or setting of several columns), name, unit.
-const LABELS: [(&str, &str, &str); 66] = [
+const LABELS: [(&str, &str, &str); 67] = [
     ("size_percent", "requested map size", "% of the points that build the map"),
     ("size_points", "requested map size", "points"),
     ("resolution_m", "resolution", "m"),
@@ -53,6 +53,7 @@ const LABELS: [(&str, &str, &str); 66] = [
     ("mean_effective_sample_size", "mean effective sample size", ""),
     ("smallest_effective_sample_size", "smallest effective sample size", ""),
     ("nees", "mean NEES", "–"),
+    ("median_nees", "median NEES", "–"),
     ("inside_95", "share in the 95 % ellipsoid", "–"),
     ("initial_pose_kind", "start", ""),
     ("initial_pose_std", "spread of the start", "m, m, rad"),
