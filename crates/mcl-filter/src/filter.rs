@@ -38,7 +38,7 @@ pub struct StepReport {
     /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
     /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
-    /// improbable. With none, the weights are those of the step before. 0 as well for a scan that was not used
+    /// ending at something unknown. With none, the weights are those of the step before. 0 as well for a scan that was not used
     /// because the robot had hardly moved: then the estimate is predicted.
     pub used_beams: usize,
     /// Number of particles that the estimate is made of.
@@ -47,7 +47,7 @@ pub struct StepReport {
     /// scan do not agree.
     pub likelihood_exponent: f64,
     /// Share of the beams with a usable reading that the map explains, seen from the estimate
-    /// ([`LikelihoodField::explained`]); those left out as improbable are not explained. `None` where no scan was
+    /// ([`LikelihoodField::explained`]); those left out as ending at something unknown are not explained. `None` where no scan was
     /// used, or none of its beams.
     pub explained_beams: Option<f64>,
 }
@@ -563,7 +563,7 @@ impl<'a> ParticleFilter<'a> {
     }
 
     /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
-    /// are improbable for more than a share of them.
+    /// end at something unknown for more than a share of them.
     fn weigh(&mut self, range: Range<usize>, outlier_fraction: f64) {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
@@ -579,7 +579,8 @@ impl<'a> ParticleFilter<'a> {
             cos: &cos[range],
         };
         if outlier_fraction < 1.0 {
-            self.field.leave_out_improbable(endpoints, poses, outlier_fraction, likelihoods);
+            let laser = [self.robot_from_laser.x, self.robot_from_laser.y];
+            self.field.leave_out_unknown(endpoints, laser, poses, outlier_fraction, likelihoods);
         }
         if !endpoints.is_empty() {
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);

@@ -53,8 +53,9 @@ pub struct FilterSettings {
     /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None`:
     /// z_rand counts.
     pub beam_floor: Option<f64>,
-    /// A beam that ends more than 3·σ_hit off the map for more than this share of the particles is left
-    /// out of the scan; 1 leaves out none. CARMEN's `outlier_fraction`.
+    /// A beam that ends where the map has nothing along it, seen from more than this share of the particles, is left
+    /// out of the scan: it ends at a person, or at something else that the map does not know. 1 leaves out none; 0.9
+    /// is for places with many people. The name is CARMEN's, whose outliers are beams below the floor.
     pub outlier_fraction: f64,
     /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
     pub max_distance: f64,

@@ -598,9 +598,9 @@ mod tests {
         let distances = MapDistances::grid(&map, 2.0).unwrap();
         let halved = MapDistances::grid(&map, 2.0).unwrap().with_free_space(Some(free.clone()));
         let drawn = |distances: &MapDistances| {
-            let places = LikelyPlaces::search(&field(distances), &scan, 1.0).unwrap();
+            let places = LikelyPlaces::search(&field(distances), &scan, None, 1.0).unwrap();
             let mut particles = Particles::empty();
-            places.draw(1_000, &mut Seed::new(1).rng(), &mut particles);
+            places.draw(1_000, |_, uniform| uniform, &mut Seed::new(1).rng(), &mut particles);
             let other = Pose2::new(4.5, 3.0, 0.0);
             (places, particles.iter().filter(|(pose, _)| pose.distance(&other) < 1.0).count())
         };
@@ -608,7 +608,7 @@ mod tests {
         let (in_half, in_other) = drawn(&halved);
         assert!(in_both > 50 && in_other == 0, "{in_both} {in_other}");
         let field = field(&halved);
-        let search = Search::new(&field, &scan);
+        let search = Search::new(&field, &scan, None);
         let holds = |place: &[u32; 3]| search.free.as_ref().unwrap().hold(0, *place);
         assert!(in_half.places.iter().all(holds));
         let of_both = everywhere.places.iter().filter(|place| holds(place));
@@ -616,7 +616,7 @@ mod tests {
         assert!(of_both.into_iter().all(|place| in_half.places.contains(place)));
         // A leaf is as large a part of all as there are fewer of them.
         let leaves = search.number_of_leaves();
-        assert_eq!(in_half.log_share, -leaves.ln());
+        assert_eq!(in_half.boxes, leaves);
         let cells = free.centres().count() as f64 * 0.01;
         let side = 2.0 * in_half.level.half;
         let headings = f64::from(search.boxes[2] << LEVELS);

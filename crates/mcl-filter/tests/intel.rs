@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
-use mcl_filter::{FilterSettings, MapDistances, MotionKind, Proposal, Replay, SigmaHit, localize};
+use mcl_filter::{FilterSettings, MapDistances, Proposal, Replay, localize};
 
 /// The corrected log.
 fn intel() -> Recording {

@@ -4,8 +4,7 @@ use std::f64::consts::PI;
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::{
-    FilterSettings, InitialPose, MapDistances, MotionKind, ParticleFilter, Recovery, Replay, Run,
-    SigmaHit, localize,
+    FilterSettings, InitialPose, MapDistances, ParticleFilter, Recovery, Replay, Run, localize,
 };
 
 /// Motion with a floor per step, and σ_hit by the map.
@@ -125,7 +124,8 @@ fn recovery_leaves_a_tracked_robot_alone() {
 #[test]
 fn scans_are_used_after_some_motion() {
     let poses: Vec<Pose2> = path(1.0, 13).collect();
-    let settings = FilterSettings { update_distance: 0.5, update_angle: 0.5, ..FilterSettings::default() };
+    let settings =
+        FilterSettings { update_distance: 0.5, update_angle: 0.5, ..FilterSettings::default() };
     let found = run(&poses, settings, Some(poses[0]), 1);
     for (step, report) in found.reports.iter().enumerate() {
         assert_eq!(report.used_beams > 0, step % 3 == 0, "{step}");
@@ -141,7 +141,8 @@ fn scans_are_used_after_some_motion() {
 fn a_turn_makes_the_next_scan_count() {
     let points = office();
     let map = PointMap::new(points.clone()).unwrap();
-    let settings = FilterSettings { update_distance: 0.5, update_angle: 0.2, ..FilterSettings::default() };
+    let settings =
+        FilterSettings { update_distance: 0.5, update_angle: 0.2, ..FilterSettings::default() };
     let settings = settings.check().unwrap();
     let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
     let start = Pose2::new(2.0, 1.5, 0.0);

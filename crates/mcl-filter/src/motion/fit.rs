@@ -1,4 +1,4 @@
-use mcl_core::{Pose2, Recording, Seed, wrap_angle};
+use mcl_core::{Pose2, Recording, Seed, math, wrap_angle};
 use rand::RngExt;
 
 use super::odometry_model::OdometryModel;
@@ -45,7 +45,8 @@ impl MotionStep {
 
     /// Whether the robot stands still by both.
     fn is_still(&self) -> bool {
-        let moves = |pose: &Pose2| pose.x.hypot(pose.y) >= STILL || pose.theta.abs() >= STILL;
+        let moves =
+            |pose: &Pose2| math::hypot(pose.x, pose.y) >= STILL || pose.theta.abs() >= STILL;
         !moves(&self.odometry) && !moves(&self.reference)
     }
 }
@@ -108,7 +109,8 @@ impl MotionFit {
         let book = OdometryModel::new([0.0; 4], turning_in_place);
         for (index, MotionStep { odometry, reference }) in moving.iter().enumerate() {
             let block = index * BLOCKS / moving.len();
-            let [length, turn] = [odometry.x.hypot(odometry.y), odometry.theta].map(|v| v * v);
+            let [length, turn] =
+                [math::hypot(odometry.x, odometry.y), odometry.theta].map(|v| v * v);
             let parts = [1.0, length, turn];
             let add = |rows: &mut Vec<Row<3>>, off: f64| {
                 rows.push(Row { parts, square: off * off, block });

@@ -64,9 +64,9 @@ impl OdometryModel {
     pub(super) fn differences(&self, odometry: &Pose2, truth: &Pose2) -> Differences {
         let [rotation1, translation, rotation2] = rotations_and_translation(odometry);
         let [square1, square, square2] = self.squares(odometry);
-        let distance = truth.x.hypot(truth.y);
+        let distance = math::hypot(truth.x, truth.y);
         // Of the two ways to the same place, forward and backward, the one that turns less.
-        let first = wrap_angle(truth.y.atan2(truth.x) - rotation1);
+        let first = wrap_angle(math::atan2(truth.y, truth.x) - rotation1);
         let (first, along) = match first.abs() > FRAC_PI_2 {
             true => (wrap_angle(first - PI), -distance),
             false => (first, distance),
@@ -86,8 +86,8 @@ impl OdometryModel {
 /// δ_rot1 (rad), at most a quarter turn either way, δ_trans (m), negative when the robot drives backward, and δ_rot2
 /// (rad) of an increment.
 fn rotations_and_translation(increment: &Pose2) -> [f64; 3] {
-    let distance = increment.x.hypot(increment.y);
-    let direction = increment.y.atan2(increment.x);
+    let distance = math::hypot(increment.x, increment.y);
+    let direction = math::atan2(increment.y, increment.x);
     let (rotation1, translation) = match direction.abs() > FRAC_PI_2 {
         true => (wrap_angle(direction - PI), -distance),
         false => (direction, distance),

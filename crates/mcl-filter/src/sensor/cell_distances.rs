@@ -41,7 +41,7 @@ impl CellDistances {
         let cut = max_distance * max_distance;
         let in_cells = squared_distances(width, &surface);
         let grid_from_map = map_from_grid.inverse();
-        let (sin, cos) = grid_from_map.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(grid_from_map.theta);
         Ok(CellDistances {
             origin: [grid_from_map.x, grid_from_map.y],
             sin,

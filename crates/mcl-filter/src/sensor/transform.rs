@@ -1,5 +1,7 @@
 //! The distance transform of a grid.
 
+use mcl_core::math;
+
 /// Squared distances, in cells, from each cell's centre to that of the nearest occupied cell; infinite
 /// when there is none. First along columns, then the lower envelope of a parabola per column along each
 /// row: P. Felzenszwalb and D. Huttenlocher, *Distance Transforms of Sampled Functions*, Theory of
@@ -38,7 +40,7 @@ pub(super) fn squared_distances(width: usize, occupied: &[bool]) -> Vec<f64> {
                 lowest += 1;
             }
             if let Some(parabola) = envelope.get(lowest) {
-                *value = (x - parabola.vertex).powi(2) + parabola.height;
+                *value = math::square(x - parabola.vertex) + parabola.height;
             }
         }
     }

@@ -105,7 +105,8 @@ pub struct LocalizeArgs {
     /// The same said as CARMEN says it: least likelihood of a beam as a fraction of the largest.
     #[arg(long, value_name = "F")]
     pub beam_floor: Option<f64>,
-    /// Leave out beams that end more than 3·σ_hit off the map for more than this share of the particles.
+    /// Leave out beams that end at something the map does not know (people) for more than this share of the
+    /// particles, for example 0.9.
     #[arg(long, value_name = "F")]
     pub outlier_fraction: Option<f64>,
     /// Distances to the map are cut at this many metres.

@@ -8,9 +8,9 @@ use mcl_filter::motion::{Fitted, MotionFit, MotionStep};
 use mcl_study::data::source::LogSource;
 use serde::Serialize;
 
-/// Decimals that options are rounded to: of standard deviations, and of variances.
-const STD_DECIMALS: i32 = 4;
-const VARIANCE_DECIMALS: i32 = 5;
+/// What options are rounded to: standard deviations, and variances.
+const OF_STD: f64 = 1e-4;
+const OF_VARIANCE: f64 = 1e-5;
 
 /// A parameter with its 95 % interval.
 #[derive(Serialize)]
@@ -20,11 +20,9 @@ struct Parameter {
 }
 
 impl Parameter {
-    fn of(fitted: Fitted, decimals: i32) -> Self {
-        let rounded = |value: f64| {
-            let scale = 10_f64.powi(decimals);
-            (value * scale).round() / scale
-        };
+    fn of(fitted: Fitted, step: f64) -> Self {
+        // As a multiple of 1/step, which is whole: 0.05 stays 0.05.
+        let rounded = |value: f64| (value / step).round() / (1.0 / step).round();
         let Fitted { value, low, high } = fitted;
         Parameter { value: rounded(value), ci95: [low, high].map(rounded) }
     }
@@ -69,9 +67,9 @@ impl FittedMotion {
         let turning_in_place = FilterSettings::default().turning_in_place;
         let fit = MotionFit::of(&steps, turning_in_place, Seed::new(1))
             .with_context(|| name.to_owned())?;
-        let position_noise = fit.position_noise.map(|part| Parameter::of(part, STD_DECIMALS));
-        let heading_noise = fit.heading_noise.map(|part| Parameter::of(part, STD_DECIMALS));
-        let alpha = fit.alpha.map(|part| Parameter::of(part, VARIANCE_DECIMALS));
+        let position_noise = fit.position_noise.map(|part| Parameter::of(part, OF_STD));
+        let heading_noise = fit.heading_noise.map(|part| Parameter::of(part, OF_STD));
+        let alpha = fit.alpha.map(|part| Parameter::of(part, OF_VARIANCE));
         Ok(FittedMotion {
             steps: fit.steps,
             still_steps: fit.still,

@@ -128,7 +128,7 @@ impl Localization {
             ns_per_beam: (used_beams > 0).then(|| nanoseconds / weighed),
             particles_per_scan: runs.iter().map(|run| run.particles).sum::<f64>()
                 / runs.len() as f64,
-            consistency: tally.means(),
+            consistency: tally.summary(),
             each,
         })
     }
@@ -183,11 +183,12 @@ impl Localization {
                 text += &format!("without diverged runs:\n{}", rest.table());
             }
         }
-        let Consistency { nees, inside_95, log_evidence, explained_beams } = self.consistency;
-        if let (Some(nees), Some(inside)) = (nees, inside_95) {
+        let Consistency { median_nees, inside_95, log_evidence, explained_beams, .. } =
+            self.consistency;
+        if let (Some(nees), Some(inside)) = (median_nees, inside_95) {
             text += &format!(
-                "the reference lies within the 95 % ellipsoid on {:.0} % of the scans (mean NEES {nees:.1}; 3 \
-                 expected)\n",
+                "the reference lies within the 95 % ellipsoid on {:.0} % of the scans (median NEES {nees:.1}; \
+                 2.4 expected)\n",
                 100.0 * inside
             );
         }
