@@ -85,6 +85,40 @@ fn has_figures(value: &Value) -> bool {
 }
 
 #[test]
+fn the_motion_of_a_log_is_fitted() {
+    let lab = Lab::new();
+    let text = lab.done(&["inspect", "simulated-office", "--fit-motion"]);
+    let found = lab.json(&["inspect", "simulated-office", "--fit-motion", "--json"]);
+    let fitted = &found["fitted_motion"];
+    assert_eq!((&fitted["steps"], &fitted["unknown_steps"]), (&915.into(), &0.into()));
+    // By the log's odometry, steps err by 1 to 6 cm whatever their length.
+    let parts = fitted["position_noise"].as_array().unwrap();
+    for part in parts.iter().chain(fitted["alpha"].as_array().unwrap()) {
+        let [low, value, high] =
+            [&part["ci95"][0], &part["value"], &part["ci95"][1]].map(|n| n.as_f64().unwrap());
+        assert!(0.0 <= low && low <= value && value <= high && low < high, "{part}");
+    }
+    assert!((0.01..0.06).contains(&parts[0]["value"].as_f64().unwrap()), "{parts:?}");
+    // Options as they are printed are options of localize.
+    for options in ["gaussian_options", "book_options"] {
+        let options = fitted[options].as_str().unwrap();
+        assert!(text.contains(options), "{text}");
+        let localize = ["localize", "office.log", "--map", "map.csv", "--particles", "20"];
+        lab.done(&[&localize[..], &options.split(' ').collect::<Vec<&str>>()].concat());
+    }
+    assert!(lab.json(&["inspect", "office.log", "--json"])["fitted_motion"].is_null());
+
+    for (args, expected) in [
+        (&["office.log", "--reference", "none"][..], "--reference FILE"),
+        (&["map.csv"], "a point cloud has no odometry"),
+        (&["office.log"], "at least 100"),
+    ] {
+        let (_, stderr) = lab.ends(&[&["inspect", "--fit-motion"], args].concat(), 1);
+        assert!(stderr.contains(expected), "{args:?}: {stderr}");
+    }
+}
+
+#[test]
 fn localize_and_evaluate_agree() {
     let lab = Lab::new();
     let found = lab.json(&localize(&["--runs", "3", "-o", "out", "--json"]));
@@ -146,14 +180,15 @@ fn the_folder_holds_rows_trajectories_and_a_summary() {
     lab.done(&localize(&["--runs", "2", "--seed", "7", "-o", "deep/out", "-q"]));
     let mut reader = csv::Reader::from_path(lab.path("deep/out/run-001.csv")).unwrap();
     let expected = "scan,stamp,dx,dy,dtheta,translation,heading,weighted,effective_sample_size,\
-                    resampled,used_beams";
+                    resampled,used_beams,var_x,var_y,var_theta,cov_xy,cov_xtheta,cov_ytheta,nees,\
+                    log_evidence,explained_beams,particles,likelihood_exponent";
     assert_eq!(reader.headers().unwrap().iter().collect::<Vec<_>>().join(","), expected);
     let stamps: Vec<String> = lab
         .read("deep/out/reference.tum")
         .lines()
         .map(|line| line.split(' ').next().unwrap().to_owned())
         .collect();
-    let mut rows = 0;
+    let (mut rows, mut squares) = (0, 0.0);
     for (index, row) in reader.records().enumerate() {
         let row = row.unwrap();
         let [dx, dy, dtheta, translation, heading, weighted] =
@@ -163,6 +198,14 @@ fn the_folder_holds_rows_trajectories_and_a_summary() {
         let squared = 0.8 * dtheta * dtheta + 0.2 * (dx * dx + dy * dy);
         assert!((weighted - squared.sqrt()).abs() < 1e-12);
         assert!((1.0..=100.0).contains(&row[8].parse::<f64>().unwrap()));
+        let value = |column: usize| row[column].parse::<f64>().unwrap();
+        let [xx, yy, tt, xy, xt, yt] = [11, 12, 13, 14, 15, 16].map(value);
+        // The laser of this log is the robot.
+        let nees = mcl_metrics::nees([dx, dy, dtheta], [[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]);
+        assert!((value(17) - nees.unwrap()).abs() < 1e-6 * (1.0 + value(17)));
+        squares += value(17);
+        assert!(value(18).is_finite() && (0.5..=1.0).contains(&value(19)));
+        assert_eq!([value(20), value(21)], [100.0, 1.0]);
         rows += 1;
     }
     assert_eq!((rows, stamps.len()), (SCANS, SCANS));
@@ -170,6 +213,14 @@ fn the_folder_holds_rows_trajectories_and_a_summary() {
     assert_eq!(summary["setup"]["seed"], 7);
     assert_eq!(summary["setup"]["filter"]["particles"], 100);
     assert_eq!(summary["figures"]["runs"], 2);
+    let figures = &summary["figures"];
+    let mut other = csv::Reader::from_path(lab.path("deep/out/run-000.csv")).unwrap();
+    squares += other.records().map(|row| row.unwrap()[17].parse::<f64>().unwrap()).sum::<f64>();
+    let mean = squares / (2 * SCANS) as f64;
+    assert!((number(&figures["nees"]) / mean - 1.0).abs() < 1e-12, "{mean}: {figures}");
+    assert!((0.0..=1.0).contains(&number(&figures["inside_95"])));
+    assert!((0.5..=1.0).contains(&number(&figures["explained_beams"])));
+    assert!(figures["log_evidence"].is_f64());
     assert_eq!(summary["figures"]["each"][1]["lost_episodes"], Value::Array(Vec::new()));
 
     // Fewer runs into the same folder: none of the earlier call is left, other files are.

@@ -143,9 +143,12 @@ fn the_bag_tells_what_the_run_says() {
     let expected = [
         ("/effective_sample_size", SCANS),
         ("/error/heading", SCANS),
+        ("/error/nees", SCANS),
         ("/error/translation", SCANS),
         ("/error/weighted", SCANS),
         ("/estimate", SCANS),
+        ("/explained_beams", SCANS),
+        ("/log_evidence", SCANS),
         ("/map", 1),
         ("/particles", SCANS),
         ("/reference", SCANS),
@@ -168,6 +171,9 @@ fn the_bag_tells_what_the_run_says() {
         assert_eq!(bag["/error/heading"][index].value(), column(6));
         assert_eq!(bag["/error/weighted"][index].value(), column(7));
         assert_eq!(bag["/effective_sample_size"][index].value(), column(8));
+        assert_eq!(bag["/error/nees"][index].value(), column(17));
+        assert_eq!(bag["/log_evidence"][index].value(), column(18));
+        assert_eq!(bag["/explained_beams"][index].value(), column(19));
         let particles =
             bag["/particles"][index].look(|array| array.messages("poses").unwrap().len());
         assert_eq!(particles, PARTICLES);
@@ -223,8 +229,17 @@ fn a_lost_robot_and_one_without_reference_are_recorded() {
     lab.localize(&raw, 0);
     let raw = lab.bag("raw.mcap");
     let names: Vec<&str> = raw.keys().map(String::as_str).collect();
-    let expected =
-        ["/effective_sample_size", "/estimate", "/map", "/particles", "/scan", "/tf", "/tf_static"];
+    let expected = [
+        "/effective_sample_size",
+        "/estimate",
+        "/explained_beams",
+        "/log_evidence",
+        "/map",
+        "/particles",
+        "/scan",
+        "/tf",
+        "/tf_static",
+    ];
     assert_eq!(names, expected);
 }
 

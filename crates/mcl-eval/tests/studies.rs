@@ -107,6 +107,47 @@ sigma = { from = 0.02, to = 0.2, factor = 3 }
 runs = 4
 "#;
 
+const DISTURBED: &str = r#"
+seed = 3
+measures = ["finding", "particles", "consistency"]
+[base]
+map = "gbs"
+size = 20
+tolerance = 1e-3
+motion = "gaussian"
+beams = 60
+start = "anywhere"
+length = 30
+[[trials]]
+name = "global"
+initial_pose = [{ kind = "scan" }, { kind = "uniform" }]
+particles = "100..500"
+draws = 3
+runs = 1
+[[trials]]
+name = "disturbed"
+disturbance = [
+    {},
+    { people = { share = 0.2 } },
+    { kidnapped = { at = 0.5, distance = 2 } },
+    { lost_beams = 0.2, slip = { share = 0.2, factor = 2 } },
+]
+recover = [false, true]
+particles = 100
+draws = 3
+runs = 1
+[[views.tests]]
+of = "disturbed"
+y = "weighted"
+column = "recover"
+[[views.charts]]
+name = "found"
+of = "global"
+x = { column = "mean_particles" }
+y = { column = "found_within_30" }
+curves = ["initial_pose_kind"]
+"#;
+
 fn trials(folder: &Path) -> Vec<Row> {
     rows(&folder.join("trials.csv"))
 }
@@ -427,4 +468,49 @@ fn a_picture_is_of_the_row_that_it_names() {
         shown.push(found);
     }
     assert!(shown[0] != shown[1], "{shown:?}");
+}
+
+/// Starts anywhere and disturbances give the same bytes on any number of threads and after an interruption, and belong to
+/// the run: what differs in the filter alone sees the same readings.
+#[test]
+fn disturbed_runs_are_reproducible_and_compared_in_pairs() {
+    let bench = Bench::with_scans(60, &[("disturbed", DISTURBED)]);
+    let folder = bench.reproduced("disturbed");
+    let rows = trials(&folder);
+    assert_eq!(rows.len(), 3 * (2 + 4 * 2));
+    for row in &rows {
+        assert_eq!((&*row["start"], &*row["length"], &*row["scans"]), ("anywhere", "30", "30"));
+        let is_carried = !row["kidnapped_at"].is_empty();
+        assert_eq!(row["found_again"].is_empty(), !is_carried);
+        let found = number(row, "scans_until_found");
+        assert_eq!(row["found_within_30"], row["found"], "{found} of 30 or fewer scans");
+    }
+    let undisturbed =
+        with(&rows, &[("trials", "disturbed"), ("people_share", "0"), ("slip_share", "0")]);
+    let undisturbed: Vec<&Row> =
+        undisturbed.into_iter().filter(|row| row["kidnapped_at"].is_empty()).collect();
+    let of = |run: &str, recover: &str| {
+        let is = |row: &&&Row| row["run"] == run && row["recover"] == recover;
+        *undisturbed.iter().find(is).unwrap()
+    };
+    for run in ["0", "1", "2"] {
+        let beams = number(of(run, "false"), "used_beams");
+        assert_eq!(beams, number(of(run, "true"), "used_beams"));
+        let lost = with(&rows, &[("lost_beams", "0.2"), ("run", run), ("recover", "false")]);
+        let kept = number(lost[0], "used_beams") / beams;
+        // Of 30 times 60 beams, within four standard errors.
+        assert!((kept - 0.8).abs() < 0.04, "{kept}");
+    }
+    assert_eq!(rows_of(&folder, "tests.csv").len(), 4);
+    let chart = rows_of(&folder, "figures/found.csv");
+    assert_eq!(chart.len(), 2);
+    for point in &chart {
+        let share = number(point, "y");
+        assert!(number(point, "low") <= share && share <= number(point, "high"), "{point:?}");
+        assert_eq!((&*point["blocks"], &*point["rows"]), ("3", "3"));
+    }
+}
+
+fn rows_of(folder: &Path, file: &str) -> Vec<Row> {
+    rows(&folder.join(file))
 }

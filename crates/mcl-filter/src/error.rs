@@ -152,6 +152,26 @@ pub enum FilterError {
         /// The logarithm found.
         log_sum: f64,
     },
+    /// Too few steps to fit a motion model to.
+    #[error(
+        "{steps} steps with odometry and a reference on which the robot moves, expected at least {least} to fit a \
+         motion model to"
+    )]
+    FewSteps {
+        /// Number of steps found.
+        steps: usize,
+        /// Number of steps needed.
+        least: usize,
+    },
+    /// Odometry without errors.
+    #[error(
+        "the odometry is the reference on all of {steps} steps, so nothing can be learned of its errors: give \
+         another reference, of SLAM or motion capture"
+    )]
+    ExactOdometry {
+        /// Number of steps.
+        steps: usize,
+    },
     /// There was not enough memory.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),

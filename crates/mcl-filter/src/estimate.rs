@@ -34,6 +34,15 @@ impl Estimate {
         }
         Estimate { map_from_robot, covariance }
     }
+
+    /// Covariance of the pose of something mounted on the robot, to first order: J·C·Jᵀ, J the derivative of the
+    /// mounted pose by the robot's. Same units, in the map's frame.
+    pub fn covariance_at(&self, robot_from_mounted: &Pose2) -> Matrix3<f64> {
+        let turned = Pose2::new(0.0, 0.0, self.map_from_robot.theta);
+        let [x, y] = turned.transform_point([robot_from_mounted.x, robot_from_mounted.y]);
+        let derivative = Matrix3::new(1.0, 0.0, -y, 0.0, 1.0, x, 0.0, 0.0, 1.0);
+        derivative * self.covariance * derivative.transpose()
+    }
 }
 
 #[cfg(test)]
@@ -59,6 +68,36 @@ mod tests {
         assert!((found.map_from_robot.theta - 0.5).abs() < 1e-15);
         let expected = Matrix3::new(3.0, 1.5, 0.0, 1.5, 0.75, 0.0, 0.0, 0.0, 0.0);
         assert!((found.covariance - expected).amax() < 1e-14);
+    }
+
+    /// A laser 0.4 m ahead of a robot that looks up the y axis: its x moves by −0.4 m per radian, its y not.
+    #[test]
+    fn the_covariance_of_a_laser_by_hand() {
+        let estimate = Estimate {
+            map_from_robot: Pose2::new(3.0, 2.0, FRAC_PI_2),
+            covariance: Matrix3::new(0.01, 0.0, 0.002, 0.0, 0.04, 0.0, 0.002, 0.0, 0.25),
+        };
+        let found = estimate.covariance_at(&Pose2::new(0.4, 0.0, 1.0));
+        let xx = 0.01 - 2.0 * 0.4 * 0.002 + 0.16 * 0.25;
+        let xt = 0.002 - 0.4 * 0.25;
+        let expected = Matrix3::new(xx, 0.0, xt, 0.0, 0.04, 0.0, xt, 0.0, 0.25);
+        assert!((found - expected).amax() < 1e-14, "{found}");
+        assert_eq!(estimate.covariance_at(&Pose2::IDENTITY), estimate.covariance);
+    }
+
+    /// The covariance of poses composed one by one is that of the formula where headings differ little.
+    #[test]
+    fn the_covariance_of_a_laser_is_that_of_its_poses() {
+        let mount = Pose2::new(0.3, -0.2, 0.7);
+        let poses = [(1.0, 2.0, 0.50), (1.1, 2.0, 0.505), (1.0, 2.2, 0.495), (0.9, 1.9, 0.501)];
+        let of_laser = poses.map(|(x, y, theta)| {
+            let Pose2 { x, y, theta } = Pose2::new(x, y, theta).compose(&mount);
+            (x, y, theta)
+        });
+        let weights = [0.25; 4];
+        let found = estimate(&poses, &weights).covariance_at(&mount);
+        let expected = estimate(&of_laser, &weights).covariance;
+        assert!((found - expected).amax() < 1e-6, "{found} {expected}");
     }
 
     #[test]

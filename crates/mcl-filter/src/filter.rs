@@ -38,7 +38,7 @@ pub struct StepReport {
     /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
     /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
-    /// improbable. With none, the weights are those of the step before. 0 as well for a scan that was not used
+    /// ending at something unknown. With none, the weights are those of the step before. 0 as well for a scan that was not used
     /// because the robot had hardly moved: then the estimate is predicted.
     pub used_beams: usize,
     /// Number of particles that the estimate is made of.
@@ -46,6 +46,10 @@ pub struct StepReport {
     /// Exponent on the likelihood of the scan: that of the settings, or less while particles that started from a
     /// scan do not agree.
     pub likelihood_exponent: f64,
+    /// Share of the beams with a usable reading that the map explains, seen from the estimate
+    /// ([`LikelihoodField::explained`]); those left out as ending at something unknown are not explained. `None` where no scan was
+    /// used, or none of its beams.
+    pub explained_beams: Option<f64>,
 }
 
 /// Monte Carlo localization (*Probabilistic Robotics*, table 8.2) with selective resampling.
@@ -203,6 +207,7 @@ impl<'a> ParticleFilter<'a> {
             values.initial_pose,
             map_from_robot,
             &distances.bounds(),
+            distances.free_space(),
             &mut seed.derive("initial-pose").rng(),
         )?;
         let start = match values.initial_pose {
@@ -382,6 +387,7 @@ impl<'a> ParticleFilter<'a> {
             }
         }
         self.load(scan)?;
+        let readings = self.buffers.endpoints.len();
         self.draw_from_scan()?;
         let outlier_fraction = self.settings.values().outlier_fraction;
         let number = self.particles.len();
@@ -399,7 +405,8 @@ impl<'a> ParticleFilter<'a> {
         }
 
         let settings = self.settings.values();
-        let Buffers { endpoints, sin, cos, weights, log_likelihoods, .. } = &mut self.buffers;
+        let Buffers { endpoints, sin, cos, weights, log_likelihoods, likelihoods, .. } =
+            &mut self.buffers;
         let particles = &mut self.particles;
         for (log_weight, likelihood) in particles.log_weight.iter_mut().zip(&*log_likelihoods) {
             *log_weight += likelihood;
@@ -411,6 +418,10 @@ impl<'a> ParticleFilter<'a> {
         let is_due =
             self.travelled >= settings.resample_distance || self.turned >= settings.resample_angle;
         let used_beams = endpoints.len();
+        let explained_beams = (used_beams > 0).then(|| {
+            let explained = self.field.explained(endpoints, estimate.map_from_robot, likelihoods);
+            explained as f64 / readings as f64
+        });
         let exponent = self.start.exponent(settings.likelihood_exponent, used_beams);
         let mut injected = 0.0;
         if let Start::Searching { agreement, .. } = self.start {
@@ -432,6 +443,7 @@ impl<'a> ParticleFilter<'a> {
             used_beams,
             particles: particles.len(),
             likelihood_exponent: exponent,
+            explained_beams,
         };
         if resampled {
             self.resample(injected)?;
@@ -535,6 +547,7 @@ impl<'a> ParticleFilter<'a> {
             used_beams: 0,
             particles: moved.len(),
             likelihood_exponent: self.settings.values().likelihood_exponent,
+            explained_beams: None,
         }
     }
 
@@ -550,7 +563,7 @@ impl<'a> ParticleFilter<'a> {
     }
 
     /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
-    /// are improbable for more than a share of them.
+    /// end at something unknown for more than a share of them.
     fn weigh(&mut self, range: Range<usize>, outlier_fraction: f64) {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
@@ -566,7 +579,8 @@ impl<'a> ParticleFilter<'a> {
             cos: &cos[range],
         };
         if outlier_fraction < 1.0 {
-            self.field.leave_out_improbable(endpoints, poses, outlier_fraction, likelihoods);
+            let laser = [self.robot_from_laser.x, self.robot_from_laser.y];
+            self.field.leave_out_unknown(endpoints, laser, poses, outlier_fraction, likelihoods);
         }
         if !endpoints.is_empty() {
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);

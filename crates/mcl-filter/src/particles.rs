@@ -5,6 +5,7 @@ use mcl_core::{Bounds, MAX_COORDINATE, Pose2, Rng, StandardNormal, math, wrap_an
 use rand::RngExt;
 use rand_distr::Distribution;
 
+use crate::sensor::FreeSpace;
 use crate::{FilterError, InitialPose};
 
 /// What memory for particles is asked for as.
@@ -25,8 +26,8 @@ pub struct Particles {
 
 impl Particles {
     /// `number` particles of equal weight: for [`InitialPose::Known`] Gaussian about
-    /// `map_from_robot`, else uniform over `bounds` and all headings: for [`InitialPose::Scan`] until there is a
-    /// scan.
+    /// `map_from_robot`, else uniform over the free space, or `bounds` where none is known, and all headings: for
+    /// [`InitialPose::Scan`] until there is a scan.
     ///
     /// # Errors
     /// [`FilterError::NoInitialPose`] when a pose is needed and `None`;
@@ -36,6 +37,7 @@ impl Particles {
         initial: InitialPose,
         map_from_robot: Option<Pose2>,
         bounds: &Bounds<2>,
+        free: Option<&FreeSpace>,
         rng: &mut Rng,
     ) -> Result<Self, FilterError> {
         let mut particles = Particles {
@@ -63,12 +65,14 @@ impl Particles {
             }
             InitialPose::Uniform {} | InitialPose::Scan { .. } => {
                 for _ in 0..number {
-                    let [x, y, turn]: [f64; 3] = std::array::from_fn(|_| rng.random());
-                    particles.push(Pose2::new(
-                        bounds.min[0] + x * bounds.extent(0),
-                        bounds.min[1] + y * bounds.extent(1),
-                        PI * (1.0 - 2.0 * turn),
-                    ));
+                    let [x, y] = match free {
+                        Some(free) => free.draw(rng),
+                        None => [0, 1].map(|axis| {
+                            bounds.min[axis] + rng.random::<f64>() * bounds.extent(axis)
+                        }),
+                    };
+                    let turn: f64 = rng.random();
+                    particles.push(Pose2::new(x, y, PI * (1.0 - 2.0 * turn)));
                 }
             }
         }
@@ -176,6 +180,7 @@ pub fn effective_sample_size(weights: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensor::ObstacleGrid;
     use mcl_core::Seed;
     use proptest::prelude::*;
 
@@ -197,7 +202,7 @@ mod tests {
         const N: usize = 20_000;
         let mean = Pose2::new(5.0, -6.0, 3.1);
         let particles =
-            Particles::draw(N, KNOWN, Some(mean), &BOUNDS, &mut Seed::new(1).rng()).unwrap();
+            Particles::draw(N, KNOWN, Some(mean), &BOUNDS, None, &mut Seed::new(1).rng()).unwrap();
         type Off = fn(Pose2, Pose2) -> f64;
         let components: [(f64, Off); 3] = [
             (0.1, |p, mean| p.x - mean.x),
@@ -217,9 +222,15 @@ mod tests {
     #[test]
     fn an_unknown_pose_is_anywhere_on_the_map() {
         const N: usize = 20_000;
-        let particles =
-            Particles::draw(N, InitialPose::Uniform {}, None, &BOUNDS, &mut Seed::new(1).rng())
-                .unwrap();
+        let particles = Particles::draw(
+            N,
+            InitialPose::Uniform {},
+            None,
+            &BOUNDS,
+            None,
+            &mut Seed::new(1).rng(),
+        )
+        .unwrap();
         let mean_x = particles.x.iter().sum::<f64>() / N as f64;
         let mean_theta = particles.theta.iter().sum::<f64>() / N as f64;
         // A uniform variable over a width w has the variance w²/12.
@@ -232,9 +243,29 @@ mod tests {
         assert!(particles.iter().any(|(p, _)| p.x < -0.9 && p.y > 3.9));
     }
 
+    /// The map's box has eight cells, of which the robot can be in two.
+    #[test]
+    fn an_unknown_pose_is_in_free_space() {
+        let grid = ObstacleGrid {
+            width: 4,
+            resolution: 1.0,
+            map_from_grid: Pose2::new(-1.0, 2.0, 0.0),
+            occupied: vec![false; 8],
+            free: (0..8).map(|cell| cell == 1 || cell == 6).collect(),
+        };
+        let free = FreeSpace::of(&grid).unwrap();
+        let draw = |initial| {
+            Particles::draw(500, initial, None, &BOUNDS, free.as_ref(), &mut Seed::new(1).rng())
+        };
+        for initial in [InitialPose::Uniform {}, InitialPose::scan()] {
+            let particles = draw(initial).unwrap();
+            assert!(particles.iter().all(|(p, _)| free.as_ref().unwrap().holds([p.x, p.y])));
+        }
+    }
+
     #[test]
     fn a_missing_or_impossible_pose_is_refused() {
-        let draw = |pose| Particles::draw(3, KNOWN, pose, &BOUNDS, &mut Seed::new(1).rng());
+        let draw = |pose| Particles::draw(3, KNOWN, pose, &BOUNDS, None, &mut Seed::new(1).rng());
         assert_eq!(draw(None), Err(FilterError::NoInitialPose));
         let nowhere = Pose2::new(f64::NAN, 0.0, 0.0);
         assert!(matches!(draw(Some(nowhere)), Err(FilterError::NonFinitePose { .. })));

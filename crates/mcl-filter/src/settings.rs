@@ -53,8 +53,9 @@ pub struct FilterSettings {
     /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None`:
     /// z_rand counts.
     pub beam_floor: Option<f64>,
-    /// A beam that ends more than 3·σ_hit off the map for more than this share of the particles is left
-    /// out of the scan; 1 leaves out none. CARMEN's `outlier_fraction`.
+    /// A beam that ends where the map has nothing along it, seen from more than this share of the particles, is left
+    /// out of the scan: it ends at a person, or at something else that the map does not know. 1 leaves out none; 0.9
+    /// is for places with many people. The name is CARMEN's, whose outliers are beams below the floor.
     pub outlier_fraction: f64,
     /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
     pub max_distance: f64,
@@ -88,21 +89,22 @@ pub struct FilterSettings {
     pub recover: Option<Recovery>,
 }
 
-/// The one place of the defaults. σ_hit, z_rand, α and the proposal are what tracked best on the ACES log,
-/// the Freiburg log and the simulated office (experiments/sensitivity.toml, docs/reproduction.md).
+/// The one place of the defaults. The noise of the motion, z_rand and the proposal are what tracked best on ACES,
+/// Freiburg 079, Freiburg 101, Seattle, CSAIL and the simulated office (experiments/sensitivity.toml,
+/// docs/filter.md).
 impl Default for FilterSettings {
     fn default() -> Self {
         FilterSettings {
             particles: 500.into(),
             kld: Kld::default(),
             initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
-            motion: MotionKind::Book,
-            position_noise: [0.03, 0.1, 0.1],
+            motion: MotionKind::Gaussian,
+            position_noise: [0.05, 0.1, 0.1],
             heading_noise: [0.05, 0.1, 0.15],
             alpha: [0.05; 4],
             turning_in_place: 0.01,
-            sigma_hit: SigmaHit::Metres(0.3),
-            z_rand: 0.5,
+            sigma_hit: SigmaHit::Auto,
+            z_rand: 0.8,
             beam_floor: None,
             outlier_fraction: 1.0,
             max_distance: 2.0,
@@ -128,15 +130,16 @@ pub enum Preset {
     /// [`FilterSettings::default`]: this program's own filter.
     #[default]
     Default,
-    /// *Probabilistic Robotics*: table 8.2 with the motion model as the proposal, and the product over
-    /// all beams of table 6.3. σ_hit, z_rand and α are those of the defaults, since the book gives none.
+    /// *Probabilistic Robotics*: table 8.2 with the motion model of table 5.6 as the proposal, and the product over
+    /// all beams of table 6.3. The book gives no σ_hit, z_rand and α: 0.3 m, 0.5 and 0.05 are what tracked best with
+    /// these models on the ACES log, Freiburg 079 and the simulated office.
     Book,
     /// CARMEN's `localize`, the program of the paper's group: σ_hit = 0.3 m (`lmap_std`), floor 0.45
     /// (`tracking_beam_minlikelihood`), a beam per 3° (`integrate_angle`); likelihoods multiply until the
     /// robot has moved 0.2 m (`update_distance`) or turned 0.2 rad (the angle is that of descendants),
     /// then particles are resampled. Its `outlier_fraction` is 0.9 of the particles with beams *below*
     /// the floor, which no beam can be since the floor is added: none is left out. CARMEN learns a motion
-    /// model of its own; here it is table 5.6 with the α of the defaults.
+    /// model of its own; here it is that of `Book`.
     Carmen,
 }
 
@@ -155,20 +158,23 @@ impl Preset {
 
     /// The settings.
     pub fn settings(self) -> FilterSettings {
-        let default = FilterSettings::default();
+        let book = || FilterSettings {
+            motion: MotionKind::Book,
+            sigma_hit: SigmaHit::Metres(0.3),
+            z_rand: 0.5,
+            proposal: Proposal::Motion,
+            ..FilterSettings::default()
+        };
         match self {
-            Preset::Default => default,
-            Preset::Book => FilterSettings { proposal: Proposal::Motion, ..default },
+            Preset::Default => FilterSettings::default(),
+            Preset::Book => book(),
             Preset::Carmen => FilterSettings {
-                sigma_hit: SigmaHit::Metres(0.3),
                 beam_floor: Some(0.45),
                 beams: Beams::Degrees(3.0),
-                proposal: Proposal::Motion,
-                resampling: Resampling::Systematic,
                 ess_fraction: 1.0,
                 resample_distance: 0.2,
                 resample_angle: 0.2,
-                ..default
+                ..book()
             },
         }
     }

@@ -7,7 +7,7 @@ use mcl_core::{Bounds, OutOfMemory, Point, Pose2, Rng, math};
 use rand::RngExt;
 
 use crate::particles::Particles;
-use crate::sensor::{LikelihoodField, MapDistances, ScanEndpoints};
+use crate::sensor::{FreeSpace, LikelihoodField, MapDistances, ScanEndpoints};
 
 /// Beams of a scan that the search looks at, evenly spread over the used ones.
 const BEAMS: usize = 30;
@@ -104,6 +104,57 @@ struct Search<'a> {
     /// The first level: boxes along x, y and the heading.
     boxes: [u32; 3],
     root: Level,
+    free: Option<FreeBoxes>,
+}
+
+/// Which boxes are in free space, from the leaves' level up to the first, each row by row. A leaf is if it holds the centre
+/// of a free cell, or its own centre lies in one, and so is every box around it.
+struct FreeBoxes {
+    levels: Vec<Vec<bool>>,
+    /// Columns of the first level.
+    columns: u32,
+}
+
+impl FreeBoxes {
+    /// `None` if there is no such box.
+    fn of(free: &FreeSpace, leaf: &Level, [columns, rows]: [u32; 2]) -> Option<Self> {
+        let [across, along] = [columns, rows].map(|boxes| (boxes << LEVELS) as usize);
+        let mut leaves: Vec<bool> = (0..across * along)
+            .map(|number| {
+                let Pose2 { x, y, .. } =
+                    leaf.centre([(number % across) as u32, (number / across) as u32, 0]);
+                free.holds([x, y])
+            })
+            .collect();
+        for centre in free.centres() {
+            let [column, row] =
+                [0, 1].map(|axis| (centre[axis] - leaf.corner[axis]) / (2.0 * leaf.half));
+            if column >= 0.0 && row >= 0.0 && column < across as f64 && row < along as f64 {
+                leaves[row as usize * across + column as usize] = true;
+            }
+        }
+        if !leaves.contains(&true) {
+            return None;
+        }
+        let mut levels = vec![leaves];
+        for level in 1..=LEVELS as usize {
+            let width = across >> level;
+            let mut boxes = vec![false; width * (along >> level)];
+            let below = &levels[level - 1];
+            for (number, _) in below.iter().enumerate().filter(|(_, is_free)| **is_free) {
+                let (column, row) = (number % (2 * width), number / (2 * width));
+                boxes[row / 2 * width + column / 2] = true;
+            }
+            levels.push(boxes);
+        }
+        Some(FreeBoxes { levels, columns })
+    }
+
+    /// Whether a box is one, `left` levels above the leaves.
+    fn hold(&self, left: u32, [column, row, _]: [u32; 3]) -> bool {
+        let width = (self.columns << (LEVELS - left)) as usize;
+        self.levels[left as usize][row as usize * width + column as usize]
+    }
 }
 
 impl<'a> Search<'a> {
@@ -143,15 +194,36 @@ impl<'a> Search<'a> {
         let headings = headings(half);
         let turn = PI / (headings * parts);
 
+        let boxes = [across, along, headings].map(|boxes| boxes as u32);
+        let leaf = Level { corner, half, turn };
+        let free = distances.free_space();
+        let free = free.and_then(|free| FreeBoxes::of(free, &leaf, [boxes[0], boxes[1]]));
+
         // Of a place in a leaf: h²/3 along each direction, and r²a²/3 by its heading.
         let widened = (sigma * sigma + (half * half + math::square(lever * turn)) / 3.0).sqrt();
         Search {
             distances,
             table: BeamTable::new(hit * sigma / widened, random, widened),
             beams,
-            boxes: [across, along, headings].map(|boxes| boxes as u32),
+            boxes,
             root: Level { corner, half: half * parts, turn: turn * parts },
+            free,
         }
+    }
+
+    /// Whether a robot may be in a box, `left` levels above the leaves.
+    fn may_hold(&self, left: u32, node: &Node) -> bool {
+        self.free.as_ref().is_none_or(|free| free.hold(left, node.place))
+    }
+
+    /// Number of leaves that the robot may be in.
+    fn number_of_leaves(&self) -> f64 {
+        let [columns, rows, headings] = self.boxes.map(|boxes| f64::from(boxes << LEVELS));
+        let places = match &self.free {
+            Some(free) => free.levels[0].iter().filter(|is_free| **is_free).count() as f64,
+            None => columns * rows,
+        };
+        places * headings
     }
 
     /// Computes the values and bounds of some boxes of a level.
@@ -195,7 +267,8 @@ impl<'a> Search<'a> {
         let mut nodes = with_room(number, BOXES)?;
         for heading in 0..headings {
             for row in 0..rows {
-                nodes.extend((0..columns).map(|column| Node::at([column, row, heading])));
+                let places = (0..columns).map(|column| Node::at([column, row, heading]));
+                nodes.extend(places.filter(|node| self.may_hold(LEVELS, node)));
             }
         }
         self.weigh(&level, &mut nodes, &mut scratch);
@@ -209,7 +282,10 @@ impl<'a> Search<'a> {
             let mut kept: Vec<Node> = Vec::new();
             for parents in nodes.chunks(BATCH) {
                 let likely = parents.iter().filter(|node| node.bound >= best - below);
-                let mut children: Vec<Node> = likely.flat_map(Node::children).collect();
+                let mut children: Vec<Node> = likely
+                    .flat_map(Node::children)
+                    .filter(|child| self.may_hold(left, child))
+                    .collect();
                 self.weigh(&level, &mut children, &mut scratch);
                 best = largest(&children, best);
                 reserve(&mut kept, children.len(), BOXES)?;
@@ -254,7 +330,7 @@ pub(crate) struct LikelyPlaces {
     totals: Vec<f64>,
     /// ln of the volume of a box (m²·rad).
     log_volume: f64,
-    /// The number of boxes that all poses searched would fill.
+    /// The number of boxes that all poses searched would fill: those in free space, where the map knows it.
     boxes: f64,
 }
 
@@ -280,7 +356,7 @@ impl LikelyPlaces {
             total += math::exp(exponent * (leaf.value - best));
             totals.push(total);
         }
-        let boxes = search.boxes.iter().map(|&boxes| f64::from(boxes << LEVELS)).product();
+        let boxes = search.number_of_leaves();
         let mut places = with_room(leaves.len(), BOXES)?;
         places.extend(leaves.iter().map(|leaf| leaf.place));
         let log_volume = math::ln(8.0 * level.half * level.half * level.turn);
@@ -399,7 +475,8 @@ mod tests {
                 occupied[row as usize * 40 + column as usize] = true;
             }
         }
-        let grid = ObstacleGrid { width: 40, resolution, map_from_grid, occupied: &occupied };
+        let free = Vec::new();
+        let grid = ObstacleGrid { width: 40, resolution, map_from_grid, occupied, free };
         [
             MapDistances::grid(&map, cut).unwrap(),
             MapDistances::reference(&map, cut).unwrap(),
@@ -427,6 +504,7 @@ mod tests {
                     beams: ends.clone(),
                     boxes: [1; 3],
                     root: Level { corner: [-3.0, -3.0], half, turn },
+                    free: None,
                 };
                 let mut nodes = [Node::at(place)];
                 search.weigh(&search.root, &mut nodes, &mut Lookups::default());
@@ -497,6 +575,53 @@ mod tests {
             let near = particles.iter().filter(|(found, _)| found.distance(&pose) < 0.5);
             assert!(near.count() > 900, "{pose:?}");
         }
+    }
+
+    /// A room that looks the same from both ends: with one half free, the robot is there, and no draw is elsewhere; the
+    /// leaves are those of the whole search, but for those that are not free.
+    #[test]
+    fn only_free_space_is_searched() {
+        let points: Vec<Point<2>> = (0..=60)
+            .flat_map(|i| [0.0, 4.0].map(|y| [0.1 * f64::from(i), y]))
+            .chain((0..=40).flat_map(|i| [0.0, 6.0].map(|x| [x, 0.1 * f64::from(i)])))
+            .collect();
+        let map = PointMap::new(points.clone()).unwrap();
+        let scan = endpoints(&scan(&points, Pose2::new(1.5, 1.0, 0.3)));
+        let grid = ObstacleGrid {
+            width: 60,
+            resolution: 0.1,
+            map_from_grid: Pose2::IDENTITY,
+            occupied: vec![false; 60 * 40],
+            free: (0..60 * 40).map(|cell| cell % 60 < 28).collect(),
+        };
+        let free = FreeSpace::of(&grid).unwrap().unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
+        let halved = MapDistances::grid(&map, 2.0).unwrap().with_free_space(Some(free.clone()));
+        let drawn = |distances: &MapDistances| {
+            let places = LikelyPlaces::search(&field(distances), &scan, None, 1.0).unwrap();
+            let mut particles = Particles::empty();
+            places.draw(1_000, |_, uniform| uniform, &mut Seed::new(1).rng(), &mut particles);
+            let other = Pose2::new(4.5, 3.0, 0.0);
+            (places, particles.iter().filter(|(pose, _)| pose.distance(&other) < 1.0).count())
+        };
+        let (everywhere, in_both) = drawn(&distances);
+        let (in_half, in_other) = drawn(&halved);
+        assert!(in_both > 50 && in_other == 0, "{in_both} {in_other}");
+        let field = field(&halved);
+        let search = Search::new(&field, &scan, None);
+        let holds = |place: &[u32; 3]| search.free.as_ref().unwrap().hold(0, *place);
+        assert!(in_half.places.iter().all(holds));
+        let of_both = everywhere.places.iter().filter(|place| holds(place));
+        assert!(of_both.clone().count() > 0);
+        assert!(of_both.into_iter().all(|place| in_half.places.contains(place)));
+        // A leaf is as large a part of all as there are fewer of them.
+        let leaves = search.number_of_leaves();
+        assert_eq!(in_half.boxes, leaves);
+        let cells = free.centres().count() as f64 * 0.01;
+        let side = 2.0 * in_half.level.half;
+        let headings = f64::from(search.boxes[2] << LEVELS);
+        let area = leaves / headings * side * side;
+        assert!((cells..1.3 * cells).contains(&area), "{area} for {cells} m²");
     }
 
     /// The weights make up for where poses are drawn: the mean of L/q is ∫L over all poses, whatever the

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed, wrap_angle};
-use mcl_filter::{FilterSettings, MapDistances, MotionKind, Proposal, Replay, SigmaHit, localize};
+use mcl_filter::{FilterSettings, MapDistances, Proposal, Replay, localize};
 
 /// The corrected log.
 fn intel() -> Recording {
@@ -81,13 +81,7 @@ fn tracks_the_intel_robot_on_one_percent_of_the_points() {
     let reference: Vec<Pose2> =
         recording.scans.iter().filter_map(|scan| scan.map_from_laser).collect();
     let [motion, adaptive] = [Proposal::Motion, Proposal::Adaptive].map(|proposal| {
-        let settings = FilterSettings {
-            proposal,
-            motion: MotionKind::Gaussian,
-            sigma_hit: SigmaHit::Auto,
-            ..FilterSettings::default()
-        };
-        let settings = settings.check().unwrap();
+        let settings = FilterSettings { proposal, ..FilterSettings::default() }.check().unwrap();
         [0, 1, 2].map(|seed| {
             let run = localize(&replay, &distances, &settings, start, Seed::new(seed)).unwrap();
             assert_eq!(run.map_from_laser.len(), 910);

@@ -4,19 +4,10 @@ use std::f64::consts::PI;
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::{
-    FilterSettings, InitialPose, MapDistances, MotionKind, ParticleFilter, Recovery, Replay, Run,
-    SigmaHit, localize,
+    FilterSettings, InitialPose, MapDistances, ParticleFilter, Recovery, Replay, Run, localize,
 };
 
 /// Motion with a floor per step, and σ_hit by the map.
-fn base() -> FilterSettings {
-    FilterSettings {
-        motion: MotionKind::Gaussian,
-        sigma_hit: SigmaHit::Auto,
-        ..FilterSettings::default()
-    }
-}
-
 /// Walls of an office of 16 m by 8 m: two rooms that differ in size, and a corridor.
 fn office() -> Vec<[f64; 2]> {
     let walls = [
@@ -88,7 +79,7 @@ fn a_robot_is_found_that_starts_anywhere() {
         let settings = FilterSettings {
             particles: "100..2000".parse().unwrap(),
             initial_pose: InitialPose::scan(),
-            ..base()
+            ..FilterSettings::default()
         };
         let found = run(&poses, settings, None, seed);
         for (estimate, pose) in found.map_from_laser.iter().zip(&poses).skip(20) {
@@ -107,7 +98,7 @@ fn a_robot_is_found_that_starts_anywhere() {
 #[test]
 fn a_kidnapped_robot_is_found_again() {
     let carried: Vec<Pose2> = path(1.0, 20).chain(path(9.0, 30)).collect();
-    let recovering = |recover| FilterSettings { recover, ..base() };
+    let recovering = |recover| FilterSettings { recover, ..FilterSettings::default() };
     let last = |settings, seed| {
         let found = run(&carried, settings, Some(carried[0]), seed);
         found.map_from_laser[49].distance(&carried[49])
@@ -124,8 +115,8 @@ fn a_kidnapped_robot_is_found_again() {
 #[test]
 fn recovery_leaves_a_tracked_robot_alone() {
     let poses: Vec<Pose2> = path(1.0, 40).collect();
-    let with = FilterSettings { recover: Some(Recovery::default()), ..base() };
-    let without = base();
+    let with = FilterSettings { recover: Some(Recovery::default()), ..FilterSettings::default() };
+    let without = FilterSettings::default();
     assert_eq!(run(&poses, with, Some(poses[0]), 1), run(&poses, without, Some(poses[0]), 1));
 }
 
@@ -133,7 +124,8 @@ fn recovery_leaves_a_tracked_robot_alone() {
 #[test]
 fn scans_are_used_after_some_motion() {
     let poses: Vec<Pose2> = path(1.0, 13).collect();
-    let settings = FilterSettings { update_distance: 0.5, update_angle: 0.5, ..base() };
+    let settings =
+        FilterSettings { update_distance: 0.5, update_angle: 0.5, ..FilterSettings::default() };
     let found = run(&poses, settings, Some(poses[0]), 1);
     for (step, report) in found.reports.iter().enumerate() {
         assert_eq!(report.used_beams > 0, step % 3 == 0, "{step}");
@@ -149,7 +141,8 @@ fn scans_are_used_after_some_motion() {
 fn a_turn_makes_the_next_scan_count() {
     let points = office();
     let map = PointMap::new(points.clone()).unwrap();
-    let settings = FilterSettings { update_distance: 0.5, update_angle: 0.2, ..base() };
+    let settings =
+        FilterSettings { update_distance: 0.5, update_angle: 0.2, ..FilterSettings::default() };
     let settings = settings.check().unwrap();
     let distances = MapDistances::grid(&map, settings.values().max_distance).unwrap();
     let start = Pose2::new(2.0, 1.5, 0.0);

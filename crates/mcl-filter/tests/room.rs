@@ -144,12 +144,56 @@ fn an_occupancy_grid_has_a_distance_per_cell() {
     let occupied: Vec<bool> =
         ROOM.iter().rev().flat_map(|row| row.chars().map(|cell| cell == '#')).collect();
     let map_from_grid = Pose2::new(-0.5, -0.5, 0.0);
-    let grid = ObstacleGrid { width: 5, resolution: 1.0, map_from_grid, occupied: &occupied };
+    let free = Vec::new();
+    let grid = ObstacleGrid { width: 5, resolution: 1.0, map_from_grid, occupied, free };
     let distances = MapDistances::cells(&grid, 1.0).unwrap();
     for (x, expected) in [(2.0, -1.552_617), (2.4, -1.552_617), (2.6, -4.913_145)] {
         let pose = Pose2::new(x, 2.0, 0.0);
         let found = log_likelihood(&distances, settings(), [2.0; 4], pose);
         assert!((found - expected).abs() < 1e-5, "{x}: {found} for {expected}");
+    }
+}
+
+/// A wall 2 m ahead that is 0.5 m thick, in cells of 5 cm. With all of its cells in the field, a robot that has gone too
+/// far by up to that is as likely as one that has not, and the estimate is a quarter of a metre off; with those that a
+/// beam can see, two cells deep, it is 5 cm off.
+#[test]
+fn thick_walls_do_not_swallow_the_robot() {
+    let (width, height) = (80, 40);
+    let of_columns = |range: std::ops::Range<usize>| -> Vec<bool> {
+        (0..width * height).map(|cell| range.contains(&(cell % width))).collect()
+    };
+    let seen = ObstacleGrid {
+        width,
+        resolution: 0.05,
+        map_from_grid: Pose2::new(-1.0, -1.0, 0.0),
+        occupied: of_columns(60..70),
+        free: of_columns(0..60),
+    };
+    let solid = ObstacleGrid { free: Vec::new(), ..seen.clone() };
+    // The mean of poses along the beams, weighed by what one beam ahead says.
+    let settings = FilterSettings { sigma_hit: SigmaHit::Metres(0.1), ..settings() };
+    let mean = |distances: &MapDistances| {
+        let ranges = [f64::NAN, 2.0, f64::NAN, f64::NAN];
+        let (mut sum, mut total) = (0.0, 0.0);
+        for step in -800..=800 {
+            let x = 1e-3 * f64::from(step);
+            let pose = Pose2::new(x, 0.0, 0.0);
+            let weight = log_likelihood(distances, settings.clone(), ranges, pose).exp();
+            (sum, total) = (sum + weight * x, total + weight);
+        }
+        sum / total
+    };
+    let cut = settings.max_distance;
+    let points =
+        |grid: &ObstacleGrid| MapDistances::grid(&grid.surface_points().unwrap(), cut).unwrap();
+    for [thick, thin] in [
+        [points(&solid), points(&seen)],
+        [MapDistances::cells(&solid, cut).unwrap(), MapDistances::cells(&seen, cut).unwrap()],
+    ] {
+        let [thick, thin] = [mean(&thick), mean(&thin)];
+        assert!((thick - 0.25).abs() < 0.06, "{thick}");
+        assert!((thin - 0.05).abs() < 0.02, "{thin}");
     }
 }
 

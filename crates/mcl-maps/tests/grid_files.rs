@@ -82,6 +82,18 @@ fn thresholds_are_not_reached_by_being_equal() {
     assert_eq!(drawn(&read(&yaml, "map.pgm", wide).unwrap()), ["#??."]);
 }
 
+/// Nav2's map_saver writes unknown cells as 205 and a free_thresh of 0.25, by which they would be free: on the Olin map
+/// four fifths of all cells, outside of the building.
+#[test]
+fn what_map_saver_writes_as_unknown_is_not_free() {
+    let yaml = YAML.replace("0.196", "0.25");
+    assert_eq!(drawn(&read(&yaml, "map.pgm", b"P2 3 1 255 0 205 254").unwrap()), ["#?."]);
+    // Any other value, and thresholds are what they say.
+    assert_eq!(drawn(&read(&yaml, "map.pgm", b"P2 4 1 255 0 205 254 230").unwrap()), ["#..."]);
+    let negated = yaml.replace("negate: 0", "negate: 1");
+    assert_eq!(drawn(&read(&negated, "map.pgm", b"P2 3 1 255 0 205 254").unwrap()), [".##"]);
+}
+
 #[test]
 fn raw_values_are_percent() {
     // Above occupied_thresh, below free_thresh, above 100; negate is ignored.
@@ -235,6 +247,8 @@ fn the_map_of_the_olin_bag() {
     let pixels = &image[image.len() - 903 * 1706..];
     let black = pixels.iter().filter(|&&value| value < 90).count();
     assert_eq!(grid.count(Cell::Occupied), black);
+    let white = pixels.iter().filter(|&&value| value == 254).count();
+    assert_eq!(grid.count(Cell::Free), white);
     let map = read_map::<2>(&path).unwrap();
     assert_eq!(map.len(), black);
     let bounds = map.bounds();

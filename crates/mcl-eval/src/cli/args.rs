@@ -129,6 +129,10 @@ impl LogArgs {
 pub struct InspectArgs {
     #[command(flatten)]
     pub data: DataArgs,
+    /// Fit the motion models of localize to the log's odometry against its reference: their parameters with
+    /// 95 % intervals, as options.
+    #[arg(long)]
+    pub fit_motion: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

@@ -1,10 +1,11 @@
 //! `inspect`: what is in a log, and what the other commands would make of it.
 
+mod motion;
 mod survey;
 
 use std::fmt::Write;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use mcl_core::{Bounds, Point, Recording, math};
 use mcl_metrics::OdometryError;
 use serde::Serialize;
@@ -16,6 +17,7 @@ use mcl_core::text::{counted, thousands};
 use mcl_study::data::cloud_source::{CloudSource, Points};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::trial::tracking::bridge;
+use motion::FittedMotion;
 use survey::Surveyed;
 
 #[derive(Serialize)]
@@ -47,6 +49,8 @@ struct Inspection {
     odometry_worst_unknown: Option<UnknownStep>,
     /// What other commands would do.
     commands: Commands,
+    /// The motion models that the odometry asks for; null unless asked for.
+    fitted_motion: Option<FittedMotion>,
     /// 2: scans lie in the plane.
     dimensions: usize,
     /// How a bag was read, a line each.
@@ -90,12 +94,7 @@ struct Commands {
 
 impl Commands {
     fn of(source: &LogSource) -> Self {
-        let none = match source.survey {
-            Some(_) => "no reference (--reference-topic or --reference FILE says one)",
-            None => {
-                "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
-            }
-        };
+        let none = no_reference(source);
         let reference = source.reference.as_deref();
         let localize = match (bridge(source), reference) {
             (Err(error), _) => told_once(&error),
@@ -117,6 +116,16 @@ impl Commands {
     }
 }
 
+/// That there is no reference, and how to get one.
+fn no_reference(source: &LogSource) -> &'static str {
+    match source.survey {
+        Some(_) => "no reference (--reference-topic or --reference FILE says one)",
+        None => {
+            "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
+        }
+    }
+}
+
 /// What people want to read beside the figures.
 struct Notes {
     heading: String,
@@ -130,6 +139,9 @@ pub fn run(args: &InspectArgs) -> Result<Outcome> {
     let name = &args.data.log.log;
     match DataSource::open(name, &args.data.options(), true) {
         Ok(DataSource::Log(log)) => inspect_log(log, args),
+        Ok(DataSource::Cloud(_)) if args.fit_motion => {
+            bail!("{name}: a point cloud has no odometry that a motion model could be fitted to")
+        }
         Ok(DataSource::Cloud(cloud)) => inspect_cloud(cloud, args),
         Err(error) => survey::inspect_unread(error, args),
     }
@@ -226,6 +238,10 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     };
     let odometry = OdometryError::of(covered);
     let unknown = covered.scans.iter().skip(1).filter(|scan| scan.odometry.is_none()).count();
+    let fitted_motion = match args.fit_motion {
+        true => Some(FittedMotion::of(&source, no_reference(&source))?),
+        false => None,
+    };
     let inspection = Inspection {
         scans,
         readings,
@@ -247,6 +263,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
         odometry_unknown_steps: unknown,
         odometry_worst_unknown: UnknownStep::worst(covered),
         commands: Commands::of(&source),
+        fitted_motion,
         dimensions: 2,
         survey: source.survey.as_ref().map(Surveyed::of),
         bag: source.notes.clone(),
@@ -340,5 +357,8 @@ fn text(found: &Inspection) -> String {
     );
     line("map", found.commands.map.clone());
     line("localize", found.commands.localize.clone());
+    if let Some(fitted) = &found.fitted_motion {
+        fitted.lines(&mut line);
+    }
     text
 }

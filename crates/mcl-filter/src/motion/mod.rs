@@ -1,10 +1,12 @@
 //! How a robot moves, and how its odometry errs (*Probabilistic Robotics*, chapter 5).
 
+mod fit;
 mod gaussian_model;
 mod model;
 mod noise;
 mod odometry_model;
 
+pub use fit::{Fitted, MotionFit, MotionStep};
 pub use gaussian_model::{GaussianModel, GaussianMotion};
 pub use model::{Motion, MotionModel};
 pub use noise::{OdometryNoise, noisy_increments};

@@ -34,23 +34,9 @@ impl OdometryModel {
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
     /// stands for, ready to be sampled for every particle.
     pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
-        let distance = math::hypot(increment.x, increment.y);
-        let direction = math::atan2(increment.y, increment.x);
-        let (rotation1, translation) = if direction.abs() > FRAC_PI_2 {
-            (wrap_angle(direction - PI), -distance)
-        } else {
-            (direction, distance)
-        };
-        let rotation2 = wrap_angle(increment.theta - rotation1);
-        // The rotations that cause noise.
-        let (turn1, turn2) = if distance < self.turning_in_place {
-            (0.0, wrap_angle(increment.theta))
-        } else {
-            (rotation1, rotation2)
-        };
+        let [rotation1, translation, rotation2] = rotations_and_translation(increment);
         let [a1, a2, a3, a4] = self.alpha;
-        let (square1, square2) = (turn1 * turn1, turn2 * turn2);
-        let square = distance * distance;
+        let [square1, square, square2] = self.squares(increment);
         NoisyMotion {
             rotation1,
             translation,
@@ -60,6 +46,59 @@ impl OdometryModel {
             rotation2_variance: a1 * square2 + a2 * square,
         }
     }
+
+    /// Squares of the first rotation, the translation and the second rotation that cause noise.
+    fn squares(&self, increment: &Pose2) -> [f64; 3] {
+        let [rotation1, translation, rotation2] = rotations_and_translation(increment);
+        let (turn1, turn2) = match translation.abs() < self.turning_in_place {
+            true => (0.0, wrap_angle(increment.theta)),
+            false => (rotation1, rotation2),
+        };
+        [turn1, translation, turn2].map(|value| value * value)
+    }
+
+    /// How far the robot's true motion is from what the odometry says, each difference with what α₁ and α₂ (α₃ and α₄
+    /// for the translation) are multiplied by in its variance; all 0 for a difference that there is none of.
+    ///
+    /// Where the robot turns in place, both rotations are one.
+    pub(super) fn differences(&self, odometry: &Pose2, truth: &Pose2) -> Differences {
+        let [rotation1, translation, rotation2] = rotations_and_translation(odometry);
+        let [square1, square, square2] = self.squares(odometry);
+        let distance = math::hypot(truth.x, truth.y);
+        // Of the two ways to the same place, forward and backward, the one that turns less.
+        let first = wrap_angle(math::atan2(truth.y, truth.x) - rotation1);
+        let (first, along) = match first.abs() > FRAC_PI_2 {
+            true => (wrap_angle(first - PI), -distance),
+            false => (first, distance),
+        };
+        let both = wrap_angle(truth.theta - odometry.theta);
+        let rotations = match translation.abs() < self.turning_in_place {
+            true => [(both, [square2, 2.0 * square]), (0.0, [0.0; 2])],
+            false => {
+                let second = wrap_angle(truth.theta - rotation1 - first - rotation2);
+                [(first, [square1, square]), (second, [square2, square])]
+            }
+        };
+        Differences { rotations, translation: (along - translation, [square, square1 + square2]) }
+    }
+}
+
+/// δ_rot1 (rad), at most a quarter turn either way, δ_trans (m), negative when the robot drives backward, and δ_rot2
+/// (rad) of an increment.
+fn rotations_and_translation(increment: &Pose2) -> [f64; 3] {
+    let distance = math::hypot(increment.x, increment.y);
+    let direction = math::atan2(increment.y, increment.x);
+    let (rotation1, translation) = match direction.abs() > FRAC_PI_2 {
+        true => (wrap_angle(direction - PI), -distance),
+        false => (direction, distance),
+    };
+    [rotation1, translation, wrap_angle(increment.theta - rotation1)]
+}
+
+/// What [`OdometryModel::differences`] finds, in rad and m.
+pub(super) struct Differences {
+    pub(super) rotations: [(f64, [f64; 2]); 2],
+    pub(super) translation: (f64, [f64; 2]),
 }
 
 /// An odometry increment as rotation, translation and rotation, with the variances of their noise.

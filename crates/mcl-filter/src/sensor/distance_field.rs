@@ -3,7 +3,8 @@ use mcl_core::{Bounds, NdtMap, NearestNeighbors, Point, PointMap, SegmentMap};
 use super::fetch::{Fetch, PADDING, Task, dispatch};
 use super::grid::{Candidates, Grid};
 use super::lookup::{CHUNK, Lookup, Workspace};
-use super::{CellDistances, NdtDistances, NdtReading, ObstacleGrid, SegmentDistances};
+use super::obstacle_grid::{FreeSpace, ObstacleGrid};
+use super::{CellDistances, NdtDistances, NdtReading, SegmentDistances};
 use crate::FilterError;
 use crate::check::check_length;
 
@@ -43,7 +44,7 @@ impl MapDistances {
     ///
     /// # Errors
     /// Those of [`CellDistances::build`].
-    pub fn cells(grid: &ObstacleGrid<'_>, max_distance: f64) -> Result<Self, FilterError> {
+    pub fn cells(grid: &ObstacleGrid, max_distance: f64) -> Result<Self, FilterError> {
         CellDistances::build(grid, max_distance).map(MapDistances::Cells)
     }
 
@@ -61,6 +62,27 @@ impl MapDistances {
     /// Those of [`SegmentDistances::build`].
     pub fn segments(map: &SegmentMap, max_distance: f64) -> Result<Self, FilterError> {
         SegmentDistances::build(map, max_distance).map(MapDistances::Segments)
+    }
+
+    /// The same, of a map of points that knows where a robot may be. Cells know it of themselves; maps of segments
+    /// and Gaussians stay without.
+    pub fn with_free_space(mut self, free: Option<FreeSpace>) -> Self {
+        match &mut self {
+            MapDistances::Grid(field) => field.exact.free = free,
+            MapDistances::Reference(exact) => exact.free = free,
+            MapDistances::Cells(_) | MapDistances::Ndt(_) | MapDistances::Segments(_) => {}
+        }
+        self
+    }
+
+    /// Where a robot may be, if the map knows it.
+    pub fn free_space(&self) -> Option<&FreeSpace> {
+        match self {
+            MapDistances::Grid(field) => field.exact.free.as_ref(),
+            MapDistances::Reference(exact) => exact.free.as_ref(),
+            MapDistances::Cells(cells) => cells.free.as_ref(),
+            MapDistances::Ndt(_) | MapDistances::Segments(_) => None,
+        }
     }
 
     /// Where distances are cut (m).
@@ -106,10 +128,7 @@ impl MapDistances {
         distances: &mut Vec<f64>,
         floors: &mut Vec<f64>,
     ) {
-        match self {
-            MapDistances::Grid(field) => field.distances_squared(points, distances),
-            other => other.distances_squared(points, distances),
-        }
+        self.all_squared(points, distances);
         distances.iter_mut().for_each(|distance| *distance = distance.sqrt());
         floors.clear();
         match self {
@@ -117,6 +136,14 @@ impl MapDistances {
             MapDistances::Ndt(_) => floors.resize(points.len(), 0.0),
             // Both ends of a way may be off by the largest error.
             _ => floors.extend(distances.iter().map(|distance| distance - 2.0 * LARGEST_ERROR)),
+        }
+    }
+
+    /// [`MapDistances::distances_squared`] by the fastest way: of points, with an error of d of at most 10⁻⁵ m.
+    pub(crate) fn all_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
+        match self {
+            MapDistances::Grid(field) => field.distances_squared(points, squared),
+            other => other.distances_squared(points, squared),
         }
     }
 
@@ -147,6 +174,7 @@ pub struct ExactDistances {
     tree: NearestNeighbors<2>,
     bounds: Bounds<2>,
     spacing: f64,
+    free: Option<FreeSpace>,
     max_distance: f64,
     max_distance_squared: f64,
 }
@@ -164,6 +192,7 @@ impl ExactDistances {
             spacing: spacing(map.points(), &tree),
             tree,
             bounds: map.bounds(),
+            free: None,
             max_distance,
             max_distance_squared: max_distance * max_distance,
         })

@@ -12,6 +12,13 @@ use crate::{CheckedSettings, FilterError};
 /// leaves room for rounding below the largest and above the smallest normal number (10^±308).
 const LARGEST_LOG: f64 = 690.0;
 
+/// Beams are looked along from so many poses, this far before and behind their ends (m), and the map has to have
+/// something this far beside them: metres and spacings of the map, whose squares add up.
+const LOOKING: usize = 16;
+const ALONG: f64 = 0.3;
+const BESIDE: f64 = 0.05;
+const BESIDE_OF_SPACING: f64 = 0.6;
+
 /// |log₂| of the smallest product of `f32` factors up to 1: six bits above the smallest normal number.
 const F32_LOG2: f64 = 120.0;
 /// How many squared distances are summed in `f32` before their sum is added in `f64`.
@@ -41,8 +48,6 @@ pub struct LikelihoodField<'a> {
     decay: f64,
     /// z_rand/z_max.
     random: f64,
-    /// (3·σ_hit)²: beams that end farther from the map are improbable.
-    improbable: f64,
     /// How many beams are multiplied before taking a logarithm.
     group: usize,
     exponent: f64,
@@ -83,7 +88,6 @@ impl<'a> LikelihoodField<'a> {
             ln_hit: math::ln(hit),
             decay: 1.0 / (2.0 * sigma * sigma),
             random,
-            improbable: 9.0 * sigma * sigma,
             group,
             exponent: settings.likelihood_exponent,
         })
@@ -131,32 +135,65 @@ impl<'a> LikelihoodField<'a> {
         }
     }
 
-    /// Leaves out the beams that end more than 3·σ_hit off the map for more than this share of the poses.
-    pub(crate) fn leave_out_improbable(
+    /// Leaves out the beams that end at something that the map does not know, seen from more than this share of the
+    /// poses, or of 16 of them. `origin` is the laser in the robot's frame.
+    ///
+    /// A person in a corridor is nowhere far from a wall, so the distance of the endpoint says little; but along the
+    /// beam there is nothing: a beam ends at something unknown when the map has no point within `BESIDE` of its last
+    /// 0.3 m and of the 0.3 m that follow. Fox, Burgard and Thrun (*Markov localization for mobile robots in dynamic
+    /// environments*, 1999) compare readings with expected ones instead, which a map of points does not have.
+    pub(crate) fn leave_out_unknown(
         &self,
         endpoints: &mut ScanEndpoints,
+        origin: Point<2>,
         poses: Poses<'_>,
         share: f64,
         scratch: &mut Scratch,
     ) {
         let Scratch { points, squared, .. } = scratch;
-        let most = share * poses.x.len() as f64;
-        let is_probable: Vec<bool> = endpoints
+        let number = poses.x.len().min(LOOKING);
+        let beside = math::hypot(BESIDE, BESIDE_OF_SPACING * self.distances.spacing());
+        let steps = (2.0 * ALONG / beside).ceil();
+        let is_known: Vec<bool> = endpoints
             .iter()
             .map(|endpoint| {
-                points.clear();
-                points.extend((0..poses.x.len()).map(|i| poses.place(i, endpoint)));
-                match self.distances {
-                    MapDistances::Grid(field) => field.distances_squared(points, squared),
-                    distances => distances.distances_squared(points, squared),
-                }
-                let improbable = squared.iter().filter(|&&squared| squared > self.improbable);
-                improbable.count() as f64 <= most
+                let ray = [0, 1].map(|axis| endpoint[axis] - origin[axis]);
+                let range = math::hypot(ray[0], ray[1]);
+                let unknown = (0..number).map(|i| i * poses.x.len() / number).filter(|&i| {
+                    points.clear();
+                    points.extend((0..=steps as usize).map(|step| {
+                        let at = range - ALONG + 2.0 * ALONG * step as f64 / steps;
+                        let part = at.max(0.0) / range;
+                        poses.place(i, [0, 1].map(|axis| origin[axis] + part * ray[axis]))
+                    }));
+                    self.distances.all_squared(points, squared);
+                    squared.iter().all(|&squared| squared > beside * beside)
+                });
+                unknown.count() as f64 <= share * number as f64
             })
             .collect();
-        endpoints.retain(|beam| is_probable[beam]);
+        endpoints.retain(|beam| is_known[beam]);
     }
 
+    /// Number of beams that the map explains, seen from a finite pose of the robot: those to whose likelihood the
+    /// Gaussian contributes more than z_rand/z_max does, which without random measurements are all.
+    pub(crate) fn explained(
+        &self,
+        endpoints: &ScanEndpoints,
+        map_from_robot: Pose2,
+        scratch: &mut Scratch,
+    ) -> usize {
+        let (sin, cos) = math::sin_cos(map_from_robot.theta);
+        let pose =
+            Poses { x: &[map_from_robot.x], y: &[map_from_robot.y], sin: &[sin], cos: &[cos] };
+        let Scratch { points, squared, .. } = scratch;
+        points.clear();
+        points.extend(endpoints.iter().map(|endpoint| pose.place(0, endpoint)));
+        self.distances.all_squared(points, squared);
+        // hit·exp(−d²·decay) > random; without random measurements this is infinite.
+        let most = math::ln(self.hit / self.random) / self.decay;
+        squared.iter().filter(|&&squared| squared < most).count()
+    }
     /// Whether `f32` is good enough for distances and for the Gaussian, which it cuts at
     /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its height: nothing beside a random part of 10⁻³⁰ of it.
     fn is_fast(&self, field: &DistanceField) -> bool {
@@ -282,7 +319,7 @@ mod tests {
     use mcl_core::{LaserScan, PointMap, ScanGeometry, Seed};
     use proptest::prelude::*;
     use rand::RngExt;
-    use std::f64::consts::TAU;
+    use std::f64::consts::{FRAC_PI_2, TAU};
 
     proptest! {
         /// Products in groups are the sum of logarithms, at the ends of what settings allow too.
@@ -385,38 +422,76 @@ mod tests {
         }
     }
 
-    /// A wall ahead and four poses before it. σ_hit is 0.3 m: beams are improbable beyond 0.9 m.
+    /// A wall, beams that end 0, 0.3, 0.6 and 1.5 m before it, and σ_hit = 0.3 m. With both parts equal at
+    /// d = σ·√(2·ln(hit/random)), three beams are explained from there, and one from half a metre behind.
     #[test]
-    fn beams_off_the_map_for_too_many_are_left_out() {
+    fn explained_beams_by_hand() {
         let wall = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
         let map = PointMap::new(wall.collect()).unwrap();
-        let grid = MapDistances::grid(&map, 2.0).unwrap();
-        let reference = MapDistances::reference(&map, 2.0).unwrap();
+        let distances = MapDistances::grid(&map, 2.0).unwrap();
         let scan = LaserScan {
             stamp: None,
-            geometry: ScanGeometry { start_angle: 0.0, angle_step: 0.1, beams: 3 },
-            // From x = 0 they end on the wall, 1 m before it, and 0.89 m behind it.
-            ranges: vec![5.0, 4.0 / 0.1f64.cos(), 5.89 / 0.2f64.cos()],
+            geometry: ScanGeometry { start_angle: 0.0, angle_step: 1e-6, beams: 4 },
+            ranges: vec![5.0, 4.7, 4.4, 3.5],
             map_from_laser: None,
             odometry: None,
             sweep: Default::default(),
         };
-        let x = [0.0, 0.02, 0.04, 1.0];
-        let poses = Poses { x: &x, y: &[0.0; 4], sin: &[0.0; 4], cos: &[1.0; 4] };
-        let settings =
-            FilterSettings { sigma_hit: SigmaHit::Metres(0.3), ..FilterSettings::default() };
-        let settings = settings.check().unwrap();
+        let mut endpoints = ScanEndpoints::default();
+        endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();
+        let explained = |z_rand, x| {
+            let settings = FilterSettings {
+                sigma_hit: SigmaHit::Metres(0.3),
+                z_rand,
+                beam_floor: None,
+                max_range: 10.0,
+                ..FilterSettings::default()
+            };
+            let field = LikelihoodField::new(&distances, &settings.check().unwrap()).unwrap();
+            let [hit, random, sigma] = field.parts();
+            let most = sigma * (2.0 * (hit / random).ln()).sqrt();
+            let scratch = &mut Scratch::default();
+            (most, field.explained(&endpoints, Pose2::new(x, 0.0, 0.0), scratch))
+        };
+        let (most, number) = explained(0.5, 0.0);
+        assert!((0.6..1.5).contains(&most) && number == 3, "{most} {number}");
+        assert_eq!(explained(0.5, -0.5).1, 1);
+        assert_eq!(explained(1.0, 0.0).1, 0);
+        assert_eq!(explained(0.0, 0.0).1, 4);
+    }
+
+    /// A wall ahead, one to the left, and four poses. Points are 1 cm apart, so beams are looked along with 5 cm to
+    /// each side.
+    #[test]
+    fn beams_that_end_at_something_unknown_are_left_out() {
+        let ahead = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
+        let left = (0..=500).map(|i| [0.01 * f64::from(i), 3.0]);
+        let map = PointMap::new(ahead.chain(left).collect()).unwrap();
+        let grid = MapDistances::grid(&map, 2.0).unwrap();
+        let reference = MapDistances::reference(&map, 2.0).unwrap();
+        let scan = LaserScan {
+            stamp: None,
+            geometry: ScanGeometry { start_angle: 0.0, angle_step: FRAC_PI_2, beams: 2 },
+            // Ahead 0.2 m short of the wall, which the beam has before it; to the left somebody stands 0.5 m before
+            // the wall.
+            ranges: vec![4.8, 2.5],
+            map_from_laser: None,
+            odometry: None,
+            sweep: Default::default(),
+        };
+        // From the last two poses somebody ahead as well, and from the last the wall to the left is where the other is.
+        let (x, y) = ([0.0, 0.02, -1.0, -1.0], [0.0, 0.02, 0.0, 0.4]);
+        let poses = Poses { x: &x, y: &y, sin: &[0.0; 4], cos: &[1.0; 4] };
+        let settings = FilterSettings::default().check().unwrap();
         for distances in [&grid, &reference] {
             let field = LikelihoodField::new(distances, &settings).unwrap();
-            // The first beam is improbable from the last pose, the second from all but that, the third from
-            // all but the first.
-            for (share, left) in [(0.0, 0), (0.25, 1), (0.74, 1), (0.75, 3), (1.0, 3)] {
+            for (share, left) in [(0.0, 0), (0.25, 0), (0.5, 1), (0.74, 1), (0.75, 2), (1.0, 2)] {
                 let mut endpoints = ScanEndpoints::default();
                 endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, 10.0).unwrap();
                 let mut scratch = Scratch::default();
-                field.leave_out_improbable(&mut endpoints, poses, share, &mut scratch);
+                field.leave_out_unknown(&mut endpoints, [0.0; 2], poses, share, &mut scratch);
                 assert_eq!(endpoints.len(), left, "{share}");
-                assert!(left == 0 || endpoints.x()[0] == 5.0);
+                assert!(left == 0 || (endpoints.x()[0] - 4.8).abs() < 1e-12);
             }
         }
     }

@@ -81,17 +81,7 @@ impl StudyMap<2> {
         let max_distance = settings.max_distance;
         let built = Arc::new(match &self.shape {
             Shape::Points(built) => MapDistances::grid(&built.map, max_distance)?,
-            Shape::Grid(grid) => {
-                let occupied: Vec<bool> =
-                    grid.cells().iter().map(|&cell| cell == Cell::Occupied).collect();
-                let obstacles = ObstacleGrid {
-                    width: grid.width(),
-                    resolution: grid.resolution(),
-                    map_from_grid: grid.map_from_grid(),
-                    occupied: &occupied,
-                };
-                MapDistances::cells(&obstacles, max_distance)?
-            }
+            Shape::Grid(grid) => MapDistances::cells(&obstacle_grid(grid), max_distance)?,
             Shape::Ndt { map, wide } => {
                 let endpoint_std = if *wide { sigma_hit } else { 0.0 };
                 MapDistances::ndt(map, NdtReading { sigma_hit, endpoint_std }, max_distance)?
@@ -100,6 +90,18 @@ impl StudyMap<2> {
         });
         kept.push((key, built.clone()));
         Ok(built)
+    }
+}
+
+/// What the filter needs to know of a grid.
+pub fn obstacle_grid(grid: &OccupancyGrid) -> ObstacleGrid {
+    let are = |kind: Cell| grid.cells().iter().map(|&cell| cell == kind).collect();
+    ObstacleGrid {
+        width: grid.width(),
+        resolution: grid.resolution(),
+        map_from_grid: grid.map_from_grid(),
+        occupied: are(Cell::Occupied),
+        free: are(Cell::Free),
     }
 }
 

@@ -1,6 +1,7 @@
 //! What stands beneath a chart.
 
 use mcl_core::text::{counted, number};
+use mcl_filter::MotionKind;
 use mcl_metrics::IntervalBasis;
 
 use crate::recipe::disturbance::Start;
@@ -11,7 +12,7 @@ use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings that captions give where they do not vary.
-const TOLD: [&str; 17] = [
+const TOLD: [&str; 18] = [
     PRESET,
     "particles",
     "proposal",
@@ -19,6 +20,7 @@ const TOLD: [&str; 17] = [
     "sigma_hit",
     "z_rand",
     "beam_floor",
+    "motion",
     "alpha",
     "noise",
     "sigma_m",
@@ -120,6 +122,8 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
         (PRESET, _) => format!("preset {text}"),
         ("beams", _) => format!("{text} beams"),
         ("proposal", _) => format!("proposal {text}"),
+        ("motion", _) if text == MotionKind::Book.name() => return None,
+        ("motion", _) => format!("motion {text}"),
         ("start", _) if text == Start::First.name() => return None,
         ("start", _) => "each run from a start of its own, anywhere in the log".to_owned(),
         ("length", _) => format!("{text} scans per run"),
@@ -137,6 +141,8 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
 /// "σ_hit = 0.3 m".
 pub fn value(setting: &str, text: &str) -> String {
     let (name, unit) = name_and_unit(setting);
+    // A word, such as auto, has none.
+    let unit = if text.starts_with(char::is_alphabetic) { "" } else { unit };
     format!("{name} = {text} {unit}").trim_end().to_owned()
 }
 

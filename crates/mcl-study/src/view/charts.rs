@@ -139,7 +139,12 @@ impl Drawing<'_, '_> {
                     let Some(estimate) = self.estimates.mean(group, y)? else { continue };
                     if self.is_reference(group, x) {
                         let interval = estimate.interval.map(|i| [i.low, i.high]);
-                        let told = (of_panel.clone(), estimate.mean, interval);
+                        let mut told = vec![of_panel.clone()];
+                        if self.chart.y.column.len() > 1 {
+                            told.push(name_and_unit(y).0);
+                        }
+                        told.retain(|part| !part.is_empty());
+                        let told = (told.join(", "), estimate.mean, interval);
                         if !on_all_points.contains(&told) {
                             on_all_points.push(told);
                         }
@@ -214,6 +219,7 @@ impl Drawing<'_, '_> {
                 _ if values.iter().all(Value::is_empty) => None,
                 "map" | "dataset" | PRESET => Some(text),
                 "size_percent" => Some(format!("{text} %")),
+                "particles" => Some(format!("{text} particles")),
                 _ if values == &[Value::Bool(true)] => Some(name_and_unit(setting).0),
                 _ if values == &[Value::Bool(false)] => {
                     Some(format!("no {}", name_and_unit(setting).0))

@@ -1,7 +1,7 @@
 //! What columns are called in figures, with their units.
 
 /// Column (or setting of several columns), name, unit.
-const LABELS: [(&str, &str, &str); 66] = [
+const LABELS: &[(&str, &str, &str)] = &[
     ("size_percent", "requested map size", "% of the points that build the map"),
     ("size_points", "requested map size", "points"),
     ("resolution_m", "resolution", "m"),
@@ -34,11 +34,11 @@ const LABELS: [(&str, &str, &str); 66] = [
     ("lost_episodes", "times lost per run", ""),
     ("recovered_episodes", "times found again per run", ""),
     ("found_after_scans", "scans until found", ""),
-    ("found", "share of robots found", "–"),
-    ("found_within_30", "share of robots found within 30 scans", "–"),
+    ("found", "found", "share of runs"),
+    ("found_within_30", "found within 30 scans", "share of runs"),
     ("scans_until_found", "scans until found", ""),
-    ("found_again", "share of robots found again", "–"),
-    ("found_again_within_50", "share of robots found again within 50 scans", "–"),
+    ("found_again", "found again", "share of runs"),
+    ("found_again_within_50", "found again within 50 scans", "share"),
     ("scans_until_found_again", "scans until found again", ""),
     ("mean_particles", "mean number of particles", ""),
     ("start", "begins", ""),
@@ -53,14 +53,17 @@ const LABELS: [(&str, &str, &str); 66] = [
     ("mean_effective_sample_size", "mean effective sample size", ""),
     ("smallest_effective_sample_size", "smallest effective sample size", ""),
     ("nees", "mean NEES", "–"),
+    ("median_nees", "median NEES", "–"),
     ("inside_95", "share in the 95 % ellipsoid", "–"),
+    ("log_evidence", "mean log-evidence", "nats"),
+    ("explained_beams", "share of explained beams", "–"),
     ("initial_pose_kind", "start", ""),
     ("initial_pose_std", "spread of the start", "m, m, rad"),
     ("alpha", "α", ""),
     ("sigma_hit", "σ_hit", "m"),
     ("z_rand", "z_rand", ""),
     ("beam_floor", "floor of a beam", "of its peak"),
-    ("outlier_fraction", "share of particles that makes a beam improbable", ""),
+    ("outlier_fraction", "share of particles for which a beam ends at something unknown", ""),
     ("max_distance", "distances cut at", "m"),
     ("likelihood_exponent", "exponent on the likelihood", ""),
     ("ess_fraction", "effective share that is resampled", ""),

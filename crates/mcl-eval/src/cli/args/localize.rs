@@ -41,7 +41,10 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
             MotionKind::Gaussian => s.heading_noise.map(|part| part.to_string()).join(","),
             MotionKind::Book => "-".into(),
         }),
-        row("--alpha", |s| s.alpha.map(|a| a.to_string()).join(",")),
+        row("--alpha", |s| match s.motion {
+            MotionKind::Gaussian => "-".into(),
+            MotionKind::Book => s.alpha.map(|a| a.to_string()).join(","),
+        }),
         row("--proposal", |s| s.proposal.to_string()),
         row("--resampling", |s| s.resampling.to_string()),
         row("--ess-fraction", |s| s.ess_fraction.to_string()),
@@ -102,7 +105,8 @@ pub struct LocalizeArgs {
     /// The same said as CARMEN says it: least likelihood of a beam as a fraction of the largest.
     #[arg(long, value_name = "F")]
     pub beam_floor: Option<f64>,
-    /// Leave out beams that end more than 3·σ_hit off the map for more than this share of the particles.
+    /// Leave out beams that end at something the map does not know (people) for more than this share of the
+    /// particles, for example 0.9.
     #[arg(long, value_name = "F")]
     pub outlier_fraction: Option<f64>,
     /// Distances to the map are cut at this many metres.

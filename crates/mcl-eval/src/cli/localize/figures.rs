@@ -13,6 +13,7 @@ use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
 use crate::cli::output::reference_of;
 use mcl_core::text::{counted, thousands};
 use mcl_study::data::source::LogSource;
+use mcl_study::measure::consistency::{Consistency, Tally};
 
 /// Resamples of the bootstrap over runs.
 const RESAMPLES: usize = 10_000;
@@ -41,6 +42,9 @@ pub struct Localization {
     used_beams_per_scan: f64,
     /// Particles at a scan, on average.
     particles_per_scan: f64,
+    /// What the filter said of itself, pooled over runs and scans.
+    #[serde(flatten)]
+    consistency: Consistency,
     /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.
     ns_per_beam: Option<f64>,
     each: Vec<RunFigures>,
@@ -96,6 +100,8 @@ impl Localization {
             Some(errors) if errors.len() > 1 => Some(MeanIntervals::of(errors, seed)?),
             _ => None,
         };
+        let mut tally = Tally::default();
+        runs.iter().for_each(|run| tally.merge(&run.tally));
         let used_beams: usize = runs.iter().map(|run| run.used_beams).sum();
         let weighed: f64 = runs.iter().map(|run| run.weighed).sum();
         let nanoseconds: f64 = runs.iter().map(|run| run.elapsed.as_secs_f64() * 1e9).sum();
@@ -122,6 +128,7 @@ impl Localization {
             ns_per_beam: (used_beams > 0).then(|| nanoseconds / weighed),
             particles_per_scan: runs.iter().map(|run| run.particles).sum::<f64>()
                 / runs.len() as f64,
+            consistency: tally.summary(),
             each,
         })
     }
@@ -175,6 +182,21 @@ impl Localization {
             if let Some(rest) = self.without_diverged.filter(|_| diverged > 0) {
                 text += &format!("without diverged runs:\n{}", rest.table());
             }
+        }
+        let Consistency { median_nees, inside_95, log_evidence, explained_beams, .. } =
+            self.consistency;
+        if let (Some(nees), Some(inside)) = (median_nees, inside_95) {
+            text += &format!(
+                "the reference lies within the 95 % ellipsoid on {:.0} % of the scans (median NEES {nees:.1}; \
+                 2.4 expected)\n",
+                100.0 * inside
+            );
+        }
+        if let (Some(evidence), Some(explained)) = (log_evidence, explained_beams) {
+            text += &format!(
+                "{:.0} % of the beams are explained by the map; log-evidence {evidence:.1} per scan\n",
+                100.0 * explained
+            );
         }
         if let Some(nanoseconds) = self.ns_per_beam {
             text += &format!("{nanoseconds:.2} ns per particle and beam on one thread\n");

@@ -39,6 +39,20 @@ struct ErrorRow {
     effective_sample_size: f64,
     resampled: bool,
     used_beams: usize,
+    /// Of the laser's pose in the map's frame: m², rad², m·rad.
+    var_x: f64,
+    var_y: f64,
+    var_theta: f64,
+    cov_xy: f64,
+    cov_xtheta: f64,
+    cov_ytheta: f64,
+    /// Empty without a reference, and where the covariance is singular.
+    nees: Option<f64>,
+    /// Empty where no beam was used, as the share of beams that the map explains.
+    log_evidence: Option<f64>,
+    explained_beams: Option<f64>,
+    particles: usize,
+    likelihood_exponent: f64,
 }
 
 /// What was asked for: enough to do it again.
@@ -120,13 +134,14 @@ impl Folder {
         Ok(Folder { path: path.to_owned() })
     }
 
-    /// Writes the trajectory and the rows of a run.
+    /// Writes the trajectory and the rows of a run; `errors` and `nees` have an entry per scan.
     pub fn write_run(
         &self,
         number: u32,
         recording: &Recording,
         run: &Run,
         errors: Option<&ErrorSamples>,
+        nees: &[Option<f64>],
     ) -> Result<()> {
         let stamped = recording.scans.iter().zip(&run.map_from_laser);
         let trajectory = stamped.filter_map(|(scan, &pose)| Some((scan.stamp?, pose))).collect();
@@ -140,6 +155,7 @@ impl Folder {
             .map(|(index, ((scan, estimate), report))| {
                 let error = scan.map_from_laser.map(|truth| PoseError::between(&truth, estimate));
                 let error = error.filter(|_| errors.is_some());
+                let covariance = report.estimate.covariance_at(&recording.robot_from_laser);
                 ErrorRow {
                     scan: index,
                     stamp: scan.stamp.map(|stamp| stamp.to_string()),
@@ -152,6 +168,17 @@ impl Folder {
                     effective_sample_size: report.effective_sample_size,
                     resampled: report.resampled,
                     used_beams: report.used_beams,
+                    var_x: covariance[(0, 0)],
+                    var_y: covariance[(1, 1)],
+                    var_theta: covariance[(2, 2)],
+                    cov_xy: covariance[(0, 1)],
+                    cov_xtheta: covariance[(0, 2)],
+                    cov_ytheta: covariance[(1, 2)],
+                    nees: nees[index],
+                    log_evidence: (report.used_beams > 0).then_some(report.log_evidence),
+                    explained_beams: report.explained_beams,
+                    particles: report.particles,
+                    likelihood_exponent: report.likelihood_exponent,
                 }
             })
             .collect();

@@ -2,17 +2,19 @@ mod figures;
 mod folder;
 mod replay;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::memory::check_room;
-use mcl_core::{Pose2, Seed};
+use mcl_core::{PointMap, Pose2, Seed};
+use mcl_filter::sensor::FreeSpace;
 use mcl_filter::{
     CheckedSettings, FilterSettings, InitialPose, MapDistances, MotionKind, OdometryNoise,
     Recovery, Replay, Run, localize_with, noisy_increments,
 };
+use mcl_maps::files::{is_grid, read_grid};
 use mcl_metrics::WeightedPoseError;
 use rayon::prelude::*;
 
@@ -24,6 +26,8 @@ use crate::progress;
 use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
+use mcl_study::measure::consistency::{Tally, scan_nees};
+use mcl_study::trial::map::obstacle_grid;
 use mcl_study::trial::stopwatch;
 use mcl_study::trial::tracking::bridge;
 use replay::{ReplayFile, Scene};
@@ -38,6 +42,8 @@ struct FinishedRun {
     weighed: f64,
     /// Mean over the scans.
     particles: f64,
+    /// What the filter said of itself.
+    tally: Tally,
     /// Its thread's time inside the filter: drawing the first particles, and all steps.
     elapsed: Duration,
 }
@@ -50,7 +56,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let mut inputs = input_files(args.log.named());
     inputs.push(args.map.clone());
     check_replaced(args, &inputs)?;
-    let map = open_map(&args.map)?;
+    let (map, free) = filter_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
     let settings = filter_settings(args, source.max_range).check()?;
     let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
@@ -58,7 +64,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let start = first_pose(args, &source)?;
     // The filter would refuse too many unknown steps as well, but only after a part of the work.
     let bridged = bridge(&source)?;
-    let distances = MapDistances::grid(&map, settings.values().max_distance)?;
+    let distances = MapDistances::grid(&map, settings.values().max_distance)?.with_free_space(free);
     let sigma_hit = settings.values().sigma_hit.metres(distances.spacing());
     let setup = Setup::new(args, &source, map.len(), (settings.values(), sigma_hit), start);
     let folder = args.output.as_deref().map(Folder::open).transpose()?;
@@ -92,8 +98,19 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
                 .as_ref()
                 .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
                 .transpose()?;
+            let laser_from_robot = source.recording.robot_from_laser.inverse();
+            let nees: Vec<Option<f64>> = run
+                .reports
+                .iter()
+                .enumerate()
+                .map(|(scan, report)| {
+                    scan_nees(reference.as_ref()?.get(scan)?, report, &laser_from_robot)
+                })
+                .collect();
+            let mut tally = Tally::default();
+            run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
             if let Some(folder) = &folder {
-                folder.write_run(number, &source.recording, &run, errors.as_ref())?;
+                folder.write_run(number, &source.recording, &run, errors.as_ref(), &nees)?;
             }
             bar.inc(1);
             let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
@@ -101,7 +118,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             let weighed = weighed.sum::<usize>() as f64;
             let particles = run.reports.iter().map(|report| report.particles).sum::<usize>() as f64
                 / run.reports.len() as f64;
-            Ok(FinishedRun { errors, used_beams, weighed, particles, elapsed })
+            Ok(FinishedRun { errors, used_beams, weighed, particles, tally, elapsed })
         })
         .collect::<Result<Vec<_>>>();
     bar.finish_and_clear();
@@ -118,6 +135,16 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
         found.text(args, (settings.values(), sigma_hit), &source, map.len())
     })?;
     Ok(Outcome::of(complete))
+}
+
+/// The points of a map, and where a robot may be if it knows that: of a grid map the cells that beams end on.
+fn filter_map(path: &Path) -> Result<(PointMap<2>, Option<FreeSpace>)> {
+    let map = open_map(path)?;
+    if !is_grid(path) {
+        return Ok((map, None));
+    }
+    let grid = obstacle_grid(&read_grid(path)?);
+    Ok((grid.surface_points()?, FreeSpace::of(&grid)?))
 }
 
 /// What is about to be replaced is none of the inputs.

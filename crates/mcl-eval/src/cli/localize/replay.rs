@@ -19,6 +19,7 @@ use mcl_datasets::bag::{
 };
 use mcl_filter::Step;
 use mcl_metrics::{PoseError, WeightedPoseError};
+use mcl_study::measure::consistency::scan_nees;
 
 use crate::cli::output::prepare;
 
@@ -90,6 +91,8 @@ struct Topics {
     particles: TopicId,
     estimate: TopicId,
     effective_sample_size: TopicId,
+    log_evidence: TopicId,
+    explained_beams: TopicId,
     /// `None` for a log without reference poses.
     truth: Option<TruthTopics>,
 }
@@ -100,6 +103,7 @@ struct TruthTopics {
     weighted: TopicId,
     translation: TopicId,
     heading: TopicId,
+    nees: TopicId,
 }
 
 impl<'a, W: Write + Seek> Recorder<'a, W> {
@@ -126,9 +130,12 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
                 weighted: topic("/error/weighted", &FLOAT64)?,
                 translation: topic("/error/translation", &FLOAT64)?,
                 heading: topic("/error/heading", &FLOAT64)?,
+                nees: topic("/error/nees", &FLOAT64)?,
             }),
         };
         let effective_sample_size = topic("/effective_sample_size", &FLOAT64)?;
+        let log_evidence = topic("/log_evidence", &FLOAT64)?;
+        let explained_beams = topic("/explained_beams", &FLOAT64)?;
 
         let clock = Clock::new(scans.iter().find_map(|scan| scan.stamp));
         let start = clock.next;
@@ -138,7 +145,16 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
         bag.write(static_topic, start, transforms(stamp, &mounted))?;
         Ok(Recorder {
             bag,
-            topics: Topics { tf, scan, particles, estimate, effective_sample_size, truth },
+            topics: Topics {
+                tf,
+                scan,
+                particles,
+                estimate,
+                effective_sample_size,
+                log_evidence,
+                explained_beams,
+                truth,
+            },
             recording,
             laser_from_robot: recording.robot_from_laser.inverse(),
             // Usable readings are above 0. What is not used is not drawn, either.
@@ -168,6 +184,10 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
             pose_with_covariance(stamp, MAP_FRAME, map_from_robot, &estimate.covariance),
         )?;
         write(self.topics.effective_sample_size, float64(step.report.effective_sample_size))?;
+        if let Some(share) = step.report.explained_beams {
+            write(self.topics.log_evidence, float64(step.report.log_evidence))?;
+            write(self.topics.explained_beams, float64(share))?;
+        }
         if let (Some(topics), Some(map_from_laser)) = (self.topics.truth, scan.map_from_laser) {
             let reference = map_from_laser.compose(&self.laser_from_robot);
             write(topics.reference, pose_stamped(stamp, MAP_FRAME, reference))?;
@@ -177,6 +197,9 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
             write(topics.weighted, float64(self.metric.of(&error)))?;
             write(topics.translation, float64(error.translation()))?;
             write(topics.heading, float64(error.heading()))?;
+            if let Some(nees) = scan_nees(&map_from_laser, step.report, &self.laser_from_robot) {
+                write(topics.nees, float64(nees))?;
+            }
         }
         Ok(())
     }

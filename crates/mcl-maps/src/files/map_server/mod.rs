@@ -10,6 +10,9 @@
 //! | `scale` | the same | the same | unknown, and transparent pixels; map_server scales p to 0 … 100 |
 //! | `raw` | 255·s, rounded, is the probability in percent (unknown above 100), compared with the thresholds | | |
 //!
+//! One thing is not as there: where an image has no values but the three that map_saver writes, its 205 is what that
+//! means, unknown, although p = 0.196 is below a `free_thresh` of 0.25, which Nav2's map_saver writes beside it.
+//!
 //! In `trinary` mode the alpha channel counts as a channel of the mean, as there. `raw` mode ignores
 //! `negate`, and there leaves the thresholds to whoever uses the map.
 
@@ -17,6 +20,7 @@ mod description;
 mod image;
 mod pgm;
 
+use std::cell::Cell as Flag;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -83,7 +87,7 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
 /// [`MapProblem`] says what is wrong with one of them.
 pub fn parse_grid(description: &[u8], image: &[u8]) -> Result<OccupancyGrid, MapProblem> {
     let description = Description::parse(description)?;
-    let cells = image::cells(image, |pixel| description.cell(pixel))?;
+    let cells = description.cells(image)?;
     grid_of(&description, cells)
 }
 
@@ -110,11 +114,34 @@ fn read(path: &Path, limit: u64) -> Result<Vec<u8>, MapFileError> {
 }
 
 fn read_image(path: &Path, description: &Description) -> Result<Cells, MapFileError> {
-    image::cells(&read(path, MAX_IMAGE_BYTES)?, |pixel| description.cell(pixel))
+    description
+        .cells(&read(path, MAX_IMAGE_BYTES)?)
         .map_err(|problem| MapFileError::Content { path: path.into(), problem })
 }
 
 impl Description {
+    /// The cells of an image.
+    fn cells(&self, image: &[u8]) -> Result<Cells, MapProblem> {
+        let is_saved = Flag::new(self.mode == Mode::Trinary && !self.negate);
+        let has_unknown = Flag::new(false);
+        let is = |pixel: Pixel, value: u8| {
+            pixel.alpha.is_none() && pixel.largest == 255.0 && pixel.value == f64::from(value)
+        };
+        let cells = image::cells(image, |pixel| {
+            let is_known = [OCCUPIED, FREE].into_iter().any(|value| is(pixel, value));
+            is_saved.set(is_saved.get() && (is_known || is(pixel, UNKNOWN)));
+            has_unknown.set(has_unknown.get() || is(pixel, UNKNOWN));
+            self.cell(pixel)
+        })?;
+        if !(is_saved.get() && has_unknown.get()) {
+            return Ok(cells);
+        }
+        image::cells(image, |pixel| match is(pixel, UNKNOWN) {
+            true => Cell::Unknown,
+            false => self.cell(pixel),
+        })
+    }
+
     /// What a pixel says of its cell.
     fn cell(&self, pixel: Pixel) -> Cell {
         let value = match self.mode {
