@@ -46,9 +46,9 @@ pub struct StepReport {
     /// Exponent on the likelihood of the scan: that of the settings, or less while particles that started from a
     /// scan do not agree.
     pub likelihood_exponent: f64,
-    /// Share of the beams with a usable reading that the map explains, seen from the estimate
-    /// ([`LikelihoodField::explained`]); those left out as ending at something unknown are not explained. `None` where no scan was
-    /// used, or none of its beams.
+    /// Share of the beams with a usable reading that the map explains: those to whose likelihood, seen from the
+    /// estimate, the Gaussian contributes more than z_rand/z_max does. Beams left out as ending at something unknown
+    /// are not explained. `None` where no scan was used, or none of its beams.
     pub explained_beams: Option<f64>,
 }
 

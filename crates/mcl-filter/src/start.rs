@@ -408,6 +408,7 @@ mod tests {
     fn field(distances: &MapDistances) -> LikelihoodField<'_> {
         let settings = FilterSettings {
             sigma_hit: SigmaHit::Metres(0.3),
+            z_rand: 0.5,
             max_range: REACH,
             ..FilterSettings::default()
         };

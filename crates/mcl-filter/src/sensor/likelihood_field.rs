@@ -139,8 +139,8 @@ impl<'a> LikelihoodField<'a> {
     /// poses, or of 16 of them. `origin` is the laser in the robot's frame.
     ///
     /// A person in a corridor is nowhere far from a wall, so the distance of the endpoint says little; but along the
-    /// beam there is nothing: a beam ends at something unknown when the map has no point within `BESIDE` of its last
-    /// 0.3 m and of the 0.3 m that follow. Fox, Burgard and Thrun (*Markov localization for mobile robots in dynamic
+    /// beam there is nothing: a beam ends at something unknown when the map has nothing along its last 0.3 m and
+    /// the 0.3 m that follow. Fox, Burgard and Thrun (*Markov localization for mobile robots in dynamic
     /// environments*, 1999) compare readings with expected ones instead, which a map of points does not have.
     pub(crate) fn leave_out_unknown(
         &self,
@@ -465,7 +465,7 @@ mod tests {
     #[test]
     fn beams_that_end_at_something_unknown_are_left_out() {
         let ahead = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
-        let left = (0..=500).map(|i| [0.01 * f64::from(i), 3.0]);
+        let left = (-200..=500).map(|i| [0.01 * f64::from(i), 3.0]);
         let map = PointMap::new(ahead.chain(left).collect()).unwrap();
         let grid = MapDistances::grid(&map, 2.0).unwrap();
         let reference = MapDistances::reference(&map, 2.0).unwrap();

@@ -1,7 +1,7 @@
 //! What stands beneath a chart.
 
 use mcl_core::text::{counted, number};
-use mcl_filter::MotionKind;
+use mcl_filter::{MotionKind, SigmaHit};
 use mcl_metrics::IntervalBasis;
 
 use crate::recipe::disturbance::Start;
@@ -122,6 +122,9 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
         (PRESET, _) => format!("preset {text}"),
         ("beams", _) => format!("{text} beams"),
         ("proposal", _) => format!("proposal {text}"),
+        ("sigma_hit", _) if text == SigmaHit::Auto.to_string() => {
+            "σ_hit by the map's spacing".to_owned()
+        }
         ("motion", _) if text == MotionKind::Book.name() => return None,
         ("motion", _) => format!("motion {text}"),
         ("start", _) if text == Start::First.name() => return None,

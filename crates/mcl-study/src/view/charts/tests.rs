@@ -71,8 +71,8 @@ caption = "Own words."
         told,
         "Planted: 910 scans, 10,000 points with 0 < r ≤ 10 m. Map and runs use the same scans, as in \
          the paper. Means over 5 maps, 2 runs on each, with Student's 95 % intervals over maps. Preset \
-         default, 500 particles, proposal adaptive, all beams, σ_hit = 0.3 m, z_rand = 0.5, α = (0.05, \
-         0.05, 0.05, 0.05), noise added to the odometry 0.01 m and 0.02 rad, σ = 0.05 m. On all points: 1.02 \
+         default, 500 particles, proposal adaptive, all beams, σ_hit by the map's spacing, z_rand = 0.8, motion \
+         gaussian, noise added to the odometry 0.01 m and 0.02 rad, σ = 0.05 m. On all points: 1.02 \
          (1.00 to 1.04)."
     );
     let table = same.to_table();
@@ -166,6 +166,9 @@ y = { column = ["weighted", "translation", "heading"] }
 
 const SENSITIVITY: &str = r#"
 seed = 1
+[base]
+motion = "book"
+sigma_hit = 0.3
 [[trials]]
 name = "tracking"
 map = "gbs+f-km"
