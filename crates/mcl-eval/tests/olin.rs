@@ -52,9 +52,11 @@ fn the_bag_localizes_on_its_own_map() {
         for (scan, fit) in fits.iter().enumerate() {
             assert!(fit.median < 0.1 && fit.near > 0.7, "seed {seed}, scan {scan}: {fit:?}");
         }
+        // A tenth of the particles: the motion model spreads them by 5 cm at least from scan to scan, of which a scan
+        // leaves 1 or 2 cm.
         let ess = run.reports.iter().map(|report| report.effective_sample_size);
         let mean_ess = ess.sum::<f64>() / run.reports.len() as f64;
-        assert!(mean_ess > 100.0, "seed {seed}: effective sample size {mean_ess}");
+        assert!(mean_ess > 50.0, "seed {seed}: effective sample size {mean_ess}");
         // All runs end at one place, which global localization with 20,000 particles finds, too.
         let end = run.map_from_laser[run.map_from_laser.len() - 1];
         assert!(end.distance(&Pose2::new(9.01, -13.92, 0.0)) < 0.1, "seed {seed}: {end:?}");
