@@ -57,9 +57,10 @@ fn the_bag_localizes_on_its_own_map() {
         let ess = run.reports.iter().map(|report| report.effective_sample_size);
         let mean_ess = ess.sum::<f64>() / run.reports.len() as f64;
         assert!(mean_ess > 50.0, "seed {seed}: effective sample size {mean_ess}");
-        // All runs end at one place, which global localization with 20,000 particles finds, too.
+        // All runs end where the most beams of the last scans, 73 %, end within 5 cm of the map. The furniture, and where
+        // σ_hit and the motion model put its beams, decide between places some centimetres apart.
         let end = run.map_from_laser[run.map_from_laser.len() - 1];
-        assert!(end.distance(&Pose2::new(9.01, -13.92, 0.0)) < 0.1, "seed {seed}: {end:?}");
+        assert!(end.distance(&Pose2::new(9.03, -13.985, 0.0)) < 0.1, "seed {seed}: {end:?}");
         // Half a metre aside the walls are missed: the distances can tell.
         let aside = Pose2::new(end.x + 0.5, end.y + 0.5, end.theta);
         let missed = Fit::of(distances_of(scans.len() - 1, aside));
