@@ -139,7 +139,7 @@ pub struct Bridge {
 
 impl Bridge {
     /// Finds the steps of a replay without odometry. Unknown motion is never taken as none: on a few steps the
-    /// particles are spread so far that they cover what the robot may have done.
+    /// robot is looked for about where it was ([`ParticleFilter::bridge`]).
     ///
     /// # Errors
     /// [`FilterError::IncrementCount`] and [`FilterError::ScanList`]; [`FilterError::MissingOdometry`] where more

@@ -151,7 +151,7 @@ pub fn tell_bridged(name: &str, bridge: &Bridge) -> Outcome {
     let Bridge { scans, steps, reach } = bridge;
     let Some(first) = scans.first() else { return Outcome::Done };
     tell!(
-        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the particles are spread by {reach:.2} m and 60°, so that they cover what the robot may have done",
+        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the robot is looked for by its scan, about where it was ({reach:.2} m and 60° of standard deviation)",
         scans.len()
     );
     Outcome::Incomplete
