@@ -38,8 +38,8 @@ pub struct StepReport {
     /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
     /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
-    /// ending at something unknown. With none, the weights are those of the step before. 0 as well for a scan that was not used
-    /// because the robot had hardly moved: then the estimate is predicted.
+    /// ending at something unknown. With none, the weights are those of the step before. 0 as well for a scan that was
+    /// not used because the robot had hardly moved: then the estimate is predicted.
     pub used_beams: usize,
     /// Number of particles that the estimate is made of.
     pub particles: usize,
@@ -180,6 +180,16 @@ impl Buffers {
             buffers.weighing = Weighing::with_room(number)?;
         }
         Ok(buffers)
+    }
+
+    /// The estimate by the weights as they are, which are left in the buffers.
+    fn estimate(&mut self, particles: &Particles) -> Estimate {
+        let Particles { x, y, theta, log_weight } = particles;
+        let Buffers { sin, cos, weights, .. } = self;
+        weights.clear();
+        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
+        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
+        Estimate::of((x, y), theta, (sin, cos), weights)
     }
 }
 
@@ -332,7 +342,7 @@ impl<'a> ParticleFilter<'a> {
             self.start = Start::Waiting { beams, agreement };
             return Ok(());
         }
-        let Estimate { map_from_robot: mean, covariance } = self.estimate();
+        let Estimate { map_from_robot: mean, covariance } = self.buffers.estimate(&self.particles);
         let spread = [position, position, heading];
         let std =
             [0, 1, 2].map(|axis| (covariance[(axis, axis)] + math::square(spread[axis])).sqrt());
@@ -516,32 +526,18 @@ impl<'a> ParticleFilter<'a> {
         self.particles.check_places()
     }
 
-    /// The estimate by the weights as they are.
-    fn estimate(&mut self) -> Estimate {
-        let Particles { x, y, theta, log_weight } = &self.particles;
-        let Buffers { sin, cos, weights, .. } = &mut self.buffers;
-        weights.clear();
-        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
-        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
-        Estimate::of((x, y), theta, (sin, cos), weights)
-    }
-
     /// The estimate moved by the motion since the last used scan.
     fn report_prediction(&mut self) -> StepReport {
         let mut rng = self.seed.derive("prediction").derive_index(self.predicted).rng();
         self.predicted += 1;
         let mut moved = self.particles.clone();
-        let Particles { x, y, theta, log_weight } = &mut moved;
+        let Particles { x, y, theta, .. } = &mut moved;
         if let Some(pending) = &self.pending {
             self.motion.motion(pending).sample(x, y, theta, &mut rng);
         }
-        let Buffers { sin, cos, weights, .. } = &mut self.buffers;
-        weights.clear();
-        weights.extend(log_weight.iter().map(|log_weight| math::exp(*log_weight)));
-        (*sin, *cos) = theta.iter().map(|theta| math::sin_cos(*theta)).unzip();
         StepReport {
-            estimate: Estimate::of((x, y), theta, (sin, cos), weights),
-            effective_sample_size: effective_sample_size(weights),
+            estimate: self.buffers.estimate(&moved),
+            effective_sample_size: effective_sample_size(&self.buffers.weights),
             log_evidence: 0.0,
             resampled: false,
             used_beams: 0,

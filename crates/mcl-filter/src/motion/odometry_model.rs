@@ -34,9 +34,10 @@ impl OdometryModel {
     /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
     /// stands for, ready to be sampled for every particle.
     pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
-        let [rotation1, translation, rotation2] = rotations_and_translation(increment);
+        let parts = rotations_and_translation(increment);
+        let [rotation1, translation, rotation2] = parts;
         let [a1, a2, a3, a4] = self.alpha;
-        let [square1, square, square2] = self.squares(increment);
+        let [square1, square, square2] = self.squares(parts, increment.theta);
         NoisyMotion {
             rotation1,
             translation,
@@ -47,11 +48,11 @@ impl OdometryModel {
         }
     }
 
-    /// Squares of the first rotation, the translation and the second rotation that cause noise.
-    fn squares(&self, increment: &Pose2) -> [f64; 3] {
-        let [rotation1, translation, rotation2] = rotations_and_translation(increment);
+    /// Squares of the first rotation, the translation and the second rotation that cause noise, of those of an
+    /// increment that turns the robot by `turn` (rad).
+    fn squares(&self, [rotation1, translation, rotation2]: [f64; 3], turn: f64) -> [f64; 3] {
         let (turn1, turn2) = match translation.abs() < self.turning_in_place {
-            true => (0.0, wrap_angle(increment.theta)),
+            true => (0.0, wrap_angle(turn)),
             false => (rotation1, rotation2),
         };
         [turn1, translation, turn2].map(|value| value * value)
@@ -62,8 +63,9 @@ impl OdometryModel {
     ///
     /// Where the robot turns in place, both rotations are one.
     pub(super) fn differences(&self, odometry: &Pose2, truth: &Pose2) -> Differences {
-        let [rotation1, translation, rotation2] = rotations_and_translation(odometry);
-        let [square1, square, square2] = self.squares(odometry);
+        let parts = rotations_and_translation(odometry);
+        let [rotation1, translation, rotation2] = parts;
+        let [square1, square, square2] = self.squares(parts, odometry.theta);
         let distance = math::hypot(truth.x, truth.y);
         // Of the two ways to the same place, forward and backward, the one that turns less.
         let first = wrap_angle(math::atan2(truth.y, truth.x) - rotation1);

@@ -6,7 +6,7 @@ use crate::FilterError;
 use crate::check::check_length;
 
 /// Distance from free cells, centre to centre, within which beams end on an obstacle (m), as far as measurements scatter
-/// about walls (the least σ_hit that maps are given); at least so many cells.
+/// about walls; at least so many cells.
 const DEPTH: f64 = 0.12;
 const DEPTH_CELLS: f64 = 2.0;
 /// Of a squared number of cells.
@@ -14,9 +14,9 @@ const ROUNDING: f64 = 1e-9;
 
 /// An occupancy grid, as far as a filter needs to know it.
 ///
-/// Beams end on the surfaces of obstacles: of the occupied cells, those belong to a likelihood field that lie within 0.12 m
-/// of a free cell, or two cells, not the inside of thick walls, into which an estimate could sink
-/// without being any less likely. The outermost cells alone would be too few where a wall is as thick as
+/// Beams end on the surfaces of obstacles: of the occupied cells, those belong to a likelihood field that lie within
+/// 0.12 m of a free cell, or two cells, not the inside of thick walls, into which an estimate could sink without being
+/// any less likely. The outermost cells alone would be too few where a wall is as thick as
 /// measurements of it scatter: then they are what was measured too short. In a grid that knows no free
 /// cell near an occupied one, all belong to it.
 #[derive(Debug, Clone, PartialEq)]

@@ -284,19 +284,23 @@ pub(super) fn instruction_sets() -> Vec<Arch> {
     sets
 }
 
+/// This many points about seven places.
+#[cfg(test)]
+pub(super) fn crowds(number: u32) -> Vec<Point<2>> {
+    use rand::RngExt;
+
+    let mut rng = mcl_core::Seed::new(1).rng();
+    (0..number).map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4))).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcl_core::Seed;
-    use rand::RngExt;
 
     /// With lone and crowded components, short and long lists, near and far points.
     #[test]
     fn the_same_bits_for_every_instruction_set() {
-        let mut rng = Seed::new(1).rng();
-        let mut points: Vec<Point<2>> = (0..5000)
-            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
-            .collect();
+        let mut points = crowds(5000);
         points.push([1e4, 0.0]);
         let data = PointSet::new(points).unwrap();
         for count in [1, 7, 40, 5001] {

@@ -192,7 +192,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
 mod tests {
     use super::*;
     use crate::mixture::expectation;
-    use crate::mixture::expectation::instruction_sets;
+    use crate::mixture::expectation::{crowds, instruction_sets};
     use mcl_core::Seed;
     use proptest::prelude::*;
     use rand::RngExt;
@@ -235,11 +235,7 @@ mod tests {
 
     #[test]
     fn the_same_bits_for_every_instruction_set() {
-        let mut rng = Seed::new(1).rng();
-        let points: Vec<Point<2>> = (0..3000)
-            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
-            .collect();
-        let data = PointSet::new(points).unwrap();
+        let data = PointSet::new(crowds(3000)).unwrap();
         let means = data.centred(&data.points()[..50]);
         let plain = removal_on(Arch::Scalar, &data, &means, 0.05);
         for arch in instruction_sets() {

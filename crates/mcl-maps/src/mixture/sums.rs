@@ -291,7 +291,7 @@ fn without(sum: f64, part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mixture::expectation::instruction_sets;
+    use crate::mixture::expectation::{crowds, instruction_sets};
     use crate::mixture::{Expectation, expectation};
     use mcl_core::Seed;
     use proptest::prelude::*;
@@ -336,11 +336,7 @@ mod tests {
 
     #[test]
     fn the_same_bits_for_every_instruction_set() {
-        let mut rng = Seed::new(1).rng();
-        let points: Vec<Point<2>> = (0..3000)
-            .map(|i| [0, 1].map(|_| f64::from(i % 7) + rng.random_range(-0.4..0.4)))
-            .collect();
-        let data = PointSet::new(points).unwrap();
+        let data = PointSet::new(crowds(3000)).unwrap();
         let means = data.centred(&data.points()[..50]);
         let (from, to) = (means[3], [means[3][0] + 0.03, means[3][1] - 0.02]);
         let found = instruction_sets().into_iter().map(|arch| {
