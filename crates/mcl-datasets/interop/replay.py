@@ -17,23 +17,16 @@ import carmen_log
 
 PARTICLES = 100
 ONCE = ["/map", "/tf_static"]
-EACH_SCAN = [
-    "/tf",
-    "/scan",
-    "/particles",
-    "/estimate",
-    "/reference",
-    "/error/weighted",
-    "/error/translation",
-    "/error/heading",
-    "/effective_sample_size",
-]
 ROWS = {
     "/error/weighted": "weighted",
     "/error/translation": "translation",
     "/error/heading": "heading",
+    "/error/nees": "nees",
     "/effective_sample_size": "effective_sample_size",
+    "/log_evidence": "log_evidence",
+    "/explained_beams": "explained_beams",
 }
+EACH_SCAN = ["/tf", "/scan", "/particles", "/estimate", "/reference", *ROWS]
 
 
 def checks(call, name, log, scans, folder):

@@ -69,9 +69,9 @@ pub struct Setup<'a> {
     /// The set of settings that options changed to `filter`.
     preset: Preset,
     filter: &'a FilterSettings,
-    /// Least likelihood of a beam as a fraction of the largest.
     /// σ_hit on this map (m).
     sigma_hit: f64,
+    /// Least likelihood of a beam as a fraction of the largest.
     relative_floor: f64,
     /// Standard deviations in metres and radians.
     odometry_noise: [f64; 2],
