@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use mcl_datasets::bag::cdr::decode_prefix;
 use mcl_datasets::bag::schema::MessageSchema;
-use mcl_datasets::bag::{self, BagError, PoseRole};
+use mcl_datasets::bag::{self, BagError, PoseRequest, PoseRole};
 use mcl_datasets::container::item::Item;
 use mcl_datasets::container::mcap::read_stream;
 use mcl_datasets::log::{ReadOptions, read_log, read_poses};
@@ -180,7 +180,8 @@ fn bags_of_ros_1_and_databases() {
     }
     assert!(refused("nav2_turtlebot.mcap").contains("/amcl_pose"));
     let poses = |name: &str, topic: &str| {
-        read_poses(&folder.join(name), Some(topic), PoseRole::Reference).unwrap().trajectory
+        let request = PoseRequest { topic: Some(topic), ..PoseRequest::of(PoseRole::Reference) };
+        read_poses(&folder.join(name), &request).unwrap().trajectory
     };
     let of_ros1 = poses("tf_example.bag", "/tf:odom.base_link");
     assert!(of_ros1.len() > 100, "{}", of_ros1.len());

@@ -12,7 +12,7 @@ use mcl_datasets::bag::types::{
     self, MULTI_ECHO_LASER_SCAN, MessageType, PATH, POINT_CLOUD2, POSE_WITH_COVARIANCE_STAMPED,
     TRANSFORM_STAMPED,
 };
-use mcl_datasets::bag::{self, Encoder, PoseRole};
+use mcl_datasets::bag::{self, Encoder, PoseRequest, PoseRole};
 use mcl_datasets::log::{LaserPose, ReadOptions, TopicChoice};
 
 #[test]
@@ -399,7 +399,9 @@ fn ground_truth_of_other_types_and_names() {
     assert!(log.notes.iter().any(|note| note == told), "{:?}", log.notes);
     let options = with_reference("/tf:map.base_link");
     assert_exact(&bag::read(&*bag(&on_tf), &options).unwrap());
-    let poses = bag::read_poses(&*bag(&on_tf), Some("/tf:map.laser"), PoseRole::Reference).unwrap();
+    let request =
+        PoseRequest { topic: Some("/tf:map.laser"), ..PoseRequest::of(PoseRole::Reference) };
+    let poses = bag::read_poses(&*bag(&on_tf), &request).unwrap();
     assert_eq!((poses.trajectory.len(), poses.frame.as_deref()), (101, Some("laser")));
     let error = bag::read(&*bag(&on_tf), &with_reference("/tf:map.camera")).unwrap_err();
     assert_says(&error, &["/tf:map.camera", "base_link, laser, map, odom"]);

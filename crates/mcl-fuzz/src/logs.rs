@@ -4,7 +4,9 @@ use std::path::Path;
 
 use mcl_core::{LaserScan, Pose2, ScanGeometry, Stamp};
 use mcl_datasets::bag::schema::MessageSchema;
-use mcl_datasets::bag::{PoseRole, cdr, listed_files, planar, read, read_poses, types};
+use mcl_datasets::bag::{
+    PoseRequest, PoseRole, cdr, listed_files, planar, read, read_poses, types,
+};
 use mcl_datasets::carmen;
 use mcl_datasets::log::{ReadOptions, ReferencePoses, read_log_as, read_log_from, survey};
 
@@ -52,7 +54,9 @@ fn bag_file(bytes: &[u8], per_byte: usize) {
     let log =
         bounded(bytes.len(), 4 * ANY_INPUT, per_byte, || read(bytes, &ReadOptions::default()));
     for role in [PoseRole::Reference, PoseRole::Estimate] {
-        if let Ok(topic) = read_poses(bytes, None, role) {
+        if let Ok(topic) =
+            read_poses(bytes, &PoseRequest { into: Some("map"), ..PoseRequest::of(role) })
+        {
             let trajectory = &topic.trajectory;
             assert!(trajectory.poses().iter().all(Pose2::is_finite));
             assert!(topic.frame_from_laser.is_none_or(|pose| pose.is_finite()));

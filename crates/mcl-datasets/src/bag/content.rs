@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::cdr::{Encoding, View};
 use super::error::BagError;
 use super::layout::{SchemaError, plain_name};
-use super::messages::{MessageError, ScanMessage, TransformMessage, malformed};
+use super::messages::{MessageError, OdometryMessage, ScanMessage, malformed};
 use super::schema::MessageSchema;
 use super::types;
 use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
@@ -189,7 +189,7 @@ impl Topic {
             Kind::Scan => scan(ScanMessage::new),
             Kind::MultiEcho => scan(ScanMessage::multi_echo),
             Kind::Odometry => layout
-                .decode(MAX_MESSAGE_BYTES, data, TransformMessage::of_odometry)
+                .decode(MAX_MESSAGE_BYTES, data, OdometryMessage::new)
                 .map(|moved| Body::Odometry(Box::new(moved))),
             _ => return None,
         }
@@ -230,8 +230,7 @@ pub(super) struct Kept {
 pub(super) enum Body {
     Encoded(Vec<u8>),
     Scan(Box<ScanMessage>),
-    /// What a `nav_msgs/Odometry` says of its two frames.
-    Odometry(Box<TransformMessage>),
+    Odometry(Box<OdometryMessage>),
 }
 
 impl Kept {
@@ -240,7 +239,7 @@ impl Kept {
         let of_body = match &self.body {
             Body::Encoded(data) => data.len(),
             Body::Scan(scan) => size_of::<ScanMessage>() + size_of_val(&*scan.ranges),
-            Body::Odometry(_) => size_of::<TransformMessage>(),
+            Body::Odometry(_) => size_of::<OdometryMessage>(),
         };
         (of_body + size_of::<Kept>()) as u64
     }

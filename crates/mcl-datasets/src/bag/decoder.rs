@@ -7,7 +7,8 @@ use super::cdr::View;
 use super::content::{Body, Content, Kept, Kind, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
 use super::error::BagError;
 use super::messages::{
-    MessageError, PoseMessage, ScanMessage, TransformMessage, malformed, path_poses,
+    MessageError, OdometryMessage, PoseMessage, ScanMessage, TransformMessage, malformed,
+    path_poses,
 };
 use super::moment::Stretches;
 use super::motion::Motion;
@@ -82,10 +83,10 @@ impl<'a> Decoder<'a> {
         self.each(
             |name, kind| name == topic && kind == Kind::Odometry,
             |kind, layout, message, _| match &message.body {
-                Body::Odometry(moved) => Ok((**moved).clone()),
-                Body::Encoded(data) => {
-                    layout.decode(limit(kind), data, TransformMessage::of_odometry)
-                }
+                Body::Odometry(moved) => Ok(moved.transform.clone()),
+                Body::Encoded(data) => layout
+                    .decode(limit(kind), data, OdometryMessage::new)
+                    .map(|moved| moved.transform),
                 Body::Scan(_) => Err(decoded_before()),
             },
         )
@@ -194,11 +195,11 @@ impl<'a> Decoder<'a> {
             |name, kind| name == topic && kind.is_pose(),
             |kind, layout, message, faults| {
                 let poses = match &message.body {
-                    Body::Odometry(moved) => vec![PoseMessage::of((**moved).clone())],
+                    Body::Odometry(moved) => vec![PoseMessage::of_odometry((**moved).clone())],
                     Body::Encoded(data) => layout.decode(limit(kind), data, |view| {
                         Ok(match kind {
                             Kind::Odometry => {
-                                vec![PoseMessage::of(TransformMessage::of_odometry(view)?)]
+                                vec![PoseMessage::of_odometry(OdometryMessage::new(view)?)]
                             }
                             Kind::PoseWithCovariance => {
                                 vec![PoseMessage::pose_with_covariance(view)?]

@@ -88,6 +88,19 @@ pub enum BagError {
         /// The frames of the bag.
         frames: String,
     },
+    /// Transforms that do not tell which frames are meant.
+    #[error(
+        "{topic}: the transforms do not say which pose is meant; expected two frames as /tf:map.base_link{}; frames: {frames}",
+        match pairs.as_str() { "" => String::new(), pairs => format!(", one of {pairs}") }
+    )]
+    WhichPair {
+        /// What was asked for.
+        topic: String,
+        /// What could be meant.
+        pairs: String,
+        /// The frames of the bag.
+        frames: String,
+    },
     /// Messages of a topic are encoded in a way that is not read.
     #[error(
         "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2) or \"ros1\"; convert the bag first"

@@ -175,25 +175,67 @@ pub(super) struct PoseMessage {
     pub child: Option<String>,
     /// Projected onto the plane.
     pub pose: Pose2,
+    /// Of x, y and heading, along the axes of the header's frame; `None` where the message has none, or zeros.
+    pub covariance: Option<Covariance>,
 }
 
+/// Of x, y (m) and heading (rad).
+pub(super) type Covariance = [[f64; 3]; 3];
+
 impl PoseMessage {
-    /// The pose of the one frame of a transform in the other: `nav_msgs/Odometry`,
-    /// `geometry_msgs/TransformStamped`.
+    /// The pose of the one frame of a transform in the other: `geometry_msgs/TransformStamped`.
     pub fn of(transform: TransformMessage) -> Self {
         let TransformMessage { header, child, parent_from_child } = transform;
-        PoseMessage { header, child: Some(child), pose: planar(&parent_from_child) }
+        let pose = planar(&parent_from_child);
+        PoseMessage { header, child: Some(child), pose, covariance: None }
+    }
+
+    pub fn of_odometry(odometry: OdometryMessage) -> Self {
+        let OdometryMessage { transform, covariance } = odometry;
+        PoseMessage { covariance, ..PoseMessage::of(transform) }
     }
 
     pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
         let pose = planar(&pose(&view.message("pose")?)?);
-        Ok(PoseMessage { header: header(view)?, child: None, pose })
+        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance: None })
     }
 
     pub fn pose_with_covariance(view: &View<'_>) -> Result<Self, MessageError> {
-        let pose = planar(&pose(&view.message("pose")?.message("pose")?)?);
-        Ok(PoseMessage { header: header(view)?, child: None, pose })
+        let with_covariance = view.message("pose")?;
+        let pose = planar(&pose(&with_covariance.message("pose")?)?);
+        let covariance = covariance(&with_covariance);
+        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance })
     }
+}
+
+/// A `nav_msgs/Odometry`: what it says of its two frames, and how sure that is.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct OdometryMessage {
+    pub transform: TransformMessage,
+    pub covariance: Option<Covariance>,
+}
+
+impl OdometryMessage {
+    pub fn new(view: &View<'_>) -> Result<Self, MessageError> {
+        let child = frame(view.text("child_frame_id")?);
+        let with_covariance = view.message("pose")?;
+        let parent_from_child = pose(&with_covariance.message("pose")?)?;
+        let transform = TransformMessage { header: header(view)?, child, parent_from_child };
+        Ok(OdometryMessage { transform, covariance: covariance(&with_covariance) })
+    }
+}
+
+/// The part of a 6 × 6 covariance that is of the plane. Writers that know none leave zeros, or a first element of −1.
+fn covariance(view: &View<'_>) -> Option<Covariance> {
+    const PLANE: [usize; 3] = [0, 1, 5];
+    let numbers = view.numbers("covariance").ok()?.to_vec();
+    if numbers.len() != 36 {
+        return None;
+    }
+    let covariance = PLANE.map(|row| PLANE.map(|column| numbers[6 * row + column]));
+    let is_known = covariance.iter().flatten().all(|value| value.is_finite());
+    let variances = [0, 1, 2].map(|axis| covariance[axis][axis]);
+    (is_known && variances.iter().all(|variance| *variance > 0.0)).then_some(covariance)
 }
 
 /// One transform of a `tf2_msgs/TFMessage`.
@@ -229,13 +271,6 @@ impl TransformMessage {
             child: frame(view.text("child_frame_id")?),
             parent_from_child: isometry(&view.message("transform")?, "translation", "rotation")?,
         })
-    }
-
-    /// What a `nav_msgs/Odometry` says of its two frames.
-    pub fn of_odometry(view: &View<'_>) -> Result<Self, MessageError> {
-        let child = frame(view.text("child_frame_id")?);
-        let parent_from_child = pose(&view.message("pose")?.message("pose")?)?;
-        Ok(TransformMessage { header: header(view)?, child, parent_from_child })
     }
 }
 

@@ -107,7 +107,7 @@ pub use content::{MAX_CLOUD_BYTES, MAX_KEPT_BYTES, MAX_MESSAGE_BYTES};
 pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
-pub use poses::PoseTopic;
+pub use poses::{PoseRequest, PoseTopic};
 pub use sink::{Delivery, TopicId, WriteBagError};
 pub use survey::{Choice, Survey, TopicFacts};
 pub use topics::PoseRole;
@@ -141,12 +141,8 @@ pub fn read_clouds(input: impl Read, options: &CloudOptions) -> Result<BagCloud,
 ///
 /// # Errors
 /// [`BagError`] for bytes that are no bag or damaged, and where no topic, or several, could be meant.
-pub fn read_poses(
-    input: impl Read,
-    topic: Option<&str>,
-    role: PoseRole,
-) -> Result<PoseTopic, BagError> {
-    poses::poses(filled(Content::new(Purpose::Scans, None), input)?, topic, role)
+pub fn read_poses(input: impl Read, request: &PoseRequest<'_>) -> Result<PoseTopic, BagError> {
+    poses::poses(filled(Content::new(Purpose::Scans, None), input)?, request)
 }
 
 fn filled(mut content: Content, input: impl Read) -> Result<Content, BagError> {

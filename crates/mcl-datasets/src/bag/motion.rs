@@ -306,6 +306,19 @@ impl Motion {
         self.link(base, frame).and_then(|link| link.first()).unwrap_or_else(Isometry3::identity)
     }
 
+    /// Mounts of all frames that are fixed to a frame, seen from above, by name.
+    pub fn mounts(&self, base: &str) -> BTreeMap<String, Pose2> {
+        let parents = self.edges.values().map(|edge| edge.parent.as_str());
+        let names: BTreeSet<&str> = self.edges.keys().map(String::as_str).chain(parents).collect();
+        let mount = |name: &str| {
+            let link = self.link(base, name)?;
+            let is_fixed = !link.edges().any(|(_, edge)| edge.is_moving());
+            let mount = link.first().filter(|_| is_fixed)?;
+            Some((name.to_owned(), planar(&mount)))
+        };
+        names.into_iter().filter_map(mount).collect()
+    }
+
     /// The names of all frames, at most a hundred.
     pub fn frames(&self) -> String {
         let parents = self.edges.values().map(|edge| edge.parent.as_str());
@@ -330,6 +343,16 @@ impl Motion {
         let pose = |at: Moment| Some((at, planar(&link.at(at)?)));
         let poses: Vec<_> = moments.into_iter().filter_map(pose).collect();
         (!poses.is_empty()).then_some(poses)
+    }
+
+    /// [`Motion::pairs`] of the frames that move and that no other moves in.
+    pub fn moving_pairs(&self) -> Vec<String> {
+        let moving = || self.edges.iter().filter(|(_, edge)| !edge.is_static);
+        let is_lowest = |child: &str| moving().all(|(_, edge)| edge.parent != child);
+        moving()
+            .filter(|(child, _)| is_lowest(child))
+            .flat_map(|(child, _)| self.pairs(child))
+            .collect()
     }
 
     /// Pairs of frames above `frame`, and `frame`, that could be asked for as a topic.
@@ -394,7 +417,8 @@ impl Link<'_> {
         self.by(|edge| edge.samples.first().map(|&(_, transform)| transform))
     }
 
-    fn at(&self, at: Moment) -> Option<Isometry3<f64>> {
+    /// Carries coordinates of the child into the parent's, at a time; `None` where that is not known.
+    pub fn at(&self, at: Moment) -> Option<Isometry3<f64>> {
         self.by(|edge| edge.at(at))
     }
 

@@ -1,50 +1,94 @@
 //! The poses of one topic of a bag, as a trajectory.
 
-use mcl_core::{Pose2, Stamp, Trajectory};
+use std::collections::BTreeMap;
+
+use mcl_core::{Pose2, Stamp, Trajectory, math};
 
 use super::content::{Content, Kind};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
-use super::messages::{PoseMessage, ScanMessage};
-use super::moment::Stretches;
-use super::topics::{Pair, PoseRole, pose_topic, transform_topics};
+use super::messages::{Covariance, PoseMessage, ScanMessage, planar};
+use super::moment::{Moment, Stretches};
+use super::motion::Motion;
+use super::topics::{Pair, PoseRole, PosesAt, pose_topic, transform_topics};
 use crate::log::report::ReadReport;
+
+/// Which poses of a bag are wanted.
+#[derive(Debug, Clone, Copy)]
+pub struct PoseRequest<'a> {
+    /// The topic, a pair of frames (`/tf:map.base_link`), or the topic of the transforms; without, what types and
+    /// names tell.
+    pub topic: Option<&'a str>,
+    /// What the poses are wanted for.
+    pub role: PoseRole,
+    /// The frame that the poses shall be in, if the bag's transforms lead there. Poses of a pair of frames stay in
+    /// its first.
+    pub into: Option<&'a str>,
+}
+
+impl PoseRequest<'_> {
+    /// The poses that types and names tell, in the frame of their messages.
+    pub fn of(role: PoseRole) -> Self {
+        PoseRequest { topic: None, role, into: None }
+    }
+}
 
 /// A pose topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseTopic {
     /// Its name.
     pub name: String,
-    /// Its poses in the frame of its messages, seen from above, in the order of the bag; at the stamps
-    /// of the headers, or of logging where a header's is zero.
+    /// Its poses in the frame of its messages, or the one wanted, seen from above, in the order of the bag; at the
+    /// stamps of the headers, or of logging where a header's is zero.
     pub trajectory: Trajectory,
+    /// The covariance of each pose, along the axes of the frame that the poses are in (x and y in m, heading in
+    /// rad); empty where no message has one.
+    pub covariances: Vec<Option<Covariance>>,
+    /// The frame that the poses are in; `None` where the messages leave it empty.
+    pub parent: Option<String>,
+    /// The frame of the messages, where the bag's transforms carried the poses from there into `parent`.
+    pub carried_from: Option<String>,
     /// The frame whose poses they are: of an Odometry topic its `child_frame_id`, else that of the
     /// bag's odometry, else the first of `base_link` and `base_footprint` that the laser is fixed to.
     pub frame: Option<String>,
     /// Mount of the bag's laser on that frame; `None` if the bag has no scans, scans on several topics,
     /// or no transforms that lead there.
     pub frame_from_laser: Option<Pose2>,
+    /// Mounts of all frames that are fixed to `frame`, by name.
+    pub mounts: BTreeMap<String, Pose2>,
     /// What was not used.
     pub report: ReadReport,
 }
 
+/// A pose, and how sure it is.
+struct Sample {
+    stamp: i64,
+    pose: Pose2,
+    covariance: Option<Covariance>,
+}
+
 pub(crate) fn poses(
     mut content: Content,
-    asked: Option<&str>,
-    role: PoseRole,
+    request: &PoseRequest<'_>,
 ) -> Result<PoseTopic, BagError> {
     let messages = std::mem::take(&mut content.messages);
     let content = &content;
-    let name = pose_topic(content, asked, role)?;
-    let pair = Pair::of(name).filter(|_| content.topics.iter().all(|topic| topic.name != name));
+    let place = pose_topic(content, request.topic, request.role)?;
     let mut decoder = Decoder::new(content, messages);
-    let messages = if pair.is_none() { decoder.poses(name)? } else { Vec::new() };
-    let sample = |logged: &Logged<PoseMessage>| {
-        let at = time(logged.value.header.stamp, logged.log_time);
-        (Stamp::from_nanoseconds(at), logged.value.pose)
+    let messages = match place {
+        PosesAt::Topic(name) => decoder.poses(name)?,
+        PosesAt::Pair(_) | PosesAt::Transforms => Vec::new(),
     };
-    let mut trajectory: Trajectory = messages.iter().map(sample).collect();
-    let mut child = messages.first().and_then(|logged| logged.value.child.clone());
+    let named = |name: &str| (!name.is_empty()).then(|| name.to_owned());
+    let sample = |Logged { value, log_time, .. }: &Logged<PoseMessage>| Sample {
+        stamp: time(value.header.stamp, *log_time),
+        pose: value.pose,
+        covariance: value.covariance,
+    };
+    let mut samples: Vec<Sample> = messages.iter().map(sample).collect();
+    let first = messages.first().map(|logged| &logged.value);
+    let mut parent = first.and_then(|pose| named(&pose.header.frame));
+    let mut child = first.and_then(|pose| named(pose.child.as_deref()?));
     let mut report = decoder.report.clone();
     // What follows only asks where the laser is; what it loses is not of this topic.
     let scan_topics = content.names(&[Kind::Scan, Kind::MultiEcho]);
@@ -55,33 +99,119 @@ pub(crate) fn poses(
         }
         _ => None,
     };
-    let of = pair.map(|pair| pair.topic).or(scan_topics.first().copied());
+    let of = match place {
+        PosesAt::Pair(pair) => Some(pair.topic),
+        PosesAt::Topic(_) | PosesAt::Transforms => scan_topics.first().copied(),
+    };
     let transforms = decoder.transforms(&transform_topics(content, of))?;
     let mut tree = tree(&transforms, &Stretches::default());
     tree.sort(None);
-    if let Some(pair) = pair {
-        let poses = pair.frames(|frame| tree.knows(frame)).and_then(|(parent, frame)| {
-            child = Some(frame.to_owned());
-            tree.poses(parent, frame)
+    let name = match place {
+        PosesAt::Topic(name) => name.to_owned(),
+        PosesAt::Pair(_) | PosesAt::Transforms => {
+            let (name, frames, poses) = of_transforms(place, request.topic, &tree)?;
+            let sample = |(moment, pose): (Moment, Pose2)| Sample {
+                stamp: moment.at,
+                pose,
+                covariance: None,
+            };
+            samples = poses.into_iter().map(sample).collect();
+            [parent, child] = frames.map(Some);
+            report = decoder.report.clone();
+            name
+        }
+    };
+    let mut carried_from = None;
+    if let (PosesAt::Topic(_), Some(into), Some(from)) = (place, request.into, parent.as_deref())
+        && into != from
+        && let Some(link) = tree.link(into, from)
+    {
+        let before = samples.len();
+        samples.retain_mut(|sample| {
+            let at = Moment { stretch: 0, at: sample.stamp };
+            let Some(carry) = link.at(at).map(|transform| planar(&transform)) else { return false };
+            sample.pose = carry.compose(&sample.pose);
+            sample.covariance = sample.covariance.map(|known| turned(&known, carry.theta));
+            true
         });
-        let Some(poses) = poses else {
-            return Err(BagError::NoPair { topic: name.to_owned(), frames: tree.frames() });
-        };
-        let sample = |(moment, pose): (super::moment::Moment, Pose2)| {
-            (Stamp::from_nanoseconds(moment.at), pose)
-        };
-        trajectory = poses.into_iter().map(sample).collect();
-        report = decoder.report.clone();
+        if samples.len() < before {
+            report.doubts.push(format!(
+                "{name}: {} of {before} poses are left out: no transform from {into:?} to {from:?} is known at their times",
+                before - samples.len()
+            ));
+        }
+        carried_from = parent.replace(into.to_owned());
     }
-    let frame = match child.filter(|child| !child.is_empty()) {
+    let frame = match child {
         Some(child) => Some(child),
         None => {
             decoder.odometry_frame()?.or_else(|| Some(tree.base_of(laser.as_deref()?)?.to_owned()))
         }
     };
+    let mounts = frame.as_deref().map(|frame| tree.mounts(frame)).unwrap_or_default();
     let frame_from_laser = match (&frame, &laser) {
         (Some(frame), Some(laser)) => tree.mount(frame, laser)?.map(|mount| mount.robot_from_laser),
         _ => None,
     };
-    Ok(PoseTopic { name: name.to_owned(), trajectory, frame, frame_from_laser, report })
+    let has_covariances = samples.iter().any(|sample| sample.covariance.is_some());
+    let covariances = samples.iter().map(|sample| sample.covariance);
+    Ok(PoseTopic {
+        name,
+        covariances: if has_covariances { covariances.collect() } else { Vec::new() },
+        trajectory: samples
+            .iter()
+            .map(|sample| (Stamp::from_nanoseconds(sample.stamp), sample.pose))
+            .collect(),
+        parent,
+        carried_from,
+        frame,
+        frame_from_laser,
+        mounts,
+        report,
+    })
+}
+
+/// A name for a pair of frames, the pair, and the poses of the second in the first.
+type OfTransforms = (String, [String; 2], Vec<(Moment, Pose2)>);
+
+/// The pair that is asked for; of the transforms the only one that says where in a fixed frame, other than that of the
+/// odometry, a frame moves that no other moves in.
+fn of_transforms(
+    place: PosesAt<'_>,
+    asked: Option<&str>,
+    tree: &Motion,
+) -> Result<OfTransforms, BagError> {
+    let name = match place {
+        PosesAt::Pair(_) => asked.unwrap_or_default().to_owned(),
+        _ => match tree.moving_pairs().as_slice() {
+            [only] => only.clone(),
+            several => {
+                let topic = asked.unwrap_or("the transforms").to_owned();
+                return Err(BagError::WhichPair {
+                    topic,
+                    pairs: several.join(", "),
+                    frames: tree.frames(),
+                });
+            }
+        },
+    };
+    let frames = Pair::of(&name).and_then(|pair| pair.frames(|frame| tree.knows(frame)));
+    let found = frames.and_then(|(parent, child)| {
+        Some(([parent.to_owned(), child.to_owned()], tree.poses(parent, child)?))
+    });
+    match found {
+        Some((frames, poses)) => Ok((name, frames, poses)),
+        None => Err(BagError::NoPair { topic: name, frames: tree.frames() }),
+    }
+}
+
+/// The covariance of a pose that is carried into another frame.
+fn turned(covariance: &Covariance, angle: f64) -> Covariance {
+    let (sin, cos) = math::sin_cos(angle);
+    let carry = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];
+    let by = |of: &dyn Fn(usize, usize) -> f64| {
+        [0, 1, 2].map(|row| [0, 1, 2].map(|column| of(row, column)))
+    };
+    let half = by(&|row, column| (0..3).map(|k| carry[row][k] * covariance[k][column]).sum());
+    by(&|row, column| (0..3).map(|k| half[row][k] * carry[column][k]).sum())
 }

@@ -273,27 +273,56 @@ pub enum PoseRole {
     Estimate,
 }
 
-/// The topic of poses that is asked for; else, for a reference, the one that a recording would take,
-/// and for an estimate the only one that is neither ground truth, goal nor initial pose.
+/// Where poses are found in a bag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PosesAt<'a> {
+    Topic(&'a str),
+    Pair(Pair<'a>),
+    /// In transforms, for which frames the tree has to say.
+    Transforms,
+}
+
+/// The topic of poses that is asked for; else, for a reference, the one that a recording would take, and for an
+/// estimate the only one that is neither ground truth, goal nor initial pose: of poses or odometry, without such of
+/// paths or single transforms, without these the transforms.
 pub(super) fn pose_topic<'a>(
     content: &'a Content,
     asked: Option<&'a str>,
     role: PoseRole,
-) -> Result<&'a str, BagError> {
+) -> Result<PosesAt<'a>, BagError> {
+    let option = match role {
+        PoseRole::Reference => "--reference-topic",
+        PoseRole::Estimate => "--topic",
+    };
     let none = || BagError::NoPoses { topics: content.list() };
-    if role == PoseRole::Reference {
-        return reference_topic(content, asked)?.ok_or_else(none);
-    }
-    const OPTION: &str = "--topic";
     if let Some(topic) = asked {
-        return content.asked_poses(topic, OPTION);
+        let is_transforms = content.names(&[Kind::Transforms]).contains(&topic);
+        if is_transforms {
+            return Ok(PosesAt::Transforms);
+        }
+        let topic = content.asked_poses(topic, option)?;
+        let is_topic = content.topics.iter().any(|found| found.name == topic);
+        let pair = Pair::of(topic).filter(|_| !is_topic);
+        return Ok(pair.map_or(PosesAt::Topic(topic), PosesAt::Pair));
     }
-    let mut candidates = content.names(&[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry]);
-    candidates.retain(|name| !is_named(name, &GOALS) && !is_named(name, &REFERENCE));
-    match candidates.as_slice() {
-        [] => Err(none()),
-        &[only] => Ok(only),
-        several => Err(content.ambiguous("poses", several, OPTION)),
+    if role == PoseRole::Reference {
+        return reference_topic(content, None)?.map(PosesAt::Topic).ok_or_else(none);
+    }
+    let kinds: [&[Kind]; 2] =
+        [&[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry], &[Kind::Path, Kind::Transform]];
+    for kinds in kinds {
+        let mut candidates = content.names(kinds);
+        candidates.retain(|name| !is_named(name, &GOALS) && !is_named(name, &REFERENCE));
+        match candidates.as_slice() {
+            [] => {}
+            &[only] => return Ok(PosesAt::Topic(only)),
+            several => return Err(content.ambiguous("poses", several, option)),
+        }
+    }
+    let transforms = content.names(&[Kind::Transforms]);
+    match transforms.iter().any(|name| !name.ends_with("tf_static")) {
+        true => Ok(PosesAt::Transforms),
+        false => Err(none()),
     }
 }
 

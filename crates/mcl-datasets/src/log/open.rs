@@ -9,10 +9,9 @@ use encoding_rs_io::DecodeReaderBytes;
 use crate::bag::clouds::{self, BagCloud, CloudOptions};
 use crate::bag::content::{Content, Purpose};
 use crate::bag::error::BagError;
-use crate::bag::poses::{self, PoseTopic};
+use crate::bag::poses::{self, PoseRequest, PoseTopic};
 use crate::bag::recording;
 use crate::bag::survey::Survey;
-use crate::bag::topics::PoseRole;
 use crate::carmen;
 use crate::carmen::ScanKind;
 use crate::carmen::reader::CarmenError;
@@ -126,8 +125,8 @@ pub fn is_bag(path: &Path) -> Result<bool, LogError> {
 ///
 /// # Errors
 /// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
-pub fn read_poses(path: &Path, topic: Option<&str>, role: PoseRole) -> Result<PoseTopic, LogError> {
-    poses::poses(filled(Content::new(Purpose::Scans, None), path)?, topic, role).map_err(at(path))
+pub fn read_poses(path: &Path, request: &PoseRequest<'_>) -> Result<PoseTopic, LogError> {
+    poses::poses(filled(Content::new(Purpose::Scans, None), path)?, request).map_err(at(path))
 }
 
 /// What is in a bag, a file or a folder, however little of it could be read as a log; `None` for what is no bag.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Pose2, Trajectory};
-use mcl_datasets::bag::PoseRole;
+use mcl_datasets::bag::{PoseRequest, PoseRole};
 use mcl_datasets::log::{ReferenceTrack, is_bag, read_log, read_poses};
 use mcl_metrics::tum::{self, NonPlanar, TumError};
 use serde::Deserialize;
@@ -69,7 +69,8 @@ fn first_line(path: &Path) -> io::Result<Vec<u8>> {
 pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
     let told = path.display();
     if is_bag(path)? {
-        let found = read_poses(path, topic, PoseRole::Reference)?;
+        let found =
+            read_poses(path, &PoseRequest { topic, ..PoseRequest::of(PoseRole::Reference) })?;
         if found.trajectory.is_empty() {
             bail!("{told}: {} has no message that could be read", found.name);
         }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::{Pose2, Trajectory};
-use mcl_datasets::bag::PoseRole;
+use mcl_datasets::bag::{PoseRequest, PoseRole};
 use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
 use mcl_datasets::registry::Registry;
 use mcl_metrics::tum::{self, NonPlanar};
@@ -247,7 +247,7 @@ fn bag(
     args: &EvaluateArgs,
     global: &Global,
 ) -> Result<Source> {
-    let found = read_poses(path, topic, role)?;
+    let found = read_poses(path, &PoseRequest { topic, ..PoseRequest::of(role) })?;
     let name = found.name;
     if !found.report.is_complete() {
         tell!("warning: {file}: {}", found.report);
