@@ -66,6 +66,6 @@ pub use outcome::{
     DivergenceSettings, LossSettings, LostEpisode, diverged, found_for_good, lost_episodes,
 };
 pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
-pub use rate::{Rate, fisher_exact_greater};
+pub use rate::{Rate, fisher_exact, fisher_exact_greater, rate_difference};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};
 pub use summary::Summary;

@@ -3,7 +3,7 @@ use serde::Serialize;
 
 use crate::beta;
 use crate::error::MetricsError;
-use crate::interval::Interval;
+use crate::interval::{Interval, MeanInterval};
 
 /// How often something happened in independent trials. Runs on the same map are not: see
 /// [`BlockedRate`](crate::BlockedRate).
@@ -120,6 +120,74 @@ pub fn fisher_exact_greater(a: Rate, b: Rate) -> f64 {
     at_least(hits_of_a, hits, of_a, of_b)
 }
 
+/// Fisher's exact test, two-sided: p for "the rates are the same", the probability of all tables that are no more
+/// likely than the one found.
+///
+/// # Example
+/// ```
+/// use mcl_metrics::{Rate, fisher_exact};
+///
+/// // 5 of 38 runs failed here, none of 20 there.
+/// let p = fisher_exact(Rate::new(5, 38)?, Rate::new(0, 20)?);
+/// assert!((p - 0.153107).abs() < 1e-6);
+/// # Ok::<(), mcl_metrics::MetricsError>(())
+/// ```
+pub fn fisher_exact(a: Rate, b: Rate) -> f64 {
+    /// Tables as likely as the one found, up to rounding.
+    const TIES: f64 = 1e-7;
+    let [of_a, of_b, hits_of_a, hits] =
+        [a.trials, b.trials, a.hits, a.hits + b.hits].map(|count| count as f64);
+    let ln_probability = |of_a_hits: f64| {
+        ln_choose(of_a, of_a_hits) + ln_choose(of_b, hits - of_a_hits)
+            - ln_choose(of_a + of_b, hits)
+    };
+    let found = ln_probability(hits_of_a);
+    let (least, most) = ((hits - of_b).max(0.0) as u64, hits.min(of_a) as u64);
+    let probabilities = (least..=most).map(|count| ln_probability(count as f64));
+    let rare = probabilities.filter(|probability| *probability <= found + TIES);
+    rare.map(math::exp).sum::<f64>().min(1.0)
+}
+
+/// How far apart two rates are, a minus b, with the 95 % interval of Newcombe (1998, method 10), which joins the
+/// score intervals of both.
+///
+/// # Example
+/// ```
+/// use mcl_metrics::{Rate, rate_difference};
+///
+/// let found = rate_difference(Rate::new(56, 70)?, Rate::new(48, 80)?);
+/// assert!((found.mean - 0.2).abs() < 1e-12);
+/// assert!((found.interval.low - 0.0524).abs() < 1e-4 && (found.interval.high - 0.3339).abs() < 1e-4);
+/// # Ok::<(), mcl_metrics::MetricsError>(())
+/// ```
+pub fn rate_difference(a: Rate, b: Rate) -> MeanInterval {
+    let share = |rate: Rate| rate.hits as f64 / rate.trials as f64;
+    let (of_a, of_b) = (share(a), share(b));
+    let ([low_a, high_a], [low_b, high_b]) = (score_interval(a), score_interval(b));
+    let mean = of_a - of_b;
+    let interval = Interval {
+        low: mean - math::hypot(of_a - low_a, high_b - of_b),
+        high: mean + math::hypot(high_a - of_a, of_b - low_b),
+    };
+    MeanInterval { mean, interval }
+}
+
+/// Wilson's 95 % interval.
+fn score_interval(rate: Rate) -> [f64; 2] {
+    /// The 0.975 quantile of the standard normal distribution.
+    const Z: f64 = 1.959_963_984_540_054;
+    let (hits, trials) = (rate.hits as f64, rate.trials as f64);
+    let squared = Z * Z;
+    let middle = (hits + 0.5 * squared) / (trials + squared);
+    let variance = hits * (trials - hits) / trials + 0.25 * squared;
+    let half = Z * variance.sqrt() / (trials + squared);
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
+}
+
+fn ln_choose(n: f64, k: f64) -> f64 {
+    math::ln_gamma(n + 1.0) - math::ln_gamma(k + 1.0) - math::ln_gamma(n - k + 1.0)
+}
+
 /// The probability that `least` or more of `hits` in all trials, drawn without replacement, are a's.
 fn at_least(least: f64, hits: f64, of_a: f64, of_b: f64) -> f64 {
     if least > hits.min(of_a) {
@@ -129,9 +197,6 @@ fn at_least(least: f64, hits: f64, of_a: f64, of_b: f64) -> f64 {
     if least * (of_a + of_b) <= hits * of_a {
         return 1.0 - at_least(hits - least + 1.0, hits, of_b, of_a);
     }
-    let ln_choose = |n: f64, k: f64| {
-        math::ln_gamma(n + 1.0) - math::ln_gamma(k + 1.0) - math::ln_gamma(n - k + 1.0)
-    };
     let ln_first =
         ln_choose(of_a, least) + ln_choose(of_b, hits - least) - ln_choose(of_a + of_b, hits);
     // In units of the first, the largest; behind the last possible number comes a 0.
@@ -207,6 +272,34 @@ mod tests {
             assert!((found.high - high).abs() < 1e-12, "{hits} of {trials}: {found:?}");
         }
         assert_eq!(rate(3, 10).interval(0.95), clopper_pearson(3.0, 10.0, 0.95));
+    }
+
+    /// Source: SciPy 1.17.1, `fisher_exact([[x, n - x], [y, m - y]])`.
+    #[test]
+    fn two_sided_fisher_agrees_with_scipy() {
+        for (a, b, expected) in [
+            (rate(8, 10), rate(1, 6), 0.034965034965034975),
+            (rate(5, 38), rate(0, 20), 0.15310742896949792),
+            (rate(0, 5), rate(0, 7), 1.0),
+            (rate(3, 3), rate(0, 4), 0.028571428571428567),
+            (rate(12, 40), rate(25, 60), 0.2924968225902455),
+            (rate(5, 5), rate(5, 5), 1.0),
+            (rate(2, 9), rate(7, 11), 0.09228387711359848),
+        ] {
+            for found in [fisher_exact(a, b), fisher_exact(b, a)] {
+                assert!((found - expected).abs() < 1e-12, "{a:?} {b:?}: {found}");
+            }
+        }
+    }
+
+    /// No failure at all leaves an interval as wide as the score intervals are.
+    #[test]
+    fn differences_of_rates_at_the_ends() {
+        let none = rate_difference(rate(0, 20), rate(0, 20));
+        assert!(none.mean == 0.0 && (none.interval.high + none.interval.low).abs() < 1e-15);
+        assert!((none.interval.high - 0.1611).abs() < 1e-4, "{none:?}");
+        let all = rate_difference(rate(20, 20), rate(0, 20));
+        assert!(all.interval.high == 1.0 && all.interval.low < 0.8, "{all:?}");
     }
 
     #[test]
