@@ -50,9 +50,10 @@ mod rate;
 mod rpe;
 mod student_t;
 mod summary;
+mod timeline;
 pub mod tum;
 
-pub use association::{DEFAULT_TOLERANCE_S, Matched, associate};
+pub use association::{DEFAULT_TOLERANCE_S, Matched, Side, TimeDifference, associate, interpolate};
 pub use ate::{Alignment, Ate, ate};
 pub use blocked::Blocked;
 pub use blocked_rate::{BlockedRate, IntervalBasis};
