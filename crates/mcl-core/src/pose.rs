@@ -71,6 +71,16 @@ impl Pose2 {
         math::hypot(self.x - other.x, self.y - other.y)
     }
 
+    /// The pose a `part` (0 to 1) of the way from this one to `to`: on the line between the positions, and on
+    /// the shorter arc between the headings, wrapped.
+    pub fn interpolate(&self, to: &Pose2, part: f64) -> Pose2 {
+        Pose2::new(
+            self.x + part * (to.x - self.x),
+            self.y + part * (to.y - self.y),
+            wrap_angle(self.theta + part * wrap_angle(to.theta - self.theta)),
+        )
+    }
+
     /// Whether all three components are finite.
     pub fn is_finite(&self) -> bool {
         self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
@@ -123,6 +133,16 @@ mod tests {
             let turns = (angle - wrapped) / TAU;
             prop_assert!((turns - turns.round()).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn headings_are_interpolated_on_the_shorter_arc() {
+        let (from, to) = (Pose2::new(1.0, 0.0, PI - 0.1), Pose2::new(2.0, -4.0, 0.3 - PI));
+        let found = from.interpolate(&to, 0.75);
+        assert_eq!((found.x, found.y), (1.75, -3.0));
+        assert!((found.theta - (0.2 - PI)).abs() < 1e-15, "{found:?}");
+        assert_eq!(from.interpolate(&to, 0.0), from);
+        assert_eq!(from.interpolate(&from, 0.3), from);
     }
 
     #[test]

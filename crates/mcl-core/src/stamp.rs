@@ -12,8 +12,8 @@ pub enum ParseStampError {
     /// Not a decimal number at all.
     #[error("not a decimal number of seconds")]
     NotANumber,
-    /// A number, but not a time: negative, not finite, denormal, or beyond the year 2262.
-    #[error("not a usable time (negative, not finite, below a nanosecond, or too large)")]
+    /// A number, but not a time: not finite, denormal, or beyond the years 1677 to 2262.
+    #[error("not a usable time (not finite, below a nanosecond, or too large)")]
     Unusable,
 }
 
@@ -39,46 +39,51 @@ impl Stamp {
     }
 
     /// Reads decimal seconds (`1071078718.462310`) digit by digit, not through a float; digits
-    /// beyond the nanosecond are rounded half up. Scientific notation, which some writers use for
+    /// beyond the nanosecond are rounded half away from zero. A negative number is a time before the epoch:
+    /// stamps may be relative to the start of another recording. Scientific notation, which some writers use for
     /// small or uninitialised values, goes through a float.
     ///
     /// # Errors
     /// [`ParseStampError::NotANumber`] for text that is no number, [`ParseStampError::Unusable`]
-    /// for numbers that are no time: negative, NaN, infinite, larger than 0 but below a nanosecond
+    /// for numbers that are no time: NaN, infinite, not 0 but below a nanosecond
     /// (an uninitialised double often reads as 6.9e-310), or beyond the range of 64 bits.
     pub fn parse_seconds(text: &str) -> Result<Self, ParseStampError> {
         let value: f64 = text.parse().map_err(|_| ParseStampError::NotANumber)?;
         let smallest = 1.0 / NANOSECONDS_PER_SECOND as f64;
-        if !value.is_finite() || value < 0.0 || (value > 0.0 && value < 0.5 * smallest) {
+        if !value.is_finite() || (value != 0.0 && value.abs() < 0.5 * smallest) {
             return Err(ParseStampError::Unusable);
         }
-        let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-        let whole = whole.trim_start_matches('+');
+        let (is_negative, magnitude) = match text.strip_prefix('-') {
+            Some(magnitude) => (true, magnitude),
+            None => (false, text.strip_prefix('+').unwrap_or(text)),
+        };
+        let (whole, fraction) = magnitude.split_once('.').unwrap_or((magnitude, ""));
         let is_digits = |part: &str| part.bytes().all(|byte| byte.is_ascii_digit());
         if !is_digits(whole) || !is_digits(fraction) {
             let nanoseconds = (value * NANOSECONDS_PER_SECOND as f64).round();
-            return if nanoseconds < i64::MAX as f64 {
+            return if nanoseconds.abs() < i64::MAX as f64 {
                 Ok(Stamp(nanoseconds as i64))
             } else {
                 Err(ParseStampError::Unusable)
             };
         }
-        let mut nanoseconds: i64 = 0;
+        let mut nanoseconds: i128 = 0;
         for position in 0..9 {
             let digit = fraction.as_bytes().get(position).map_or(0, |byte| byte - b'0');
-            nanoseconds = nanoseconds * 10 + i64::from(digit);
+            nanoseconds = nanoseconds * 10 + i128::from(digit);
         }
-        let round_up = fraction.as_bytes().get(9).is_some_and(|&byte| byte >= b'5');
+        if fraction.as_bytes().get(9).is_some_and(|&byte| byte >= b'5') {
+            nanoseconds += 1;
+        }
         let seconds: i64 = if whole.is_empty() {
             0
         } else {
             whole.parse().map_err(|_| ParseStampError::Unusable)?
         };
-        seconds
-            .checked_mul(NANOSECONDS_PER_SECOND)
-            .and_then(|total| total.checked_add(nanoseconds + i64::from(round_up)))
+        let total = i128::from(seconds) * i128::from(NANOSECONDS_PER_SECOND) + nanoseconds;
+        i64::try_from(if is_negative { -total } else { total })
             .map(Stamp)
-            .ok_or(ParseStampError::Unusable)
+            .map_err(|_| ParseStampError::Unusable)
     }
 }
 
@@ -109,9 +114,35 @@ mod tests {
         assert_eq!(Stamp::parse_seconds("1.5e3").unwrap().nanoseconds(), 1_500_000_000_000);
     }
 
+    /// Once refused: stamps of a file may be relative to the start of another one.
+    #[test]
+    fn negative_numbers_are_times_before_the_epoch() {
+        let cases = [
+            ("-0.049999952", -49_999_952),
+            ("-1.5", -1_500_000_000),
+            ("-.5", -500_000_000),
+            ("-0", 0),
+        ];
+        for (text, nanoseconds) in cases {
+            assert_eq!(Stamp::parse_seconds(text), Ok(Stamp(nanoseconds)), "{text}");
+        }
+        assert_eq!(Stamp::parse_seconds("-1.9999999996"), Ok(Stamp(-2_000_000_000)));
+        assert_eq!(Stamp::parse_seconds("-1.5e3"), Ok(Stamp(-1_500_000_000_000)));
+        assert_eq!(Stamp::parse_seconds("--1"), Err(ParseStampError::NotANumber));
+    }
+
     #[test]
     fn what_is_no_time_is_refused() {
-        for text in ["-1.5", "nan", "inf", "6.95e-310", "1e300", "99999999999999999999"] {
+        for text in [
+            "nan",
+            "inf",
+            "-inf",
+            "-6.95e-310",
+            "-1e300",
+            "6.95e-310",
+            "1e300",
+            "99999999999999999999",
+        ] {
             assert_eq!(Stamp::parse_seconds(text), Err(ParseStampError::Unusable), "{text}");
         }
         for text in ["", "pippo", "1.2.3", "0x10"] {
@@ -121,7 +152,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn display_reads_back(nanoseconds in 0..i64::MAX) {
+        fn display_reads_back(nanoseconds in i64::MIN..=i64::MAX) {
             let stamp = Stamp::from_nanoseconds(nanoseconds);
             prop_assert_eq!(Stamp::parse_seconds(&stamp.to_string()), Ok(stamp));
         }

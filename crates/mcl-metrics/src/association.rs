@@ -2,33 +2,74 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use mcl_core::{Stamp, Trajectory};
+use serde::Serialize;
 
 use crate::error::MetricsError;
+use crate::timeline::{Timeline, gap};
 
 /// Largest difference of two matching stamps unless another is given, in seconds (evo's default).
 pub const DEFAULT_TOLERANCE_S: f64 = 0.01;
 
+/// One of the two trajectories that are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Side {
+    /// The reference.
+    Reference,
+    /// The estimate.
+    Estimate,
+}
+
 /// Poses of a reference and an estimate that belong to the same moments.
+///
+/// Pairs come in the order of the estimate where that is also the order of the reference: logs that step
+/// back in time do so in both. Otherwise at least one of the two is unsorted by itself, and pairs come in
+/// order of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matched {
     /// Matched part of the reference; entry *k* belongs to entry *k* of `estimate`.
     pub reference: Trajectory,
-    /// Matched part of the estimate, in the estimate's own order.
+    /// Matched part of the estimate.
     pub estimate: Trajectory,
-    /// Index of each entry in the whole reference.
-    pub reference_indices: Vec<usize>,
-    /// Index of each entry in the whole estimate, ascending.
-    pub estimate_indices: Vec<usize>,
-    /// Number of poses of the reference left without a partner.
+    /// Index of each entry in the whole reference; `None` where the reference was interpolated.
+    pub reference_indices: Option<Vec<usize>>,
+    /// Index of each entry in the whole estimate; `None` where the estimate was interpolated.
+    pub estimate_indices: Option<Vec<usize>>,
+    /// The sparser trajectory: that with fewer poses in the time both have, the estimate where both have
+    /// as many. With interpolation its poses are those compared.
+    pub sampled: Side,
+    /// How far apart in time the poses of the pairs are; `None` with interpolation, where they are not.
+    pub time_difference: Option<TimeDifference>,
+    /// Number of poses of the reference that take part in no pair.
     pub unmatched_reference: usize,
-    /// Number of poses of the estimate left without a partner.
+    /// Number of poses of the estimate that take part in no pair.
     pub unmatched_estimate: usize,
+    /// Whether the order of the pairs is not that of the estimate, but that of time.
+    pub sorted_by_time: bool,
+}
+
+impl Matched {
+    /// Number of poses of the sparser trajectory that take part in no pair.
+    pub fn unmatched_samples(&self) -> usize {
+        match self.sampled {
+            Side::Reference => self.unmatched_reference,
+            Side::Estimate => self.unmatched_estimate,
+        }
+    }
+}
+
+/// Differences between the stamps of pairs, in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TimeDifference {
+    /// Mean of the magnitudes.
+    pub mean_s: f64,
+    /// Largest magnitude.
+    pub max_s: f64,
 }
 
 /// Matches poses by stamp, one to one: of all pairs not further apart than `tolerance_s` the nearest
 /// in time is taken, then the nearest of what is left, and so on. Equally near pairs are taken in
-/// order of time; equal stamps are used up in recorded order. Neither trajectory needs to be sorted,
-/// and pairs come in the order of the estimate.
+/// order of time; equal stamps are used up in recorded order. Neither trajectory needs to be sorted.
 ///
 /// Greedy means nearest first, not as many as possible: a pose whose only neighbour has a nearer
 /// partner stays unmatched.
@@ -44,36 +85,183 @@ pub fn associate(
         let expected = "a finite number of seconds, not negative";
         return Err(MetricsError::Setting { name: "tolerance", found: tolerance_s, expected });
     }
-    for (what, trajectory) in [("reference poses", reference), ("estimated poses", estimate)] {
-        if trajectory.is_empty() {
-            return Err(MetricsError::TooFew { what, found: 0, needed: 1 });
-        }
-    }
+    let sides = Sides::new(reference, estimate)?;
     let timeline = merge(reference.stamps(), estimate.stamps());
     let tolerance = (tolerance_s * 1e9).round() as u64;
-    let mut pairs = nearest_pairs(&timeline, tolerance);
+    let pairs = nearest_pairs(&timeline, tolerance);
     if pairs.is_empty() {
-        let nearest = timeline.windows(2).filter_map(|pair| gap(&pair[0], &pair[1])).min();
+        let nearest = timeline.windows(2).filter_map(|pair| distance(&pair[0], &pair[1])).min();
         return Err(MetricsError::NothingMatches {
             tolerance_s,
-            reference: time_range(reference.stamps()),
-            estimate: time_range(estimate.stamps()),
+            reference: sides.reference.span(),
+            estimate: sides.estimate.span(),
             nearest_s: nearest.unwrap_or(u64::MAX) as f64 / 1e9,
         });
     }
-    pairs.sort_unstable_by_key(|&(_, estimate)| estimate);
+    let stamp = |&(_, e): &(usize, usize)| estimate.stamps()[e];
+    let (pairs, sorted_by_time) = in_order(pairs, |&pair| pair, stamp);
+    let apart = |&(r, e): &(usize, usize)| gap(reference.stamps()[r], estimate.stamps()[e]);
+    let sum: f64 = pairs.iter().map(|pair| apart(pair) as f64).sum();
+    let largest = pairs.iter().map(apart).max().unwrap_or(0);
+    let time_difference =
+        TimeDifference { mean_s: sum / pairs.len() as f64 / 1e9, max_s: largest as f64 / 1e9 };
     let (reference_indices, estimate_indices): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
-    let select = |trajectory: &Trajectory, indices: &[usize]| -> Trajectory {
-        indices.iter().map(|&i| (trajectory.stamps()[i], trajectory.poses()[i])).collect()
-    };
     Ok(Matched {
         unmatched_reference: reference.len() - reference_indices.len(),
         unmatched_estimate: estimate.len() - estimate_indices.len(),
         reference: select(reference, &reference_indices),
         estimate: select(estimate, &estimate_indices),
-        reference_indices,
-        estimate_indices,
+        reference_indices: Some(reference_indices),
+        estimate_indices: Some(estimate_indices),
+        sampled: sides.sparser(),
+        time_difference: Some(time_difference),
+        sorted_by_time,
     })
+}
+
+/// Matches the poses of the sparser trajectory with the other one, interpolated to their stamps: on the
+/// line between the positions before and after, on the shorter arc between the headings. Nothing is
+/// extrapolated, nor interpolated over a gap longer than `longest_gap_s`; unless given, that is five times
+/// the usual (median) interval of the interpolated trajectory, at least 0.2 s. A stamp that the other
+/// trajectory has, too, is no matter of interpolation: equal stamps are matched in recorded order, those
+/// in excess with the last of them.
+///
+/// A pose of the interpolated side takes part in a pair when a sample lies at it, or between it and the
+/// next one.
+///
+/// # Errors
+/// When the longest gap is negative or not finite, a trajectory is empty, or no pose of the sparser one
+/// lies within the other one.
+pub fn interpolate(
+    reference: &Trajectory,
+    estimate: &Trajectory,
+    longest_gap_s: Option<f64>,
+) -> Result<Matched, MetricsError> {
+    let sides = Sides::new(reference, estimate)?;
+    let sampled = sides.sparser();
+    let (samples, other) = match sampled {
+        Side::Reference => (&sides.reference, &sides.estimate),
+        Side::Estimate => (&sides.estimate, &sides.reference),
+    };
+    let longest = other.longest_gap(longest_gap_s)?;
+    let mut takes_part = vec![false; other.len()];
+    let mut found = Vec::new();
+    let mut occurrence = 0;
+    for position in 0..samples.len() {
+        let stamp = samples.stamp(position);
+        let repeats = position > 0 && samples.stamp(position - 1) == stamp;
+        occurrence = if repeats { occurrence + 1 } else { 0 };
+        let Some(place) = other.at(stamp, occurrence, longest) else { continue };
+        takes_part[place.before] = true;
+        takes_part[place.after] = true;
+        found.push((samples.index(position), place.before, stamp, place.pose));
+    }
+    if found.is_empty() {
+        return Err(MetricsError::NothingInterpolated {
+            longest_gap_s: longest as f64 / 1e9,
+            reference: sides.reference.span(),
+            estimate: sides.estimate.span(),
+        });
+    }
+    let positions = |&(sample, before, ..): &(usize, usize, _, _)| match sampled {
+        Side::Reference => (sample, before),
+        Side::Estimate => (before, sample),
+    };
+    let (found, sorted_by_time) = in_order(found, positions, |&(_, _, stamp, _)| stamp);
+    let indices: Vec<usize> = found.iter().map(|&(sample, ..)| sample).collect();
+    let interpolated: Trajectory = found.iter().map(|&(_, _, stamp, pose)| (stamp, pose)).collect();
+    let unmatched_samples = samples.len() - indices.len();
+    let unmatched_others = takes_part.iter().filter(|&&takes_part| !takes_part).count();
+    let matched = Matched {
+        reference: Trajectory::default(),
+        estimate: Trajectory::default(),
+        reference_indices: None,
+        estimate_indices: None,
+        sampled,
+        time_difference: None,
+        unmatched_reference: unmatched_others,
+        unmatched_estimate: unmatched_others,
+        sorted_by_time,
+    };
+    Ok(match sampled {
+        Side::Reference => Matched {
+            reference: select(reference, &indices),
+            estimate: interpolated,
+            reference_indices: Some(indices),
+            unmatched_reference: unmatched_samples,
+            ..matched
+        },
+        Side::Estimate => Matched {
+            reference: interpolated,
+            estimate: select(estimate, &indices),
+            estimate_indices: Some(indices),
+            unmatched_estimate: unmatched_samples,
+            ..matched
+        },
+    })
+}
+
+/// Two trajectories with poses, in order of time.
+struct Sides<'a> {
+    reference: Timeline<'a>,
+    estimate: Timeline<'a>,
+}
+
+impl<'a> Sides<'a> {
+    fn new(reference: &'a Trajectory, estimate: &'a Trajectory) -> Result<Self, MetricsError> {
+        check_not_empty(reference, estimate)?;
+        Ok(Sides { reference: Timeline::new(reference), estimate: Timeline::new(estimate) })
+    }
+
+    /// The side with fewer poses in the time both have; the estimate where both have as many.
+    fn sparser(&self) -> Side {
+        let ([r0, r1], [e0, e1]) = (self.reference.span(), self.estimate.span());
+        let common = [r0.max(e0), r1.min(e1)];
+        match (self.reference.count_within(common), self.estimate.count_within(common)) {
+            // A single pose, or a few, between two poses of the other one.
+            (0, _) => Side::Estimate,
+            (_, 0) => Side::Reference,
+            (reference, estimate) if reference < estimate => Side::Reference,
+            _ => Side::Estimate,
+        }
+    }
+}
+
+/// Checks that both trajectories have poses.
+pub(crate) fn check_not_empty(
+    reference: &Trajectory,
+    estimate: &Trajectory,
+) -> Result<(), MetricsError> {
+    for (what, trajectory) in [("reference poses", reference), ("estimated poses", estimate)] {
+        if trajectory.is_empty() {
+            return Err(MetricsError::TooFew { what, found: 0, needed: 1 });
+        }
+    }
+    Ok(())
+}
+
+fn select(trajectory: &Trajectory, indices: &[usize]) -> Trajectory {
+    indices.iter().map(|&i| (trajectory.stamps()[i], trajectory.poses()[i])).collect()
+}
+
+/// Pairs in the order of the estimate where the reference is in order then, too, else in order of time; and
+/// whether that is another order. `positions` are those in reference and estimate.
+fn in_order<T>(
+    mut pairs: Vec<T>,
+    positions: impl Fn(&T) -> (usize, usize),
+    stamp: impl Fn(&T) -> Stamp,
+) -> (Vec<T>, bool) {
+    // Several poses may be interpolated from one position: those are in order of time.
+    pairs.sort_by_key(|pair| {
+        let (reference, estimate) = positions(pair);
+        (estimate, stamp(pair), reference)
+    });
+    let is_in_order = pairs.is_sorted_by_key(|pair| positions(pair).0);
+    let is_to_be_sorted = !is_in_order && !pairs.is_sorted_by_key(&stamp);
+    if is_to_be_sorted {
+        pairs.sort_by_key(&stamp);
+    }
+    (pairs, is_to_be_sorted)
 }
 
 /// A stamp on the common time line. Field order is sorting order: by time, and equal stamps of both
@@ -103,9 +291,8 @@ fn merge(reference: &[Stamp], estimate: &[Stamp]) -> Vec<Entry> {
 }
 
 /// Nanoseconds between a stamp of the one side and a later one of the other.
-fn gap(earlier: &Entry, later: &Entry) -> Option<u64> {
-    let differ = earlier.is_estimate != later.is_estimate;
-    differ.then(|| later.stamp.nanoseconds().abs_diff(earlier.stamp.nanoseconds()))
+fn distance(earlier: &Entry, later: &Entry) -> Option<u64> {
+    (earlier.is_estimate != later.is_estimate).then(|| gap(earlier.stamp, later.stamp))
 }
 
 /// (reference index, estimate index) of the greedy matching. The nearest two unmatched entries of
@@ -119,7 +306,7 @@ fn nearest_pairs(timeline: &[Entry], tolerance: u64) -> Vec<(usize, usize)> {
     let mut is_matched = vec![false; count];
     let mut heap = BinaryHeap::new();
     let candidate = |left: usize, right: usize| {
-        gap(&timeline[left], &timeline[right])
+        distance(&timeline[left], &timeline[right])
             .filter(|&nanoseconds| nanoseconds <= tolerance)
             .map(|nanoseconds| Reverse((nanoseconds, left, right)))
     };
@@ -147,10 +334,6 @@ fn nearest_pairs(timeline: &[Entry], tolerance: u64) -> Vec<(usize, usize)> {
     pairs
 }
 
-fn time_range(stamps: &[Stamp]) -> [Stamp; 2] {
-    stamps.iter().fold([stamps[0]; 2], |[first, last], &s| [first.min(s), last.max(s)])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,12 +348,18 @@ mod tests {
         milliseconds.iter().map(|&ms| stamp(ms)).zip(poses).collect()
     }
 
+    /// Indices of nearest poses.
+    fn both(matched: &Matched) -> (Vec<usize>, Vec<usize>) {
+        (matched.reference_indices.clone().unwrap(), matched.estimate_indices.clone().unwrap())
+    }
+
     fn indices(reference: &[i64], estimate: &[i64]) -> Vec<(usize, usize)> {
         let m = associate(&track(reference), &track(estimate), DEFAULT_TOLERANCE_S).unwrap();
         let xs = |t: &Trajectory| t.poses().iter().map(|p| p.x as usize).collect::<Vec<_>>();
-        assert_eq!(xs(&m.reference), m.reference_indices);
-        assert_eq!(xs(&m.estimate), m.estimate_indices);
-        m.reference_indices.into_iter().zip(m.estimate_indices).collect()
+        let (of_reference, of_estimate) = both(&m);
+        assert_eq!(xs(&m.reference), of_reference);
+        assert_eq!(xs(&m.estimate), of_estimate);
+        of_reference.into_iter().zip(of_estimate).collect()
     }
 
     #[test]
@@ -207,8 +396,9 @@ mod tests {
             error.to_string(),
             "no stamps match within 0.01 s: the reference lasts from 1.000000000 to 2.000000000 s, \
              the estimate from 2.500000000 to 9.000000000 s, and the nearest two stamps are 0.5 s \
-             apart. Check that both are of the same recording and on the same clock; if only their \
-             rates differ, raise the tolerance"
+             apart. Check that both are of the same recording; if their rates or phases differ, \
+             interpolate between poses (`--match interpolate`), and if their clocks differ, shift the \
+             estimate's stamps (`--offset`)"
         );
         for tolerance in [-0.1, f64::NAN, f64::INFINITY] {
             assert!(matches!(
@@ -218,6 +408,103 @@ mod tests {
         }
         let empty = associate(&track(&[]), &track(&[0]), 0.01).unwrap_err();
         assert_eq!(empty.to_string(), "reference poses: found 0, expected at least 1");
+    }
+
+    /// Once taken in the order of a file that somebody's script had shuffled: relative errors between poses
+    /// that do not follow one another.
+    #[test]
+    fn an_unsorted_estimate_of_a_sorted_reference_is_taken_in_order_of_time() {
+        let (reference, estimate) = (track(&[0, 100, 200, 300]), track(&[200, 0, 300, 100]));
+        let nearest = associate(&reference, &estimate, 0.01).unwrap();
+        assert!(nearest.sorted_by_time);
+        assert_eq!(both(&nearest), (vec![0, 1, 2, 3], vec![1, 3, 0, 2]));
+        let between = interpolate(&reference, &estimate, None).unwrap();
+        assert!(between.sorted_by_time);
+        assert_eq!(between.estimate_indices, Some(vec![1, 3, 0, 2]));
+        assert_eq!(between.reference, reference);
+        // An unsorted reference has no influence on the order.
+        let (nearest, between) = (
+            associate(&estimate, &reference, 0.01).unwrap(),
+            interpolate(&estimate, &reference, None).unwrap(),
+        );
+        assert!(!nearest.sorted_by_time && !between.sorted_by_time);
+        assert_eq!(between.estimate, reference);
+    }
+
+    #[test]
+    fn a_log_that_steps_back_in_time_keeps_its_order_with_interpolation() {
+        let log = track(&[0, 100, 200, 150, 250, 250]);
+        let matched = interpolate(&log, &log, None).unwrap();
+        assert!(!matched.sorted_by_time);
+        assert_eq!((&matched.reference, &matched.estimate), (&log, &log));
+        assert_eq!((matched.unmatched_reference, matched.unmatched_estimate), (0, 0));
+    }
+
+    #[test]
+    fn the_denser_trajectory_is_interpolated_to_the_stamps_of_the_sparser() {
+        // Both run along x at 1 m per pose; the reference at 10 Hz, the estimate slower, half a period off.
+        let reference = track(&[0, 100, 200, 300, 400]);
+        let estimate = track(&[50, 275, 450]);
+        let matched = interpolate(&reference, &estimate, None).unwrap();
+        assert_eq!(matched.sampled, Side::Estimate);
+        let xs: Vec<f64> = matched.reference.poses().iter().map(|pose| pose.x).collect();
+        assert_eq!(xs, [0.5, 2.75], "450 ms lie beyond the reference");
+        assert_eq!(matched.reference.stamps(), matched.estimate.stamps());
+        assert_eq!(matched.estimate_indices, Some(vec![0, 1]));
+        assert_eq!((matched.reference_indices, matched.time_difference), (None, None));
+        // The reference's last pose lies beyond the last sample within it.
+        assert_eq!((matched.unmatched_reference, matched.unmatched_estimate), (1, 1));
+        let swapped = interpolate(&estimate, &reference, None).unwrap();
+        assert_eq!(
+            (swapped.sampled, swapped.reference_indices),
+            (Side::Reference, Some(vec![0, 1]))
+        );
+        assert_eq!(swapped.estimate, matched.reference);
+        assert_eq!((swapped.unmatched_reference, swapped.unmatched_estimate), (1, 1));
+        // With as many poses in the common time, the estimate's are the samples.
+        let ties = interpolate(&track(&[0, 100, 200]), &track(&[50, 150, 250]), None).unwrap();
+        assert_eq!((ties.sampled, ties.estimate_indices), (Side::Estimate, Some(vec![0, 1])));
+    }
+
+    #[test]
+    fn nothing_is_interpolated_over_a_long_gap() {
+        let reference = track(&[0, 100, 200, 300, 900, 1000, 1100]);
+        let estimate = track(&[50, 600, 950]);
+        let found =
+            |gap| interpolate(&reference, &estimate, gap).unwrap().estimate_indices.unwrap();
+        assert_eq!(found(None), [0, 2], "600 ms are more than five usual intervals");
+        assert_eq!(found(Some(0.6)), [0, 1, 2]);
+        assert_eq!(found(Some(0.1)), [0, 2]);
+        // 0.2 s may be interpolated over at any rate.
+        let fast = track(&[0, 1, 2, 3, 203]);
+        let found = interpolate(&fast, &track(&[100]), None).unwrap();
+        assert_eq!(found.reference.poses()[0].x, 3.485);
+        for error in [
+            interpolate(&reference, &track(&[600]), None).unwrap_err(),
+            interpolate(&reference, &track(&[1101]), None).unwrap_err(),
+        ] {
+            assert!(error.to_string().contains("over more than 0.5 s"), "{error}");
+            assert!(error.to_string().contains("`--offset`"), "{error}");
+        }
+        for gap in [-0.1, f64::NAN, f64::INFINITY] {
+            assert!(matches!(
+                interpolate(&reference, &estimate, Some(gap)),
+                Err(MetricsError::Setting { name: "longest gap", .. })
+            ));
+        }
+    }
+
+    #[test]
+    fn repeated_stamps_are_interpolated_between_their_neighbours() {
+        // Three poses at 100 ms: x 1, 2, 3.
+        let reference = track(&[0, 100, 100, 100, 200]);
+        for (estimate, expected) in
+            [([50, 100, 100], [0.5, 1.0, 2.0]), ([100, 100, 150], [1.0, 2.0, 3.5])]
+        {
+            let matched = interpolate(&reference, &track(&estimate), None).unwrap();
+            let xs: Vec<f64> = matched.reference.poses().iter().map(|pose| pose.x).collect();
+            assert_eq!(xs, expected);
+        }
     }
 
     /// The definition, in cubic time: (reference, estimate) of all pairs, nearest first.
@@ -248,15 +535,27 @@ mod tests {
                 prop_assert!(greedy(&reference, &estimate, 10).is_empty());
                 return Ok(());
             };
-            let distinct: BTreeSet<usize> = m.reference_indices.iter().copied().collect();
+            let (of_reference, of_estimate) = both(&m);
+            let distinct: BTreeSet<usize> = of_reference.iter().copied().collect();
             prop_assert_eq!(distinct.len() + m.unmatched_reference, reference.len());
-            prop_assert_eq!(m.estimate_indices.len() + m.unmatched_estimate, estimate.len());
-            prop_assert!(m.estimate_indices.is_sorted_by(|a, b| a < b));
-            let same = associate(&track(&reference), &track(&reference), 0.01).unwrap();
-            prop_assert_eq!(same.reference_indices, same.estimate_indices);
-            for (&r, &e) in m.reference_indices.iter().zip(&m.estimate_indices) {
-                prop_assert!(reference[r].abs_diff(estimate[e]) <= 10);
+            prop_assert_eq!(of_estimate.len() + m.unmatched_estimate, estimate.len());
+            if m.sorted_by_time {
+                prop_assert!(m.estimate.stamps().is_sorted());
+            } else {
+                prop_assert!(of_estimate.is_sorted_by(|a, b| a < b));
+                prop_assert!(of_reference.is_sorted() || m.estimate.stamps().is_sorted());
             }
+            let same = associate(&track(&reference), &track(&reference), 0.01).unwrap();
+            prop_assert_eq!(&same.reference_indices, &same.estimate_indices);
+            prop_assert!(!same.sorted_by_time);
+            let mut largest = 0;
+            for (&r, &e) in of_reference.iter().zip(&of_estimate) {
+                prop_assert!(reference[r].abs_diff(estimate[e]) <= 10);
+                largest = largest.max(reference[r].abs_diff(estimate[e]));
+            }
+            let apart = m.time_difference.unwrap();
+            prop_assert_eq!(apart.max_s, largest as f64 / 1e3);
+            prop_assert!(apart.mean_s <= apart.max_s * (1.0 + 1e-12));
         }
 
         /// Where no two gaps are equal, the greedy matching is unique.
@@ -274,8 +573,10 @@ mod tests {
             let expected = greedy(&reference, &estimate, tolerance);
             match associate(&track(&reference), &track(&estimate), tolerance as f64 / 1e3) {
                 Ok(m) => {
-                    let found = m.reference_indices.into_iter().zip(m.estimate_indices);
-                    prop_assert_eq!(found.collect::<Vec<_>>(), expected);
+                    let (of_reference, of_estimate) = both(&m);
+                    let mut found: Vec<_> = of_reference.into_iter().zip(of_estimate).collect();
+                    found.sort_unstable_by_key(|&(_, e)| e);
+                    prop_assert_eq!(found, expected);
                 }
                 Err(_) => prop_assert!(expected.is_empty()),
             }

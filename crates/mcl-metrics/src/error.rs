@@ -115,8 +115,8 @@ pub enum MetricsError {
     #[error(
         "no stamps match within {tolerance_s} s: the reference lasts from {} to {} s, the estimate \
          from {} to {} s, and the nearest two stamps are {nearest_s} s apart. Check that both are \
-         of the same recording and on the same clock; if only their rates differ, raise the \
-         tolerance", .reference[0], .reference[1], .estimate[0], .estimate[1]
+         of the same recording; if their rates or phases differ, interpolate between poses (`--match \
+         interpolate`), and if their clocks differ, shift the estimate's stamps (`--offset`)", .reference[0], .reference[1], .estimate[0], .estimate[1]
     )]
     NothingMatches {
         /// Largest difference accepted, in seconds.
@@ -127,6 +127,21 @@ pub enum MetricsError {
         estimate: [Stamp; 2],
         /// Smallest difference between a stamp of the one and a stamp of the other, in seconds.
         nearest_s: f64,
+    },
+    /// No pose of the sparser trajectory lies between two of the other one.
+    #[error(
+        "no pose can be interpolated: the reference lasts from {} to {} s, the estimate from {} to {} s, \
+         and nothing is extrapolated or interpolated over more than {longest_gap_s} s. Check that both \
+         are of the same recording; if their clocks differ, shift the estimate's stamps (`--offset`)",
+        .reference[0], .reference[1], .estimate[0], .estimate[1]
+    )]
+    NothingInterpolated {
+        /// Longest gap interpolated over, in seconds.
+        longest_gap_s: f64,
+        /// Earliest and latest stamp of the reference.
+        reference: [Stamp; 2],
+        /// Earliest and latest stamp of the estimate.
+        estimate: [Stamp; 2],
     },
     /// The positions do not determine a rotation.
     #[error(

@@ -5,7 +5,7 @@
 //! Poses here are planar, so a file must be too: |z| at most [`MAX_Z`], and the vertical axis tilted
 //! by at most [`MAX_TILT`]; or the poses are projected onto the plane when asked
 //! ([`NonPlanar::Project`], as evo's `--project_to_plane xy`). Stamps are read and written to the
-//! nanosecond, poses in file order, whether sorted or not.
+//! nanosecond, negative ones too (times before zero), poses in file order, whether sorted or not.
 //!
 //! # Example
 //! ```
@@ -104,11 +104,8 @@ pub enum TumError {
         /// The file.
         file: PathBuf,
     },
-    /// A pose that no reader would accept: NaN, infinite, or a negative stamp.
-    #[error(
-        "cannot write pose {index}, {pose:?} at {stamp} s: expected finite numbers and a stamp of \
-         at least 0"
-    )]
+    /// A pose that no reader would accept: NaN or infinite.
+    #[error("cannot write pose {index}, {pose:?} at {stamp} s: expected finite numbers")]
     Pose {
         /// Index of the pose, from 0.
         index: usize,
@@ -258,10 +255,10 @@ pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(),
 /// (−π, π] and within 10⁻¹⁵ rad, as the file holds the sine and cosine of its half.
 ///
 /// # Errors
-/// When a pose is not finite or its stamp negative (no reader would take it), or writing fails.
+/// When a pose is not finite (no reader would take it), or writing fails.
 pub fn write(mut writer: impl Write, trajectory: &Trajectory) -> Result<(), TumError> {
     for (index, (stamp, pose)) in trajectory.iter().enumerate() {
-        if !pose.is_finite() || stamp.nanoseconds() < 0 {
+        if !pose.is_finite() {
             return Err(TumError::Pose { index, stamp, pose });
         }
         let (qz, qw) = math::sin_cos(0.5 * wrap_angle(pose.theta));

@@ -1,6 +1,6 @@
 //! Poses over time, and where between them a scan was taken.
 
-use mcl_core::{Pose2, wrap_angle};
+use mcl_core::Pose2;
 
 use super::moment::Moment;
 
@@ -106,11 +106,7 @@ impl PoseTrack {
             return Placed::InGap(i64::try_from(gap).unwrap_or(i64::MAX));
         }
         let part = (i128::from(moment.at) - i128::from(before.at)) as f64 / gap as f64;
-        Placed::At(Pose2::new(
-            from.x + part * (to.x - from.x),
-            from.y + part * (to.y - from.y),
-            wrap_angle(from.theta + part * wrap_angle(to.theta - from.theta)),
-        ))
+        Placed::At(from.interpolate(to, part))
     }
 }
 

@@ -141,12 +141,12 @@ impl<'a> Fields<'a> {
         if self.remaining() == 0 { Ok(None) } else { self.stamp(field) }
     }
 
-    /// A stamp; `None` for a number that is no time (uninitialised, negative).
+    /// A stamp; `None` for a number that is no time (uninitialised), or none that CARMEN writes (negative).
     pub fn stamp(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
         const EXPECTED: &str = "a decimal number of seconds";
         let text = self.text(field, EXPECTED)?;
         match Stamp::parse_seconds(text) {
-            Ok(stamp) => Ok(Some(stamp)),
+            Ok(stamp) => Ok((stamp.nanoseconds() >= 0).then_some(stamp)),
             Err(ParseStampError::Unusable) => Ok(None),
             Err(ParseStampError::NotANumber) => Err(self.malformed(field, text, EXPECTED)),
         }
