@@ -523,6 +523,7 @@ impl<'a> ParticleFilter<'a> {
         let places = LikelyPlaces::search(&self.field, endpoints, window, exponent)?;
         self.particles.clear();
         places.draw(particles.most, log_prior, rng, &mut self.particles);
+        self.make_room();
         self.particles.check_places()
     }
 
@@ -550,12 +551,17 @@ impl<'a> ParticleFilter<'a> {
     /// Takes over the beams of a scan, and makes room for what is computed of them.
     fn load(&mut self, scan: &LaserScan) -> Result<(), FilterError> {
         let FilterSettings { beams, max_range, .. } = *self.settings.values();
-        let Buffers { endpoints, log_likelihoods, sin, cos, .. } = &mut self.buffers;
-        endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
+        self.make_room();
+        Ok(())
+    }
+
+    /// Room for what is computed of each particle.
+    fn make_room(&mut self) {
+        let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
         for buffer in [log_likelihoods, sin, cos] {
             buffer.resize(self.particles.len(), 0.0);
         }
-        Ok(())
     }
 
     /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that

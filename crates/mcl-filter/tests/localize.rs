@@ -352,6 +352,31 @@ fn a_turn_that_the_odometry_does_not_know_is_bridged() {
     }
 }
 
+/// Fault: a robot that had not been found yet, and had come down to few particles, was looked for again at a step that
+/// its odometry does not know, by more particles than there was room for: the program panicked.
+#[test]
+fn a_robot_that_is_looked_for_may_lose_its_odometry() {
+    let distances = MapDistances::grid(&map(), 2.0).unwrap();
+    let recording = drive(Pose2::IDENTITY);
+    let mut increments = odometry(&recording);
+    increments[4] = None;
+    let scans: Vec<usize> = (0..recording.scans.len()).collect();
+    let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
+    let settings = FilterSettings {
+        particles: "100..2000".parse().unwrap(),
+        proposal: Proposal::Adaptive,
+        // So near that the search goes on.
+        initial_pose: InitialPose::Scan { beams: 5.0, agreement: 1e-9 },
+        ..settings()
+    };
+    let run = localize(&replay, &distances, &settings.check().unwrap(), None, Seed::new(1)).unwrap();
+    let particles: Vec<usize> = run.reports.iter().map(|report| report.particles).collect();
+    assert!(particles[3] < 2000, "{particles:?}");
+    assert_eq!(particles[4], 2000);
+    let (last, truth) = (run.map_from_laser.last().unwrap(), recording.scans.last().unwrap());
+    assert!(last.distance(&truth.map_from_laser.unwrap()) < 0.2);
+}
+
 #[test]
 fn particles_that_leave_the_plane_are_an_error() {
     let distances = MapDistances::grid(&map(), 2.0).unwrap();
