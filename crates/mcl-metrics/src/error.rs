@@ -143,6 +143,13 @@ pub enum MetricsError {
         /// Earliest and latest stamp of the estimate.
         estimate: [Stamp; 2],
     },
+    /// The positions do not determine how far two clocks are apart.
+    #[error(
+        "cannot find the offset of the clocks: at all offsets the positions are equally far apart (the robot \
+         stands still, or runs straight and is aligned), or there are too few poses; give the offset in \
+         seconds instead"
+    )]
+    NoOffset,
     /// The positions do not determine a rotation.
     #[error(
         "cannot align {poses} poses: the positions of a trajectory are all the same, or the two \
@@ -155,7 +162,7 @@ pub enum MetricsError {
     },
     /// No two poses lie the asked distance apart.
     #[error(
-        "no two of {poses} poses are {delta} apart (their path is {path_m} m long): use a smaller \
+        "no two of {poses} poses are {delta} apart ({extent}): use a smaller \
          delta, or a larger relative tolerance with all pairs"
     )]
     NoPairs {
@@ -163,8 +170,17 @@ pub enum MetricsError {
         poses: usize,
         /// The distance asked for, with its unit.
         delta: String,
-        /// Length of the path the pairs are looked for on, in metres.
-        path_m: f64,
+        /// How long the path is that the pairs are looked for on, in words.
+        extent: String,
+    },
+    /// More pairs of poses than can be compared.
+    #[error(
+        "more than {} of poses differ by the angle: take consecutive pairs, a smaller relative \
+         tolerance, or fewer poses", counted(*.limit, "pair")
+    )]
+    TooManyPairs {
+        /// Number of pairs that can be compared.
+        limit: usize,
     },
 }
 

@@ -45,6 +45,7 @@ mod error;
 mod hypothesis;
 mod interval;
 mod odometry;
+mod offset;
 mod outcome;
 mod pose_error;
 mod rate;
@@ -65,6 +66,7 @@ pub use error::{MetricsError, TooFew};
 pub use hypothesis::{Effect, paired_t_test, welch_equivalence_p, welch_t_test};
 pub use interval::{Interval, MeanInterval, bootstrap_mean, mean_interval, standard_deviation};
 pub use odometry::OdometryError;
+pub use offset::{OffsetFound, find_offset, shifted};
 pub use outcome::{
     DivergenceSettings, LossSettings, LostEpisode, diverged, found_for_good, lost_episodes,
 };

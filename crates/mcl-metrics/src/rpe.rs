@@ -1,6 +1,7 @@
+use std::f64::consts::PI;
 use std::fmt;
 
-use mcl_core::{Pose2, math};
+use mcl_core::{Pose2, Stamp, Trajectory, math, wrap_angle};
 
 use crate::ate::{full, rotation, translation};
 use crate::error::{MetricsError, check_poses};
@@ -12,6 +13,11 @@ pub enum Delta {
     Metres(f64),
     /// A number of poses.
     Frames(usize),
+    /// Seconds, by the stamps.
+    Seconds(f64),
+    /// Radians, at most π. Of pairs that follow one another the heading has turned by that much on the way,
+    /// to whichever side; of all pairs the two headings differ by it.
+    Radians(f64),
 }
 
 impl fmt::Display for Delta {
@@ -19,6 +25,8 @@ impl fmt::Display for Delta {
         match self {
             Delta::Metres(metres) => write!(f, "{metres} m"),
             Delta::Frames(frames) => write!(f, "{frames} frames"),
+            Delta::Seconds(seconds) => write!(f, "{seconds} s"),
+            Delta::Radians(radians) => write!(f, "{radians} rad"),
         }
     }
 }
@@ -26,11 +34,12 @@ impl fmt::Display for Delta {
 /// The path that says which poses are a [`Delta`] apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PairsFrom {
-    /// The estimated path, as evo does unless told otherwise.
+    /// The reference path: the same pairs for every estimate (evo's `--pairs_from_reference`).
     #[default]
-    Estimate,
-    /// The reference path: the same pairs for every estimate.
     Reference,
+    /// The estimated path, as evo does by default. Noise makes a path longer, and so the distance between
+    /// the poses of a pair shorter: of two estimates the noisier one can look better.
+    Estimate,
 }
 
 /// Which pairs of poses are compared.
@@ -40,9 +49,10 @@ pub struct RpeSettings {
     pub delta: Delta,
     /// With `false`, pairs follow one another: each begins where the one before ended, at the first
     /// pose that is at least `delta` further on. With `true`, a pair begins at every pose and ends
-    /// where the path is nearest to `delta`.
+    /// where the path (or the time) is nearest to `delta`; over an angle all poses are paired whose
+    /// headings differ by it.
     pub all_pairs: bool,
-    /// With all pairs over metres: pairs whose distance is off by more than this part of `delta`
+    /// With all pairs over metres, seconds or radians: pairs that are off by more than this part of `delta`
     /// are left out.
     pub relative_tolerance: f64,
     /// The path on which distances are measured.
@@ -50,13 +60,13 @@ pub struct RpeSettings {
 }
 
 impl RpeSettings {
-    /// Consecutive pairs on the estimated path, relative tolerance 0.1: evo's defaults.
+    /// Consecutive pairs on the reference path, relative tolerance 0.1.
     pub fn new(delta: Delta) -> Self {
         RpeSettings {
             delta,
             all_pairs: false,
             relative_tolerance: 0.1,
-            pairs_from: PairsFrom::Estimate,
+            pairs_from: PairsFrom::Reference,
         }
     }
 
@@ -65,6 +75,12 @@ impl RpeSettings {
         match self.delta {
             Delta::Metres(found) if !(found.is_finite() && found > 0.0) => {
                 setting("delta", found, "a positive number of metres")
+            }
+            Delta::Seconds(found) if !(found.is_finite() && found > 0.0) => {
+                setting("delta", found, "a positive number of seconds")
+            }
+            Delta::Radians(found) if !(found > 0.0 && found <= PI) => {
+                setting("delta", found, "radians above 0 and up to π")
             }
             Delta::Frames(0) => setting("delta", 0.0, "at least one frame"),
             _ if !(self.relative_tolerance.is_finite() && self.relative_tolerance >= 0.0) => {
@@ -90,36 +106,56 @@ pub struct Rpe {
     pub full: Vec<f64>,
 }
 
-/// Relative pose error of matched poses, as evo defines it (`evo_rpe`).
+/// More pairs than this are not compared: over an angle, their number grows with the square of that of poses.
+const MAX_PAIRS: usize = 10_000_000;
+
+/// Relative pose error of matched poses, as evo defines it (`evo_rpe`; evo has no pairs by time). Stamps are
+/// used by [`Delta::Seconds`] only; where they step back, no time passes.
 ///
 /// # Errors
-/// When a setting is out of range, the numbers of poses differ, one is not finite or too far away, or no two poses
-/// are `delta` apart.
+/// When a setting is out of range, the numbers of poses differ, one is not finite or too far away, no two poses
+/// are `delta` apart, or more than ten million pairs of poses are.
 pub fn rpe(
-    reference: &[Pose2],
-    estimate: &[Pose2],
+    reference: &Trajectory,
+    estimate: &Trajectory,
     settings: &RpeSettings,
 ) -> Result<Rpe, MetricsError> {
     settings.check()?;
-    check_poses(reference, estimate)?;
-    let steps = step_lengths(match settings.pairs_from {
+    let path = match settings.pairs_from {
         PairsFrom::Estimate => estimate,
         PairsFrom::Reference => reference,
-    });
+    };
+    let (reference, estimate) = (reference.poses(), estimate.poses());
+    check_poses(reference, estimate)?;
     let poses = reference.len();
-    let pairs = match (settings.delta, settings.all_pairs) {
-        (Delta::Frames(frames), false) => {
-            consecutive(&(0..poses).step_by(frames).collect::<Vec<_>>())
+    let by = |steps: &[f64], delta: f64| match settings.all_pairs {
+        true => all_by_path(steps, delta, delta * settings.relative_tolerance),
+        false => consecutive(&ends_by_path(steps, delta)),
+    };
+    let pairs = match settings.delta {
+        Delta::Frames(frames) if settings.all_pairs => {
+            (frames..poses).map(|j| (j - frames, j)).collect()
         }
-        (Delta::Frames(frames), true) => (frames..poses).map(|j| (j - frames, j)).collect(),
-        (Delta::Metres(metres), false) => consecutive(&ends_by_path(&steps, metres)),
-        (Delta::Metres(metres), true) => {
-            all_by_path(&steps, metres, metres * settings.relative_tolerance)
+        Delta::Frames(frames) => consecutive(&(0..poses).step_by(frames).collect::<Vec<_>>()),
+        Delta::Metres(metres) => by(&step_lengths(path.poses()), metres),
+        // In nanoseconds, which are whole numbers: tenths of seconds would not add up to one.
+        Delta::Seconds(seconds) => by(&step_times(path.stamps()), (seconds * 1e9).round().max(1.0)),
+        Delta::Radians(radians) if settings.all_pairs => {
+            all_by_angle(path.poses(), radians, radians * settings.relative_tolerance)?
         }
+        Delta::Radians(radians) => by(&step_angles(path.poses()), radians),
     };
     if pairs.is_empty() {
         let delta = settings.delta.to_string();
-        return Err(MetricsError::NoPairs { poses, delta, path_m: steps.iter().sum() });
+        let sum = |steps: Vec<f64>| steps.iter().sum::<f64>();
+        let extent = match settings.delta {
+            Delta::Seconds(_) => format!("they last {} s", sum(step_times(path.stamps())) / 1e9),
+            Delta::Radians(_) => format!("they turn by {} rad", sum(step_angles(path.poses()))),
+            Delta::Metres(_) | Delta::Frames(_) => {
+                format!("their path is {} m long", sum(step_lengths(path.poses())))
+            }
+        };
+        return Err(MetricsError::NoPairs { poses, delta, extent });
     }
     let error = |&(i, j): &(usize, usize)| {
         reference[i].between(&reference[j]).between(&estimate[i].between(&estimate[j]))
@@ -134,18 +170,50 @@ pub fn rpe(
 }
 
 /// Distance from each pose to the next, in metres. The square root of the sum, as numpy has it, and
-/// not `hypot`: whether a straight run of equal steps has covered `delta` hangs on the last digit.
+/// not `hypot`: whether a straight run of equal steps has covered `delta` depends on the last digit.
 fn step_lengths(poses: &[Pose2]) -> Vec<f64> {
     let squared =
         |pair: &[Pose2]| math::square(pair[1].x - pair[0].x) + math::square(pair[1].y - pair[0].y);
     poses.windows(2).map(|pair| squared(pair).sqrt()).collect()
 }
 
+/// Nanoseconds from each pose to the next; none where stamps step back.
+fn step_times(stamps: &[Stamp]) -> Vec<f64> {
+    stamps.windows(2).map(|pair| (pair[1].seconds_since(pair[0]) * 1e9).round().max(0.0)).collect()
+}
+
+/// By how much the heading turns from each pose to the next, within [0, π].
+fn step_angles(poses: &[Pose2]) -> Vec<f64> {
+    poses.windows(2).map(|pair| wrap_angle(pair[1].theta - pair[0].theta).abs()).collect()
+}
+
+/// All pairs whose headings differ by `delta`, give or take `tolerance`.
+fn all_by_angle(
+    poses: &[Pose2],
+    delta: f64,
+    tolerance: f64,
+) -> Result<Vec<(usize, usize)>, MetricsError> {
+    let accepted = delta - tolerance..=delta + tolerance;
+    let mut pairs = Vec::new();
+    for (i, from) in poses.iter().enumerate() {
+        for (j, to) in poses.iter().enumerate().skip(i + 1) {
+            if accepted.contains(&wrap_angle(to.theta - from.theta).abs()) {
+                if pairs.len() == MAX_PAIRS {
+                    return Err(MetricsError::TooManyPairs { limit: MAX_PAIRS });
+                }
+                pairs.push((i, j));
+            }
+        }
+    }
+    Ok(pairs)
+}
+
 fn consecutive(indices: &[usize]) -> Vec<(usize, usize)> {
     indices.windows(2).map(|pair| (pair[0], pair[1])).collect()
 }
 
-/// The first pose, and then each pose at which `delta` metres have been covered since the last one.
+/// The first pose, and then each pose at which `delta` (in the unit of the steps) has been covered since the
+/// last one.
 fn ends_by_path(steps: &[f64], delta: f64) -> Vec<usize> {
     let mut indices = vec![0];
     let mut covered = 0.0;
@@ -160,7 +228,7 @@ fn ends_by_path(steps: &[f64], delta: f64) -> Vec<usize> {
 }
 
 /// For each pose the later pose whose distance along the path is nearest to `delta`, the first of
-/// equally near ones, when it is off by `tolerance` metres at most.
+/// equally near ones, when it is off by `tolerance` at most; all in the unit of the steps.
 fn all_by_path(steps: &[f64], delta: f64, tolerance: f64) -> Vec<(usize, usize)> {
     let mut covered = vec![0.0];
     covered.extend(steps.iter().scan(0.0, |sum, step| {
@@ -191,11 +259,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn line(xs: &[f64]) -> Vec<Pose2> {
-        xs.iter().map(|&x| Pose2::new(x, 0.0, 0.0)).collect()
+    /// A pose every tenth of a second.
+    fn track(poses: impl Iterator<Item = Pose2>) -> Trajectory {
+        (0..).map(|k| Stamp::from_nanoseconds(k * 100_000_000)).zip(poses).collect()
     }
 
-    fn pairs(poses: &[Pose2], delta: Delta, all_pairs: bool) -> Vec<(usize, usize)> {
+    fn line(xs: &[f64]) -> Trajectory {
+        track(xs.iter().map(|&x| Pose2::new(x, 0.0, 0.0)))
+    }
+
+    fn pairs(poses: &Trajectory, delta: Delta, all_pairs: bool) -> Vec<(usize, usize)> {
         let settings = RpeSettings { all_pairs, ..RpeSettings::new(delta) };
         rpe(poses, poses, &settings).unwrap().pairs
     }
@@ -214,8 +287,8 @@ mod tests {
     fn a_constant_offset_is_no_relative_error_but_drift_is() {
         let reference = line(&[0.0, 1.0, 2.0, 3.0]);
         let settings = RpeSettings::new(Delta::Metres(1.0));
-        let moved: Vec<Pose2> =
-            reference.iter().map(|pose| Pose2::new(5.0, -2.0, 1.0).compose(pose)).collect();
+        let moved =
+            track(reference.poses().iter().map(|pose| Pose2::new(5.0, -2.0, 1.0).compose(pose)));
         let errors = rpe(&reference, &moved, &settings).unwrap();
         assert!(errors.full.iter().all(|&error| error < 1e-15), "{errors:?}");
         let drifting = line(&[0.0, 1.1, 2.2, 3.3]);
@@ -230,8 +303,77 @@ mod tests {
             let settings = RpeSettings { pairs_from, ..RpeSettings::new(Delta::Metres(1.0)) };
             rpe(&reference, &estimate, &settings).unwrap().pairs
         };
+        assert_eq!(RpeSettings::new(Delta::Metres(1.0)).pairs_from, PairsFrom::Reference);
         assert_eq!(from(PairsFrom::Reference), [(0, 1), (1, 2)]);
         assert_eq!(from(PairsFrom::Estimate), [(0, 2)]);
+    }
+
+    /// Once the estimate's path was the default: with noise it is longer, so that "1 m" was less of the way, and
+    /// the noisier of two estimates looked better.
+    #[test]
+    fn noise_of_an_estimate_makes_no_pair_shorter() {
+        let straight: Vec<f64> = (0..41).map(|k| 0.25 * f64::from(k)).collect();
+        let reference = line(&straight);
+        let smooth = line(&straight.iter().map(|x| 1.02 * x).collect::<Vec<_>>());
+        let y = |k: usize| if k.is_multiple_of(2) { 0.0 } else { 0.3 };
+        let noisy =
+            track(straight.iter().enumerate().map(|(k, x)| Pose2::new(1.02 * x, y(k), 0.0)));
+        let settings = RpeSettings::new(Delta::Metres(1.0));
+        let of = |estimate| rpe(&reference, estimate, &settings).unwrap();
+        assert_eq!(of(&smooth).pairs, of(&noisy).pairs);
+        assert_eq!(of(&smooth).pairs[..2], [(0, 4), (4, 8)]);
+        let settings = RpeSettings { pairs_from: PairsFrom::Estimate, ..settings };
+        assert_eq!(rpe(&reference, &noisy, &settings).unwrap().pairs[..2], [(0, 3), (3, 6)]);
+    }
+
+    #[test]
+    fn pairs_by_time_follow_the_stamps() {
+        let steady = line(&[0.0; 31]);
+        // Ten tenths are a second.
+        assert_eq!(pairs(&steady, Delta::Seconds(1.0), false), [(0, 10), (10, 20), (20, 30)]);
+        // 2.8 and 2.7 s are within a tenth of 2.9 s, 2.6 s are not.
+        assert_eq!(pairs(&steady, Delta::Seconds(2.9), true), [(0, 29), (1, 30), (2, 30), (3, 30)]);
+        let stamps =
+            [0, 400, 1100, 900, 1500, 1600].map(|ms| Stamp::from_nanoseconds(ms * 1_000_000));
+        let poses = vec![Pose2::IDENTITY; stamps.len()];
+        let uneven = Trajectory::new(stamps.to_vec(), poses).unwrap();
+        // Stepping back from 1.1 to 0.9 s is no time; 0.6 s follow.
+        assert_eq!(pairs(&uneven, Delta::Seconds(0.5), false), [(0, 2), (2, 4)]);
+        let error = rpe(&uneven, &uneven, &RpeSettings::new(Delta::Seconds(5.0))).unwrap_err();
+        assert!(error.to_string().contains("are 5 s apart (they last 1.8 s)"), "{error}");
+    }
+
+    #[test]
+    fn pairs_by_angle_follow_the_turns_or_compare_headings() {
+        // Turns left, right, and through ±π.
+        let headings = [0.0, 0.3, 0.0, 0.3, 3.0, -3.0];
+        let poses = track(headings.iter().map(|&theta| Pose2::new(0.0, 0.0, theta)));
+        assert_eq!(pairs(&poses, Delta::Radians(0.5), false), [(0, 2), (2, 4)]);
+        let settings = RpeSettings {
+            all_pairs: true,
+            relative_tolerance: 0.05,
+            ..RpeSettings::new(Delta::Radians(0.29))
+        };
+        assert_eq!(
+            rpe(&poses, &poses, &settings).unwrap().pairs,
+            [(0, 1), (0, 3), (1, 2), (2, 3), (4, 5)]
+        );
+        for radians in [0.0, -1.0, 3.2, f64::NAN] {
+            let error =
+                rpe(&poses, &poses, &RpeSettings::new(Delta::Radians(radians))).unwrap_err();
+            assert!(error.to_string().ends_with("expected radians above 0 and up to π"), "{error}");
+        }
+        let straight = line(&[0.0, 1.0]);
+        let error = rpe(&straight, &straight, &RpeSettings::new(Delta::Radians(0.1))).unwrap_err();
+        assert!(error.to_string().contains("0.1 rad apart (they turn by 0 rad)"), "{error}");
+    }
+
+    #[test]
+    fn pairs_by_angle_that_nobody_has_room_for_are_refused() {
+        let poses = track((0..6400).map(|k| Pose2::new(0.0, 0.0, f64::from(k % 2))));
+        let settings = RpeSettings { all_pairs: true, ..RpeSettings::new(Delta::Radians(1.0)) };
+        let error = rpe(&poses, &poses, &settings).unwrap_err();
+        assert!(error.to_string().starts_with("more than 10,000,000 pairs"), "{error}");
     }
 
     #[test]

@@ -131,8 +131,14 @@ proptest! {
     #[test]
     fn pose_errors_are_finite_or_refused(
         poses in prop::collection::vec((pose(), pose()), 0..25),
+        stamps in prop::collection::vec(stamp(), 25),
         xi in setting(),
-        delta in prop_oneof![setting().prop_map(Delta::Metres), (0..30usize).prop_map(Delta::Frames)],
+        delta in prop_oneof![
+            setting().prop_map(Delta::Metres),
+            (0..30usize).prop_map(Delta::Frames),
+            setting().prop_map(Delta::Seconds),
+            setting().prop_map(Delta::Radians),
+        ],
         all_pairs in any::<bool>(),
         relative_tolerance in setting(),
         from_reference in any::<bool>(),
@@ -157,7 +163,10 @@ proptest! {
         }
         let pairs_from = if from_reference { PairsFrom::Reference } else { PairsFrom::Estimate };
         let settings = RpeSettings { all_pairs, relative_tolerance, pairs_from, ..RpeSettings::new(delta) };
-        if let Ok(errors) = rpe(&reference, &estimate, &settings) {
+        let stamped = |poses: &[Pose2]| -> Trajectory {
+            stamps.iter().copied().zip(poses.iter().copied()).collect()
+        };
+        if let Ok(errors) = rpe(&stamped(&reference), &stamped(&estimate), &settings) {
             prop_assert!(errors.pairs.iter().all(|&(i, j)| i < j && j < reference.len()));
             for samples in [&errors.translation, &errors.rotation, &errors.full] {
                 prop_assert!(finite(samples), "{errors:?}");

@@ -98,8 +98,9 @@ fn our_table() -> Table {
                 add(metric, &errors.translation, &errors.rotation, &errors.full);
             }
         }
-        let metre = RpeSettings::new(Delta::Metres(1.0));
-        let frames = RpeSettings::new(Delta::Frames(5));
+        let settings =
+            |delta| RpeSettings { pairs_from: PairsFrom::Estimate, ..RpeSettings::new(delta) };
+        let (metre, frames) = (settings(Delta::Metres(1.0)), settings(Delta::Frames(5)));
         for (metric, settings) in [
             ("rpe-1m", metre),
             ("rpe-1m-all", RpeSettings { all_pairs: true, ..metre }),
@@ -107,7 +108,7 @@ fn our_table() -> Table {
             ("rpe-5f", frames),
             ("rpe-5f-all", RpeSettings { all_pairs: true, ..frames }),
         ] {
-            let errors = rpe(r, e, &settings).unwrap();
+            let errors = rpe(&matched.reference, &matched.estimate, &settings).unwrap();
             add(metric, &errors.translation, &errors.rotation, &errors.full);
         }
     }

@@ -7,7 +7,7 @@ mod trajectory;
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result};
-use mcl_core::{Pose2, Stamp};
+use mcl_core::{Pose2, Stamp, Trajectory};
 use mcl_metrics::{
     Alignment, Delta, Matched, MetricsError, PoseError, RpeSettings, Summary, WeightedPoseError,
     associate, ate, pose_errors, rpe,
@@ -209,7 +209,7 @@ fn evaluate(
     };
     let errors = pose_errors(reference.poses(), &aligned)?;
     let samples = ErrorSamples::of(reference.poses(), &aligned, metric)?;
-    let relative = |&distance: &f64| relative_errors(reference.poses(), estimate.poses(), distance);
+    let relative = |&distance: &f64| relative_errors(reference, estimate, distance);
     let row = Row {
         of: source.of.clone(),
         pairs: matched.estimate.len(),
@@ -234,8 +234,8 @@ fn evaluate(
 
 /// Relative errors over a distance along the path. A path that is shorter has none; that is no error.
 fn relative_errors(
-    reference: &[Pose2],
-    estimate: &[Pose2],
+    reference: &Trajectory,
+    estimate: &Trajectory,
     distance_m: f64,
 ) -> Result<RpeFigures, MetricsError> {
     match rpe(reference, estimate, &RpeSettings::new(Delta::Metres(distance_m))) {
