@@ -47,12 +47,14 @@ mod interval;
 mod odometry;
 mod offset;
 mod outcome;
+mod planar;
 mod pose_error;
 mod rate;
 mod rpe;
 mod student_t;
 mod summary;
 mod timeline;
+pub mod trajectory_file;
 pub mod tum;
 
 pub use association::{DEFAULT_TOLERANCE_S, Matched, Side, TimeDifference, associate, interpolate};

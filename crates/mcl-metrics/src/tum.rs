@@ -24,22 +24,8 @@ use std::path::{Path, PathBuf};
 
 use mcl_core::{Pose2, Stamp, Trajectory, files, math, wrap_angle};
 
-/// Largest height above or below the plane of a planar pose, in metres.
-pub const MAX_Z: f64 = 1e-3;
-
-/// Largest tilt of the vertical axis of a planar pose (roll and pitch together), in radians.
-pub const MAX_TILT: f64 = 1e-3;
-
-/// What to do with poses that are not in the plane.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum NonPlanar {
-    /// An error that says which pose it is.
-    #[default]
-    Refuse,
-    /// Height, roll and pitch are dropped; the heading is the yaw of the Z-Y-X Euler angles, the
-    /// direction of the body's x axis seen from above.
-    Project,
-}
+use crate::planar::{self, Refused, quoted};
+pub use crate::planar::{MAX_TILT, MAX_Z, NonPlanar, QuaternionOrder, ReadSettings};
 
 /// A file's trajectory, and what is worth knowing about it.
 #[derive(Debug, Clone, PartialEq)]
@@ -140,25 +126,70 @@ pub fn read(
     name: impl AsRef<Path>,
     non_planar: NonPlanar,
 ) -> Result<TumTrajectory, TumError> {
-    let file = name.as_ref();
-    let (mut stamps, mut poses) = (Vec::new(), Vec::new());
-    for (index, text) in reader.lines().enumerate() {
-        let line = index + 1;
-        let text = text.map_err(|source| TumError::Read { file: file.to_owned(), line, source })?;
-        // Some editors begin a file with a byte order mark.
-        let text = if index == 0 { text.trim_start_matches('\u{feff}') } else { &text }.trim();
-        if text.is_empty() || text.starts_with('#') {
-            continue;
+    let settings = ReadSettings { non_planar, ..ReadSettings::default() };
+    let read = Lines::read(reader, name.as_ref(), &settings)?;
+    match read.first_without_rotation {
+        Some(line) => Err(line.without_rotation()),
+        None => Ok(read.found),
+    }
+}
+
+/// The same with other settings; and where all quaternions are `0 0 0 0`, the file holds positions only:
+/// whether it has headings (else those of the poses are 0).
+pub(crate) fn read_with(
+    reader: impl BufRead,
+    name: &Path,
+    settings: &ReadSettings,
+) -> Result<(TumTrajectory, bool), TumError> {
+    let read = Lines::read(reader, name, settings)?;
+    match read.first_without_rotation {
+        Some(line) if read.any_rotation => Err(line.without_rotation()),
+        without => Ok((read.found, without.is_none())),
+    }
+}
+
+/// What the lines of a file hold.
+struct Lines<'a> {
+    found: TumTrajectory,
+    /// The first line whose quaternion is 0 0 0 0.
+    first_without_rotation: Option<Line<'a>>,
+    any_rotation: bool,
+}
+
+impl<'a> Lines<'a> {
+    fn read(
+        reader: impl BufRead,
+        file: &'a Path,
+        settings: &ReadSettings,
+    ) -> Result<Self, TumError> {
+        let (mut stamps, mut poses) = (Vec::new(), Vec::new());
+        let (mut first_without_rotation, mut any_rotation) = (None, false);
+        for (index, text) in reader.lines().enumerate() {
+            let line = index + 1;
+            let text =
+                text.map_err(|source| TumError::Read { file: file.to_owned(), line, source })?;
+            // Some editors begin a file with a byte order mark.
+            let text = if index == 0 { text.trim_start_matches('\u{feff}') } else { &text }.trim();
+            if text.is_empty() || text.starts_with('#') {
+                continue;
+            }
+            let line = Line { file, line };
+            let (stamp, [x, y], heading) = line.parse(text, settings)?;
+            any_rotation |= heading.is_some();
+            if heading.is_none() {
+                first_without_rotation.get_or_insert(line);
+            }
+            stamps.push(stamp);
+            poses.push(Pose2::new(x, y, heading.unwrap_or(0.0)));
         }
-        let (stamp, pose) = Line { file, line }.parse(text, non_planar)?;
-        stamps.push(stamp);
-        poses.push(pose);
+        if stamps.is_empty() {
+            return Err(TumError::Empty { file: file.to_owned() });
+        }
+        let backward_stamps = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
+        let trajectory = stamps.into_iter().zip(poses).collect();
+        let found = TumTrajectory { trajectory, backward_stamps };
+        Ok(Lines { found, first_without_rotation, any_rotation })
     }
-    if stamps.is_empty() {
-        return Err(TumError::Empty { file: file.to_owned() });
-    }
-    let backward_stamps = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
-    Ok(TumTrajectory { trajectory: stamps.into_iter().zip(poses).collect(), backward_stamps })
 }
 
 /// Where a line stands, for its errors.
@@ -168,7 +199,12 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
-    fn parse(&self, text: &str, non_planar: NonPlanar) -> Result<(Stamp, Pose2), TumError> {
+    /// Stamp, position and, unless the quaternion is 0 0 0 0, heading.
+    fn parse(
+        &self,
+        text: &str,
+        settings: &ReadSettings,
+    ) -> Result<(Stamp, [f64; 2], Option<f64>), TumError> {
         let fields: Vec<&str> = text.split_whitespace().collect();
         let [t, x, y, z, qx, qy, qz, qw] = fields[..] else {
             let (file, line, found) = (self.file.to_owned(), self.line, fields.len());
@@ -183,19 +219,13 @@ impl Line<'_> {
             self.number("qz", qz)?,
             self.number("qw", qw)?,
         ];
-        let (theta, tilt) = self.heading_and_tilt(quaternion)?;
-        if non_planar == NonPlanar::Refuse {
-            let advice = "project the poses onto the plane if that is meant";
-            if z.abs() > MAX_Z {
-                let expected = format!("a height within {MAX_Z} m of 0; {advice}");
-                return Err(self.error("z", format!("{z} m"), expected));
-            }
-            if tilt > MAX_TILT {
-                let expected = format!("roll and pitch within {MAX_TILT} rad of 0; {advice}");
-                return Err(self.error(QUATERNION, format!("a tilt of {tilt:.4} rad"), expected));
-            }
+        planar::check_height(z, settings.non_planar).map_err(|refused| self.refused(refused))?;
+        if quaternion == [0.0; 4] {
+            return Ok((stamp, [x, y], None));
         }
-        Ok((stamp, Pose2::new(x, y, theta)))
+        let heading =
+            planar::heading(quaternion, settings).map_err(|refused| self.refused(refused))?;
+        Ok((stamp, [x, y], Some(heading)))
     }
 
     fn number(&self, field: &'static str, text: &str) -> Result<f64, TumError> {
@@ -205,24 +235,13 @@ impl Line<'_> {
         }
     }
 
-    /// Yaw of the Z-Y-X Euler angles, and the angle between the body's z axis and the map's.
-    fn heading_and_tilt(&self, quaternion: [f64; 4]) -> Result<(f64, f64), TumError> {
-        let largest = quaternion.iter().fold(0.0, |largest: f64, q| largest.max(q.abs()));
-        if largest == 0.0 {
-            let expected = "a quaternion that can be normalized".into();
-            return Err(self.error(QUATERNION, "0 0 0 0".into(), expected));
-        }
-        let [x, y, z, w] = quaternion.map(|q| q / largest);
-        let (sin, cos) = (2.0 * (w * z + x * y), w * w + x * x - y * y - z * z);
-        // The x axis seen from above, in units of |q|² ≥ 1; too short to have a direction.
-        if math::hypot(sin, cos) < 1e-9 {
-            let expected = "an x axis that is not vertical: this one has no heading".into();
-            return Err(self.error(QUATERNION, "a pitch of ±90°".into(), expected));
-        }
-        Ok((
-            wrap_angle(math::atan2(sin, cos)),
-            2.0 * math::atan2(math::hypot(x, y), math::hypot(z, w)),
-        ))
+    fn without_rotation(&self) -> TumError {
+        let expected = "a quaternion that can be normalized".into();
+        self.error(QUATERNION, "0 0 0 0".into(), expected)
+    }
+
+    fn refused(&self, Refused { is_height, found, expected }: Refused) -> TumError {
+        self.error(if is_height { "z" } else { QUATERNION }, found, expected)
     }
 
     fn error(&self, field: &'static str, found: String, expected: String) -> TumError {
@@ -231,12 +250,6 @@ impl Line<'_> {
 }
 
 const QUATERNION: &str = "qx qy qz qw";
-
-/// The start of a text in quotes; a broken file can have very long fields.
-fn quoted(text: &str) -> String {
-    let start: String = text.chars().take(40).collect();
-    if start.len() < text.len() { format!("{start:?}…") } else { format!("{start:?}") }
-}
 
 /// Writes a trajectory to the file at `path`, which is whole or not there, replacing it; see [`write()`].
 ///

@@ -1,0 +1,92 @@
+use std::io;
+use std::path::PathBuf;
+
+use mcl_core::text::printable;
+
+use crate::planar::quoted;
+use crate::tum::TumError;
+
+/// Why a trajectory file could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum TrajectoryFileError {
+    /// A file in the TUM format.
+    #[error(transparent)]
+    Tum(#[from] TumError),
+    /// The file could not be opened, or its beginning not be read.
+    #[error("{}: {source}", .file.display())]
+    Open {
+        /// The file.
+        file: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A line could not be read (or is no UTF-8 text).
+    #[error("{}, line {line}: cannot read: {source}", .file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// The reason.
+        source: io::Error,
+    },
+    /// A line with another number of fields than the others.
+    #[error("{}, line {line}: {found} fields, expected {expected}", .file.display())]
+    FieldCount {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// Number of fields found.
+        found: usize,
+        /// Number and meaning of those expected.
+        expected: String,
+    },
+    /// A field with a value that cannot be used.
+    #[error(
+        "{}, line {line}, field {}: found {found}, expected {expected}", .file.display(), printable(.field)
+    )]
+    Field {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// Name of the field, or fields.
+        field: String,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// Columns that are missing, or of which two would do.
+    #[error("{}, line {line}: {problem}; the columns are {columns}", .file.display())]
+    Columns {
+        /// The file.
+        file: PathBuf,
+        /// The line of the names, from 1.
+        line: usize,
+        /// What is missing or ambiguous.
+        problem: String,
+        /// The columns found.
+        columns: String,
+    },
+    /// Columns without names.
+    #[error(
+        "{}, line {line}: found {}, expected a line before it with the names of the columns (t,x,y,theta), or \
+         a file in the TUM format: t x y z qx qy qz qw, parted by blanks", .file.display(), quoted(.found)
+    )]
+    NoNames {
+        /// The file.
+        file: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The line.
+        found: String,
+    },
+    /// No pose in the file.
+    #[error("{}: no pose found below the names of the columns", .file.display())]
+    Empty {
+        /// The file.
+        file: PathBuf,
+    },
+}
