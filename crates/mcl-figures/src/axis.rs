@@ -114,6 +114,13 @@ impl Axis {
         Axis { scale, low, high, ticks: Vec::new(), minor: Vec::new() }
     }
 
+    /// Puts a name at each of the places 0, 1, ….
+    pub(crate) fn with_names(mut self, names: impl Iterator<Item = String>) -> Self {
+        let tick = |(place, label)| Tick { value: place as f64, label };
+        self.ticks = names.enumerate().map(tick).collect();
+        self
+    }
+
     /// Puts as many ticks on the axis as a `length` has room for; `extent` is the length that a
     /// label takes up, with its distance to the next.
     pub(crate) fn with_ticks(mut self, length: f64, extent: impl Fn(&str) -> f64) -> Self {

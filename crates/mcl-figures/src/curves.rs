@@ -59,12 +59,14 @@ pub struct AxisSpec {
     pub scale: Scale,
     /// The ends; without them, those of the data with some room. What lies outside is cut off.
     pub range: Option<[f64; 2]>,
+    /// What stands at the places 0, 1, … in place of numbers; empty for numbers.
+    pub names: Vec<String>,
 }
 
 /// One curve.
 #[derive(Debug, Clone)]
 pub struct Curve {
-    /// Its name in the legend.
+    /// Its name in the legend; without one it is not in it.
     pub label: String,
     /// How it is drawn.
     pub style: CurveStyle,
@@ -96,7 +98,13 @@ impl CurvePoint {
 impl AxisSpec {
     /// An axis on which values are laid out evenly, as long as its data needs.
     pub fn linear(label: &str) -> Self {
-        AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None }
+        AxisSpec { label: label.to_owned(), scale: Scale::Linear, range: None, names: Vec::new() }
+    }
+
+    /// An axis with a place for each of these names, in this order.
+    pub fn named(names: Vec<String>) -> Self {
+        let range = Some([-0.5, names.len().max(1) as f64 - 0.5]);
+        AxisSpec { label: String::new(), scale: Scale::Linear, range, names }
     }
 }
 
@@ -251,7 +259,14 @@ fn draw_panel(
             .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale))
             .map(|axis| axis.with_ticks(PANEL_HEIGHT, along_y))
     });
-    let axes = [x.with_ticks(width, along_x), y];
+    let x = match panel.x.names.as_slice() {
+        [] => x.with_ticks(width, along_x),
+        names => {
+            let each = width / names.len() as f64 - along_x("");
+            x.with_names(names.iter().map(|name| fitted(name, &text::plain(), each).into_owned()))
+        }
+    };
+    let axes = [x, y];
     let mut chart = draw_axes(area, left, axes, [&panel.x.label, &panel.y.label], true)?;
     if empty {
         draw_frame(&chart)?;

@@ -92,7 +92,7 @@ impl Page {
         let mut row = None;
         let mut left = 0.0;
         for entry in entries {
-            if seen.contains(&entry) {
+            if entry.0.is_empty() || seen.contains(&entry) {
                 continue;
             }
             seen.push(entry);

@@ -1,3 +1,4 @@
+mod evaluate;
 mod localize;
 mod map;
 mod read;
@@ -5,9 +6,9 @@ mod read;
 use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use mcl_metrics::{DEFAULT_TOLERANCE_S, DEFAULT_XI};
+use clap::{Args, Parser, Subcommand};
 
+pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, TimeOffset, Whose};
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
 use mcl_study::data::options::SourceOptions;
@@ -148,92 +149,6 @@ pub struct LikelihoodArgs {
     /// Standard deviation of a map point's Gaussian in metres.
     #[arg(long, default_value_t = 0.05, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub sigma: f64,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Whose poses are meant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Frame {
-    Laser,
-    Robot,
-}
-
-impl Frame {
-    pub const fn name(self) -> &'static str {
-        match self {
-            Frame::Laser => "laser",
-            Frame::Robot => "robot",
-        }
-    }
-}
-
-/// What an estimate is aligned by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum AlignTo {
-    None,
-    Origin,
-    #[value(alias = "se2")]
-    Rigid,
-}
-
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Poses are matched one to one by stamp, nearest first. Poses of either file \
-    that no pose of the other matches take no part in the errors: they are told on stderr and in \
-    `unmatched`, and the exit code is 3."
-)]
-pub struct EvaluateArgs {
-    /// Reference trajectory: a TUM file, the reference poses of a CARMEN log, a topic of a bag, or the name of
-    /// a data set.
-    #[arg(long, value_name = "REF")]
-    pub reference: String,
-    /// Estimated trajectories: TUM files, CARMEN logs (also raw odometry), bags.
-    #[arg(value_name = "EST", required = true)]
-    pub estimates: Vec<String>,
-    /// Topic of the reference in a bag: PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry or
-    /// Path, or two frames as /tf:map.base_link [default: the only topic of poses but estimates, or the one
-    /// named as ground truth].
-    #[arg(long, value_name = "TOPIC")]
-    pub reference_topic: Option<String>,
-    /// Whose poses a TUM file of the reference has: robot or laser [default: as the file says, else those that
-    /// the estimate has].
-    #[arg(long, value_name = "WHOSE")]
-    pub reference_frame: Option<Frame>,
-    /// Topic of the estimate in a bag; may be given several times, for a row each [default: the only
-    /// one].
-    #[arg(long = "topic", value_name = "TOPIC")]
-    pub topics: Vec<String>,
-    /// Whose poses are compared: the laser's, as in logs and in what `localize` writes (those of a bag by the
-    /// mount of its laser), or the robot's.
-    #[arg(long, default_value = "laser", value_name = "WHOSE")]
-    pub frame: Frame,
-    /// ξ of the weighted error √(ξ·δθ² + (1 − ξ)(δx² + δy²)).
-    #[arg(long, default_value_t = DEFAULT_XI, value_name = "XI", value_parser = fraction)]
-    pub xi: f64,
-    /// Stamps match when they differ by at most this many seconds.
-    #[arg(long, visible_alias = "max-difference", default_value_t = DEFAULT_TOLERANCE_S, value_name = "S", value_parser = non_negative)]
-    pub tolerance: f64,
-    /// Relative errors over this many metres of the estimated path; several parted by commas.
-    #[arg(long = "rpe-distance", visible_alias = "delta", default_values_t = [1.0, 5.0, 10.0],
-          value_delimiter = ',', value_name = "M", value_parser = positive)]
-    pub rpe_distances: Vec<f64>,
-    /// Drop height, roll and pitch instead of refusing poses that are not in the plane.
-    #[arg(long)]
-    pub project: bool,
-    /// Move each estimate onto the reference before its absolute errors are taken: by the rigid motion
-    /// that brings the positions nearest (rigid, which --align alone means, or se2), or by its first
-    /// pose (origin) [default: none].
-    #[arg(long, value_name = "HOW", num_args = 0..=1, require_equals = true, default_value = "none",
-          default_missing_value = "rigid", hide_default_value = true)]
-    pub align: AlignTo,
-    /// Write the error of every pair of poses into this file.
-    #[arg(long, value_name = "FILE.csv")]
-    pub errors: Option<PathBuf>,
-    /// Draw the errors over time.
-    #[arg(long, value_name = "FILE.svg|png")]
-    pub plot: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

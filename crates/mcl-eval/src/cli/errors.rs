@@ -77,20 +77,28 @@ impl ErrorFigures {
         })
     }
 
-    /// A table of four lines, the heading in radians and in degrees.
+    /// [`figures_table`] of all three.
     pub fn table(&self) -> String {
-        let mut text = table_head();
-        let degrees = self.heading.map(f64::to_degrees);
-        for (name, figures) in [
-            ("weighted error", &self.weighted),
-            ("translation, m", &self.translation),
-            ("heading, rad", &self.heading),
-            ("heading, °", &degrees),
-        ] {
-            text += &table_line(name, figures);
-        }
-        text
+        figures_table(Some(self.weighted), self.translation, Some(self.heading))
     }
+}
+
+/// A table of up to four lines, the heading in radians and in degrees.
+pub fn figures_table(
+    weighted: Option<Figures>,
+    translation: Figures,
+    heading: Option<Figures>,
+) -> String {
+    let mut text = table_head();
+    for (name, figures) in [
+        ("weighted error", weighted),
+        ("translation, m", Some(translation)),
+        ("heading, rad", heading),
+        ("heading, °", heading.map(|heading| heading.map(f64::to_degrees))),
+    ] {
+        text.extend(figures.map(|figures| table_line(name, &figures)));
+    }
+    text
 }
 
 impl Figures {

@@ -57,8 +57,18 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
         let curves = curves.collect();
         CurvePanel {
             title: panel.title.clone(),
-            x: AxisSpec { label: label_with_places(&panel.x), scale: scale(&panel.x), range: x },
-            y: AxisSpec { label: panel.y.label.clone(), scale: scale(&panel.y), range: y },
+            x: AxisSpec {
+                label: label_with_places(&panel.x),
+                scale: scale(&panel.x),
+                range: x,
+                names: Vec::new(),
+            },
+            y: AxisSpec {
+                label: panel.y.label.clone(),
+                scale: scale(&panel.y),
+                range: y,
+                names: Vec::new(),
+            },
             curves,
         }
     });

@@ -43,6 +43,11 @@ use serde::Serialize;
 use crate::tum;
 use columns::is_number;
 
+/// Bytes in which the first line that is no comment is looked for.
+const SNIFFED_BYTES: u64 = 1 << 16;
+/// What parts the columns of a table.
+const SEPARATORS: [char; 3] = [',', ';', '\t'];
+
 pub use crate::planar::{NonPlanar, QuaternionOrder, ReadSettings};
 pub use error::TrajectoryFileError;
 
@@ -75,6 +80,20 @@ pub struct TrajectoryFile {
     pub repeated_stamps: usize,
     /// What a user should be told, a sentence each.
     pub notes: Vec<String>,
+}
+
+/// Whether a file is one of trajectories by its first line that is no comment, which begins with a number or has names
+/// of columns with separators; a log begins with the name of a record's kind.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn is_trajectory_file(path: impl AsRef<Path>) -> io::Result<bool> {
+    let file = File::open(path)?.take(SNIFFED_BYTES);
+    let head = Head::read(&mut BufReader::new(file))?;
+    let text = head.first_line();
+    let first = text.split(SEPARATORS).next().unwrap_or_default();
+    let first = first.split_whitespace().next().unwrap_or_default();
+    Ok(text.is_empty() || is_number(first) || text.contains(SEPARATORS))
 }
 
 /// Reads the file at `path`; see [`read`].
@@ -141,8 +160,8 @@ impl Found {
         };
         if has_headings && is_fixed_on_a_turning_path(trajectory.poses()) {
             notes.push(
-                "all headings are the same on a path that turns: if the file holds positions only, \
-                 leave the headings out of account"
+                "all headings are the same on a path that turns: the file may hold positions only (evaluate \
+                 --positions)"
                     .to_owned(),
             );
         }
@@ -251,7 +270,7 @@ impl Head {
         let Some(place) = self.last else { return Kind::Tum };
         let text = self.text(place);
         let fields: Vec<&str> = text.split_whitespace().collect();
-        let separated = |text: &str| text.contains([',', ';', '\t']);
+        let separated = |text: &str| text.contains(SEPARATORS);
         match fields[..] {
             [..] if fields.len() == 12 && fields.iter().all(|field| is_number(field)) => {
                 Kind::Kitti

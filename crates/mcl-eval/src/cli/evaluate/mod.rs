@@ -1,107 +1,78 @@
 //! `evaluate`: how far estimated trajectories are from a reference.
 
 mod figure;
+mod frames;
+mod group;
+mod row;
+mod source;
+mod table;
 mod text;
-mod trajectory;
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
-use mcl_core::{Pose2, Stamp, Trajectory};
-use mcl_metrics::{
-    Alignment, Delta, Matched, MetricsError, PoseError, RpeSettings, Summary, WeightedPoseError,
-    associate, ate, pose_errors, rpe,
-};
+use anyhow::{Context, Result, anyhow};
+use mcl_figures::check_figure_ending;
+use mcl_metrics::WeightedPoseError;
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{AlignTo, EvaluateArgs, Global};
-use super::errors::{ErrorFigures, ErrorSamples, Figures};
-use super::output::{input_files, prepare, print, write_rows};
+use super::args::{EvaluateArgs, Global};
+use super::output::{input_files, prepare, print, refuse, told_once, write_rows};
 use crate::progress::tell;
-use mcl_figures::check_figure_ending;
-use trajectory::{Named, Source};
+use figure::DrawnGroup;
+use group::{Comparison, GroupFigures, Run, run_name};
+use row::{ErrorRow, Evaluated, Row, Sampled};
+use source::{Named, Source};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
-    /// What the errors are taken against, and whose poses it has.
+    /// What the errors are taken against, and whose poses it has; of several, all.
     reference: String,
     estimates: Vec<&'a Row>,
+    /// Groups of runs, and each against each; empty without groups.
+    groups: Vec<GroupFigures>,
+    comparisons: Vec<Comparison>,
 }
 
-#[derive(Serialize)]
-struct Row {
-    #[serde(flatten)]
+/// An estimate that is to be evaluated.
+struct Job {
     of: Named,
-    pairs: usize,
-    /// Poses of either trajectory without a partner.
-    unmatched: usize,
-    unmatched_reference: usize,
-    unmatched_estimate: usize,
-    #[serde(flatten)]
-    errors: ErrorFigures,
-    axes: Axes,
-    /// Of the distances between positions, in metres.
-    ate: Figures,
-    rpe: Vec<RpeFigures>,
-    /// The rigid motion of `--align`; null without.
-    reference_from_estimate: Option<Pose2>,
+    /// The place of its group.
+    group: Option<usize>,
 }
 
-/// Signed errors, estimate minus reference, in metres and radians.
-#[derive(Serialize)]
-struct Axes {
-    x: AxisFigures,
-    y: AxisFigures,
-    yaw: AxisFigures,
-    /// Along and across the heading of the reference.
-    longitudinal: AxisFigures,
-    lateral: AxisFigures,
-}
-
-#[derive(Serialize)]
-struct AxisFigures {
-    /// The bias.
-    mean: f64,
-    std: f64,
-    rmse: f64,
-    /// Largest magnitude.
-    max: f64,
-}
-
-#[derive(Serialize)]
-struct RpeFigures {
-    distance_m: f64,
-    /// Pairs of poses that far apart; with none there are no figures.
-    pairs: usize,
-    translation: Option<Figures>,
-    heading: Option<Figures>,
-}
-
-/// A row of `--errors`, a pair of poses: metres and radians, estimate minus reference.
-#[derive(Serialize)]
-struct ErrorRow<'a> {
-    file: &'a str,
-    /// Of the estimate, in seconds, exact.
-    stamp: String,
-    dx: f64,
-    dy: f64,
-    dtheta: f64,
-    weighted: f64,
-    translation: f64,
-    heading: f64,
-    longitudinal: f64,
-    lateral: f64,
-    reference_stamp: String,
-}
-
-/// An estimate's figures and the samples they are of, one per pair.
-struct Evaluated {
+/// What became of it.
+struct Done {
     row: Row,
-    stamps: Vec<Stamp>,
-    reference_stamps: Vec<Stamp>,
-    errors: Vec<PoseError>,
-    samples: ErrorSamples,
+    /// The samples that the row's figures are of.
+    sampled: Option<Sampled>,
+}
+
+impl Done {
+    fn as_run(&self) -> Run<'_> {
+        let found = self.row.figures.as_ref().zip(self.sampled.as_ref());
+        Run { name: run_name(&self.row.of.file), found }
+    }
+}
+
+/// The references of a call: one, or one for each estimate.
+struct References<'a> {
+    args: &'a EvaluateArgs,
+    global: &'a Global,
+    read: BTreeMap<String, Source>,
+}
+
+impl References<'_> {
+    /// The one for an estimate.
+    fn of(&mut self, estimate: &str) -> Result<&Source> {
+        let name =
+            self.args.reference.replace("{run}", run_name(estimate)).replace("{file}", estimate);
+        if !self.read.contains_key(&name) {
+            let source = source::reference(&name, self.args, self.global)?;
+            self.read.insert(name.clone(), source);
+        }
+        self.read.get(&name).with_context(|| format!("{name}: no reference"))
+    }
 }
 
 pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
@@ -109,174 +80,147 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
     if let Some(path) = &args.plot {
         check_figure_ending(path)?;
     }
-    let read = args.estimates.iter().chain([&args.reference]).map(String::as_str);
-    prepare(args.errors.iter().chain(&args.plot), &input_files(read))?;
-    let reference = trajectory::reference(args, global)?;
-    let sources = trajectory::estimates(args, global)?;
-    let mut is_complete = reference.is_complete;
-    let mut estimates = Vec::new();
-    for source in &sources {
-        let estimate = evaluate(&reference, source, &metric, args)
-            .with_context(|| format!("{} against {}", source.of.label(), reference.of.label()))?;
-        let row = &estimate.row;
-        if row.unmatched > 0 {
-            tell!(
-                "warning: {}: {} of {} poses, and {} of the reference's {}, match none of the other \
-                 within {} s: the errors are those of {} pairs",
-                source.of.label(),
-                row.unmatched_estimate,
-                source.trajectory.len(),
-                row.unmatched_reference,
-                reference.trajectory.len(),
-                args.tolerance,
-                row.pairs
-            );
-        }
-        let is_told_apart = stamps_tell(&reference, source);
-        is_complete &= source.is_complete && row.unmatched == 0 && is_told_apart;
-        estimates.push(estimate);
+    if let Some(path) = &args.table {
+        table::kind_of(path)?;
     }
-    if let Some(path) = &args.errors {
-        let labels: Vec<String> =
-            estimates.iter().map(|estimate| estimate.row.of.label()).collect();
-        let rows: Vec<ErrorRow<'_>> =
-            estimates.iter().zip(&labels).flat_map(|(e, label)| e.rows(label)).collect();
-        write_rows(path, &rows)?;
+    let jobs = jobs(args)?;
+    let mut references = References { args, global, read: BTreeMap::new() };
+    let read = jobs.iter().map(|job| job.of.file.as_str()).chain([args.reference.as_str()]);
+    prepare(args.errors.iter().chain(&args.plot).chain(&args.table), &input_files(read))?;
+
+    let is_only = jobs.len() == 1;
+    let mut is_complete = true;
+    let mut all: Vec<Done> = Vec::new();
+    for job in jobs {
+        let reference = match references.of(&job.of.file) {
+            // Without the one reference of all there is nothing to be evaluated.
+            Err(error) if !args.reference.contains('{') => return Err(error),
+            reference => reference,
+        };
+        let mut of = job.of;
+        let found = reference.and_then(|reference| {
+            let topic = of.topic.as_deref();
+            let source = source::estimate(&of.file, topic, reference, args, global)?;
+            of = source.of.clone();
+            row::evaluate(reference, &source, &metric, args, global.quiet)
+                .with_context(|| format!("{} against {}", of.label(), reference.of.label()))
+        });
+        let group = job.group.map(|place| args.groups[place].name.clone());
+        is_complete &= found.as_ref().is_ok_and(|found| found.is_complete);
+        all.push(match found {
+            Ok(Evaluated { figures, sampled, .. }) => {
+                let row = Row { of, group, failure: None, figures: Some(figures) };
+                Done { row, sampled: Some(sampled) }
+            }
+            Err(error) if is_only => return Err(error),
+            Err(error) => {
+                let failure = told_once(&error);
+                tell!("warning: {}: no figures: {failure}", of.label());
+                let row = Row { of, group, failure: Some(failure), figures: None };
+                Done { row, sampled: None }
+            }
+        });
     }
-    if let Some(path) = &args.plot {
-        figure::draw(path, &reference.of.label(), &estimates)?;
+    if all.iter().all(|done| done.sampled.is_none()) {
+        return Err(anyhow!("none of {} estimates could be evaluated", all.len()));
     }
-    let rows = estimates.iter().map(|estimate| &estimate.row).collect();
-    let found = Evaluation { reference: reference.describe(), estimates: rows };
-    print(args.json, &found, |found| {
-        format!("{}\nreference: {}", text::text(&found.estimates).trim_end(), found.reference)
-    })?;
+    put_out(args, &references, &all)?;
     Ok(Outcome::of(is_complete))
 }
 
-/// Whether stamps tell which poses are of one time. Poses of one stamp are paired in their order, which is right only
-/// where both trajectories have the same number of them.
-fn stamps_tell(reference: &Source, source: &Source) -> bool {
-    let counts = |source: &Source| {
-        let mut counts: BTreeMap<i64, usize> = BTreeMap::new();
-        for stamp in source.trajectory.stamps() {
-            *counts.entry(stamp.nanoseconds()).or_default() += 1;
-        }
-        counts
-    };
-    let (of_reference, of_estimate) = (counts(reference), counts(source));
-    let differs = |(stamp, &count): (&i64, &usize)| {
-        let there = of_reference.get(stamp).copied().unwrap_or(0);
-        there > 0 && there != count && there.max(count) > 1
-    };
-    let doubtful = of_estimate.iter().filter(|&(stamp, count)| differs((stamp, count))).count();
-    if doubtful > 0 {
-        let poses = |source: &Source, counts: &BTreeMap<i64, usize>| {
-            format!("{} poses at {} stamps", source.trajectory.len(), counts.len())
+/// The estimates, then the runs of the groups; of a bag a row for each topic that is asked for.
+fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
+    let mut jobs = Vec::new();
+    let mut add = |file: String, group: Option<usize>| {
+        let job = |topic: Option<&String>| Job {
+            of: Named { file: file.clone(), topic: topic.cloned() },
+            group,
         };
-        tell!(
-            "warning: {}: stamps cannot tell its poses apart, and the reference has other numbers of poses at {} of them: they are paired in their order, which may shift them all ({}; the reference {})",
-            source.of.label(),
-            doubtful,
-            poses(source, &of_estimate),
-            poses(reference, &of_reference)
-        );
-    }
-    doubtful == 0
-}
-
-fn evaluate(
-    reference: &Source,
-    source: &Source,
-    metric: &WeightedPoseError,
-    args: &EvaluateArgs,
-) -> Result<Evaluated> {
-    let mount = source.robot_from_laser.or(reference.robot_from_laser);
-    let of_reference = reference.poses_of(args.frame, mount)?;
-    let of_estimate = source.poses_of(args.frame, mount)?;
-    let matched = associate(&of_reference, &of_estimate, args.tolerance)?;
-    let Matched { reference, estimate, .. } = &matched;
-    let alignment = match args.align {
-        AlignTo::None => Alignment::None,
-        AlignTo::Origin => Alignment::Origin,
-        AlignTo::Rigid => Alignment::Rigid,
-    };
-    let absolute = ate(reference.poses(), estimate.poses(), alignment)?;
-    let motion = absolute.reference_from_estimate;
-    let aligned: Vec<Pose2> = match alignment {
-        Alignment::None => estimate.poses().to_vec(),
-        _ => estimate.poses().iter().map(|pose| motion.compose(pose)).collect(),
-    };
-    let errors = pose_errors(reference.poses(), &aligned)?;
-    let samples = ErrorSamples::of(reference.poses(), &aligned, metric)?;
-    let relative = |&distance: &f64| relative_errors(reference, estimate, distance);
-    let row = Row {
-        of: source.of.clone(),
-        pairs: matched.estimate.len(),
-        unmatched: matched.unmatched_reference + matched.unmatched_estimate,
-        unmatched_reference: matched.unmatched_reference,
-        unmatched_estimate: matched.unmatched_estimate,
-        errors: ErrorFigures::pooled(&[&samples])?,
-        axes: Axes {
-            x: AxisFigures::of(&errors, |error| error.dx)?,
-            y: AxisFigures::of(&errors, |error| error.dy)?,
-            yaw: AxisFigures::of(&errors, |error| error.dtheta)?,
-            longitudinal: AxisFigures::of(&errors, |error| error.longitudinal)?,
-            lateral: AxisFigures::of(&errors, |error| error.lateral)?,
-        },
-        ate: Figures::of(&absolute.translation)?,
-        rpe: args.rpe_distances.iter().map(relative).collect::<Result<_, _>>()?,
-        reference_from_estimate: (alignment != Alignment::None).then_some(motion),
-    };
-    let (stamps, reference_stamps) = (estimate.stamps().to_vec(), reference.stamps().to_vec());
-    Ok(Evaluated { row, stamps, reference_stamps, errors, samples })
-}
-
-/// Relative errors over a distance along the path. A path that is shorter has none; that is no error.
-fn relative_errors(
-    reference: &Trajectory,
-    estimate: &Trajectory,
-    distance_m: f64,
-) -> Result<RpeFigures, MetricsError> {
-    match rpe(reference, estimate, &RpeSettings::new(Delta::Metres(distance_m))) {
-        Ok(found) => Ok(RpeFigures {
-            distance_m,
-            pairs: found.pairs.len(),
-            translation: Some(Figures::of(&found.translation)?),
-            heading: Some(Figures::of(&found.rotation)?),
-        }),
-        Err(MetricsError::NoPairs { .. }) => {
-            Ok(RpeFigures { distance_m, pairs: 0, translation: None, heading: None })
+        if args.topics.is_empty() || !source::has_topics(&file) {
+            jobs.push(job(None));
+        } else {
+            jobs.extend(args.topics.iter().map(|topic| job(Some(topic))));
         }
-        Err(error) => Err(error),
+    };
+    args.estimates.iter().for_each(|file| add(file.clone(), None));
+    for (place, group) in args.groups.iter().enumerate() {
+        if args.groups[..place].iter().any(|other| other.name == group.name) {
+            refuse(&format!("--group {}: the name is given twice", group.name));
+        }
+        group::files(group)?.into_iter().for_each(|file| add(file, Some(place)));
     }
+    if !args.topics.is_empty() && jobs.iter().all(|job| job.of.topic.is_none()) {
+        refuse("--topic goes with bags, and none of the estimates is one");
+    }
+    if args.topics.len() > 1 && !args.groups.is_empty() {
+        refuse("--group takes one --topic: a run of a group is one trajectory");
+    }
+    Ok(jobs)
 }
 
-impl AxisFigures {
-    fn of(errors: &[PoseError], axis: fn(&PoseError) -> f64) -> Result<Self, MetricsError> {
-        let samples: Vec<f64> = errors.iter().map(axis).collect();
-        let Summary { mean, std, rmse, min, max, .. } = Summary::of(&samples)?;
-        Ok(AxisFigures { mean, std, rmse, max: max.abs().max(min.abs()) })
-    }
-}
-
-impl Evaluated {
-    fn rows<'a>(&'a self, file: &'a str) -> impl Iterator<Item = ErrorRow<'a>> {
-        (0..self.errors.len()).map(move |pair| {
-            let PoseError { dx, dy, dtheta, longitudinal, lateral } = self.errors[pair];
-            ErrorRow {
-                file,
-                stamp: self.stamps[pair].to_string(),
-                dx,
-                dy,
-                dtheta,
-                weighted: self.samples.weighted[pair],
-                translation: self.samples.translation[pair],
-                heading: self.samples.heading[pair],
-                longitudinal,
-                lateral,
-                reference_stamp: self.reference_stamps[pair].to_string(),
-            }
+/// Writes and prints what was found.
+fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Result<()> {
+    let rows: Vec<&Row> = all.iter().map(|done| &done.row).collect();
+    let groups: Vec<(&str, Vec<Run<'_>>)> = args
+        .groups
+        .iter()
+        .map(|group| {
+            let of_group = all.iter().filter(|done| done.row.group.as_ref() == Some(&group.name));
+            (group.name.as_str(), of_group.map(Done::as_run).collect())
         })
+        .collect();
+    let of_groups = groups
+        .iter()
+        .map(|(name, runs)| GroupFigures::of(name, runs))
+        .collect::<Result<Vec<_>>>()?;
+    let comparisons = group::comparisons(&groups)?;
+    let mut tables = vec![text::of_estimates(&rows)];
+    if !groups.is_empty() {
+        tables.push(text::of_groups(&of_groups));
+    }
+    if !comparisons.is_empty() {
+        tables.push(text::of_comparisons(&comparisons));
+    }
+    if let Some(path) = &args.table {
+        table::write(path, &tables, &rows)?;
+    }
+    if let Some(path) = &args.errors {
+        let labels: Vec<String> = rows.iter().map(|row| row.of.label()).collect();
+        let pairs: Vec<ErrorRow<'_>> = all
+            .iter()
+            .zip(&labels)
+            .flat_map(|(done, label)| done.sampled.iter().flat_map(|sampled| sampled.rows(label)))
+            .collect();
+        write_rows(path, &pairs)?;
+    }
+    let reference = described(references);
+    if let Some(path) = &args.plot {
+        let of_none = all.iter().filter(|done| done.row.group.is_none());
+        let drawn: Vec<(String, &Sampled)> = of_none
+            .filter_map(|done| Some((done.row.of.label(), done.sampled.as_ref()?)))
+            .collect();
+        let groups: Vec<DrawnGroup<'_>> = groups
+            .iter()
+            .map(|(name, runs)| DrawnGroup {
+                name,
+                runs: runs.iter().filter_map(Run::sampled).collect(),
+                asked: runs.len(),
+            })
+            .collect();
+        figure::draw(path, &args.reference, &drawn, &groups)?;
+    }
+    let found = Evaluation { reference, estimates: rows, groups: of_groups, comparisons };
+    print(args.json, &found, |found| {
+        let text = text::text(&found.estimates, &tables);
+        format!("{}\nreference: {}", text.trim_end(), found.reference)
+    })
+}
+
+/// What the errors are taken against.
+fn described(references: &References<'_>) -> String {
+    let mut read = references.read.values();
+    match (read.next(), read.next()) {
+        (Some(only), None) => only.describe(),
+        _ => format!("{}, {} of them", references.args.reference, references.read.len()),
     }
 }

@@ -1,6 +1,5 @@
-//! Trajectories from whatever file they are in: TUM, CARMEN, bag.
+//! Trajectories from whatever file they are in, and what the files say of their frames.
 
-use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -10,39 +9,51 @@ use mcl_core::{Pose2, Trajectory};
 use mcl_datasets::bag::{PoseRequest, PoseRole};
 use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
 use mcl_datasets::registry::Registry;
-use mcl_metrics::tum::{self, NonPlanar};
+use mcl_metrics::trajectory_file::{
+    self, NonPlanar, QuaternionOrder, ReadSettings, is_trajectory_file,
+};
 use serde::Serialize;
 
+use super::frames::{Mounts, SideFrames, name_of};
 use crate::cli::Outcome;
-use crate::cli::args::{EvaluateArgs, Frame, Global};
+use crate::cli::args::{AlignTo, EvaluateArgs, Global, Whose};
 use crate::cli::output::{refuse, tell_losses};
 use crate::progress::tell;
 use mcl_study::data::options::{ReferenceSource, SourceOptions};
-use mcl_study::data::reference::{is_tum, mount_of_run};
+use mcl_study::data::reference::mount_of_run;
 use mcl_study::data::source::LogSource;
 
-/// What compressed files begin with: gzip, bzip2, xz, zstd. Trajectories in the TUM format are plain.
+/// What compressed files begin with: gzip, bzip2, xz, zstd. Files of trajectories are plain.
 const PACKED: [&[u8]; 4] = [b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd"];
+/// Frames that robots call their own (REP 105), and that of maps.
+const BASE: [&str; 2] = ["base_link", "base_footprint"];
+const MAP: &str = "map";
 
-/// A trajectory and where it is from.
+/// A trajectory, where it is from, and what is known of its frames.
 pub struct Source {
     pub of: Named,
     pub trajectory: Trajectory,
+    /// Of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the frame they are in.
+    pub covariances: Vec<Option<[[f64; 3]; 3]>>,
+    pub has_headings: bool,
     /// Whose poses they are, where that is known.
-    pub whose: Option<Frame>,
-    /// Where the laser is on the robot, where that is known.
-    pub robot_from_laser: Option<Pose2>,
+    pub whose: Option<Whose>,
+    /// The frame that they are in, where that is known.
+    pub within: Option<String>,
+    pub carried_from: Option<String>,
+    /// What is known of the robot's frames.
+    pub mounts: Mounts,
     /// Whether all that the file says was read, and is in the trajectory.
     pub is_complete: bool,
 }
 
 /// Where a trajectory is from.
-#[derive(Clone, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Named {
     /// The file, as the user named it.
-    file: String,
+    pub file: String,
     /// Topic of a bag; null for other files.
-    topic: Option<String>,
+    pub topic: Option<String>,
 }
 
 impl Named {
@@ -55,119 +66,110 @@ impl Named {
     }
 }
 
-/// The first bytes of a file.
-fn read_head(path: &Path) -> io::Result<Vec<u8>> {
-    let mut head = Vec::new();
-    File::open(path)?.take(8).read_to_end(&mut head)?;
-    Ok(head)
-}
-
 impl Source {
-    fn new(file: &str, topic: Option<String>, trajectory: Trajectory, is_complete: bool) -> Self {
+    fn new(file: &str, topic: Option<String>, trajectory: Trajectory) -> Self {
         Source {
             of: Named { file: file.to_owned(), topic },
             trajectory,
+            covariances: Vec::new(),
+            has_headings: true,
             whose: None,
-            robot_from_laser: None,
-            is_complete,
+            within: None,
+            carried_from: None,
+            mounts: Mounts::default(),
+            is_complete: true,
         }
     }
 
     /// What the trajectory is, and whose poses it has.
     pub fn describe(&self) -> String {
-        let whose = match self.whose {
-            Some(Frame::Laser) => "of the laser",
-            Some(Frame::Robot) => "of the robot",
-            None => "nothing says whose",
+        let whose = match &self.whose {
+            Some(whose) => format!("of {whose}"),
+            None => "nothing says whose".to_owned(),
         };
-        format!("{}, {} poses, {whose}", self.of.label(), self.trajectory.len())
+        let within = self.within.iter().map(|frame| format!(" in {frame:?}"));
+        let from = self.carried_from.iter().map(|frame| format!(", carried there from {frame:?}"));
+        let poses = if self.has_headings { "poses" } else { "positions" };
+        let count = self.trajectory.len();
+        let parts: String = within.chain(from).collect();
+        format!("{}, {count} {poses}, {whose}{parts}", self.of.label())
     }
 
-    /// The trajectory as poses of the laser or of the robot; as it stands, where nothing says whose poses they
-    /// are. `mount` is where the laser is on the robot.
-    pub fn poses_of(&self, wanted: Frame, mount: Option<Pose2>) -> Result<Cow<'_, Trajectory>> {
-        let Some(whose) = self.whose.filter(|whose| *whose != wanted) else {
-            return Ok(Cow::Borrowed(&self.trajectory));
-        };
-        let Some(mount) = mount else {
-            bail!(
-                "{}: its poses are those of the {}, and nothing says where the laser is on the robot; compare them with a trajectory that says so (of `localize`, a log or a bag), or with --frame {}",
-                self.of.label(),
-                whose.name(),
-                whose.name()
-            );
-        };
-        let carry = match wanted {
-            Frame::Laser => mount,
-            Frame::Robot => mount.inverse(),
-        };
-        let poses = self.trajectory.iter();
-        Ok(Cow::Owned(poses.map(|(stamp, pose)| (stamp, pose.compose(&carry))).collect()))
+    /// Its frames, as they are reported.
+    pub fn frames(&self) -> SideFrames {
+        SideFrames {
+            of: self.whose.as_ref().map(name_of),
+            within: self.within.clone(),
+            carried_from: self.carried_from.clone(),
+        }
     }
 }
 
 enum Format {
-    Tum,
+    Poses,
     Log,
     /// With its path, which may be that of a data set.
     Bag(PathBuf),
 }
 
-/// The trajectory of `--reference`.
-pub fn reference(args: &EvaluateArgs, global: &Global) -> Result<Source> {
-    let file = &args.reference;
+/// The trajectory of a file that is named as the reference.
+pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
         refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
     }
-    let source = match format {
-        Format::Tum => {
-            let source = tum_file(file, args)?;
-            Source { whose: args.reference_frame.or(source.whose), ..source }
-        }
-        Format::Bag(path) => {
-            let topic = args.reference_topic.as_deref();
-            bag(file, &path, topic, PoseRole::Reference, args, global)?
-        }
-        Format::Log => log(file, PoseRole::Reference, global)?,
+    let request = PoseRequest {
+        topic: args.reference_topic.as_deref(),
+        ..PoseRequest::of(PoseRole::Reference)
     };
-    let stamps = source.trajectory.stamps();
-    let backward = stamps.windows(2).filter(|pair| pair[1] < pair[0]).count();
-    if backward > 0 && !global.quiet {
-        tell!(
-            "note: {file}: {backward} stamps step back in time; poses are taken in the order of the file"
-        );
+    let mut source = read(file, &format, &request, args, global)?;
+    if let Some(whose) = &args.reference_frame {
+        source.whose = Some(whose.clone());
     }
     Ok(source)
 }
 
-/// The trajectories to be held against it: one of each file, and of a bag one of each `--topic`.
-pub fn estimates(args: &EvaluateArgs, global: &Global) -> Result<Vec<Source>> {
-    let formats: Vec<Format> =
-        args.estimates.iter().map(|file| format_of(file)).collect::<Result<_>>()?;
-    let any_bag = formats.iter().any(|format| matches!(format, Format::Bag(_)));
-    if !args.topics.is_empty() && !any_bag {
-        refuse("--topic goes with bags, and none of the estimates is one");
+/// An estimated trajectory: that of a file, or of one topic of a bag. In a bag it is carried into the frame of the
+/// reference, if transforms lead there, unless it is aligned anyway.
+pub fn estimate(
+    file: &str,
+    topic: Option<&str>,
+    reference: &Source,
+    args: &EvaluateArgs,
+    global: &Global,
+) -> Result<Source> {
+    let into = reference.within.as_deref().unwrap_or(MAP);
+    let into = (args.align == AlignTo::None).then_some(into);
+    let request = PoseRequest { topic, role: PoseRole::Estimate, into };
+    let mut source = read(file, &format_of(file)?, &request, args, global)?;
+    if let Some(whose) = &args.estimate_frame {
+        source.whose = Some(whose.clone());
     }
-    let mut sources = Vec::new();
-    for (file, format) in args.estimates.iter().zip(formats) {
-        match format {
-            Format::Tum => sources.push(tum_file(file, args)?),
-            Format::Log => sources.push(log(file, PoseRole::Estimate, global)?),
-            Format::Bag(path) if args.topics.is_empty() => {
-                sources.push(bag(file, &path, None, PoseRole::Estimate, args, global)?);
-            }
-            Format::Bag(path) => {
-                for topic in &args.topics {
-                    sources.push(bag(file, &path, Some(topic), PoseRole::Estimate, args, global)?);
-                }
-            }
-        }
-    }
-    Ok(sources)
+    Ok(source)
 }
 
-/// By the content: a line of a log begins with the name of its kind, one of a TUM file with a number.
+/// Whether a file is a bag, of which topics can be asked for.
+pub fn has_topics(file: &str) -> bool {
+    matches!(format_of(file), Ok(Format::Bag(_)))
+}
+
+fn read(
+    file: &str,
+    format: &Format,
+    request: &PoseRequest<'_>,
+    args: &EvaluateArgs,
+    global: &Global,
+) -> Result<Source> {
+    let mut source = match format {
+        Format::Poses => poses(file, args, global)?,
+        Format::Log => log(file, request.role, global)?,
+        Format::Bag(path) => bag(file, path, request, global)?,
+    };
+    source.has_headings &= !args.positions;
+    Ok(source)
+}
+
+/// By the content: a line of a log begins with the name of its kind.
 fn format_of(file: &str) -> Result<Format> {
     let path = Path::new(file);
     if path.is_dir() || (path.is_file() && is_bag(path)?) {
@@ -179,12 +181,20 @@ fn format_of(file: &str) -> Result<Format> {
         return Ok(match is_name.then(|| bag_of_dataset(file)).transpose()? {
             Some(Some(bag)) => Format::Bag(bag),
             Some(None) => Format::Log,
-            None => Format::Tum,
+            None => Format::Poses,
         });
     }
     let head = read_head(path).with_context(|| format!("cannot read {file}"))?;
     let is_packed = PACKED.iter().any(|magic| head.starts_with(magic));
-    Ok(if is_packed || !is_tum(path)? { Format::Log } else { Format::Tum })
+    let is_poses = is_trajectory_file(path).with_context(|| format!("cannot read {file}"))?;
+    Ok(if is_packed || !is_poses { Format::Log } else { Format::Poses })
+}
+
+/// The first bytes of a file.
+fn read_head(path: &Path) -> io::Result<Vec<u8>> {
+    let mut head = Vec::new();
+    File::open(path)?.take(8).read_to_end(&mut head)?;
+    Ok(head)
 }
 
 /// The bag of a data set; `None` if its file is none or not at hand, or there is no such data set.
@@ -197,12 +207,23 @@ fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
     })
 }
 
-fn tum_file(file: &str, args: &EvaluateArgs) -> Result<Source> {
-    let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
-    let trajectory = tum::read_file(file, non_planar)?.trajectory;
-    let robot_from_laser = mount_of_run(Path::new(file));
-    let whose = robot_from_laser.map(|_| Frame::Laser);
-    Ok(Source { whose, robot_from_laser, ..Source::new(file, None, trajectory, true) })
+/// A file of poses and nothing else.
+fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
+    let settings = ReadSettings {
+        non_planar: if args.project { NonPlanar::Project } else { NonPlanar::Refuse },
+        order: if args.wxyz { QuaternionOrder::Wxyz } else { QuaternionOrder::Xyzw },
+    };
+    let found = trajectory_file::read_file(file, &settings)?;
+    if !global.quiet {
+        found.notes.iter().for_each(|note| tell!("note: {file}: {note}"));
+    }
+    let mut source = Source::new(file, None, found.trajectory);
+    source.has_headings = found.has_headings;
+    if let Some(robot_from_laser) = mount_of_run(Path::new(file)) {
+        source.whose = Some(Whose::Laser);
+        source.mounts = Mounts::of_laser(robot_from_laser);
+    }
+    Ok(source)
 }
 
 /// The laser poses written in a CARMEN log: as a reference only where they are corrected; as an
@@ -212,77 +233,64 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
         PoseRole::Reference => None,
         PoseRole::Estimate => Some(ReferenceSource::Log(ReferencePoses::Recorded)),
     };
-    let source = LogSource::open(file, &SourceOptions { reference, ..SourceOptions::default() })?;
-    if role == PoseRole::Estimate && source.kind == Some(LogKind::Raw) && !global.quiet {
+    let log = LogSource::open(file, &SourceOptions { reference, ..SourceOptions::default() })?;
+    if role == PoseRole::Estimate && log.kind == Some(LogKind::Raw) && !global.quiet {
         tell!("note: {file}: its laser poses are raw odometry");
     }
-    let scans = source.recording.scans.len();
-    let without =
-        source.recording.scans.iter().filter(|scan| scan.map_from_laser.is_none()).count();
+    let scans = log.recording.scans.len();
+    let without = log.recording.scans.iter().filter(|scan| scan.map_from_laser.is_none()).count();
     if without == scans {
         bail!(
             "{file}: no reference poses: the log is raw, its laser poses are odometry (as an estimate \
              they can be evaluated)"
         );
     }
-    let trajectory = source.recording.reference();
+    let trajectory = log.recording.reference();
     let unstamped = scans - without - trajectory.len();
     if unstamped > 0 {
         tell!(
             "warning: {file}: {unstamped} of {scans} scans have no usable stamp: they match nothing"
         );
     }
-    let is_complete = tell_losses(file, &source) == Outcome::Done && unstamped == 0;
-    let robot_from_laser = Some(source.recording.robot_from_laser);
-    let source = Source::new(file, None, trajectory, is_complete);
-    Ok(Source { whose: Some(Frame::Laser), robot_from_laser, ..source })
+    let is_complete = tell_losses(file, &log) == Outcome::Done && unstamped == 0;
+    Ok(Source {
+        whose: Some(Whose::Laser),
+        mounts: Mounts::of_laser(log.recording.robot_from_laser),
+        is_complete,
+        ..Source::new(file, None, trajectory)
+    })
 }
 
-/// The poses of a bag's topic; of its laser, unless asked otherwise.
-fn bag(
-    file: &str,
-    path: &Path,
-    topic: Option<&str>,
-    role: PoseRole,
-    args: &EvaluateArgs,
-    global: &Global,
-) -> Result<Source> {
-    let found = read_poses(path, &PoseRequest { topic, ..PoseRequest::of(role) })?;
-    let name = found.name;
+/// The poses of a bag's topic. Where the bag does not say whose they are, they are the robot's (REP 105).
+fn bag(file: &str, path: &Path, request: &PoseRequest<'_>, global: &Global) -> Result<Source> {
+    let found = read_poses(path, request)?;
     if !found.report.is_complete() {
         tell!("warning: {file}: {}", found.report);
     }
     if found.trajectory.is_empty() {
-        bail!("{file}: {name} has no message that could be read");
+        bail!("{file}: {} has no message that could be read", found.name);
     }
-    let is_complete = found.report.is_complete();
-    let frame = found.frame.as_deref().unwrap_or("the robot");
-    let mut note = format!("{file}: {name}: {} poses of {frame:?}", found.trajectory.len());
-    let whose = match (args.frame, found.frame_from_laser) {
-        (Frame::Laser, None) => None,
-        (frame, _) => Some(frame),
-    };
-    let trajectory = match (args.frame, found.frame_from_laser) {
-        (Frame::Robot, _) => found.trajectory,
-        (Frame::Laser, None) => {
-            note += ", as they stand: nothing in the bag says where its laser is";
-            found.trajectory
-        }
-        (Frame::Laser, Some(mount)) if mount == Pose2::IDENTITY => found.trajectory,
-        (Frame::Laser, Some(mount)) => {
-            note += &format!(
-                ", made poses of the laser by its mount (x {:.3} m, y {:.3} m, turned by {:.1}°); \
-                 --frame robot takes them as they stand",
-                mount.x,
-                mount.y,
-                mount.theta.to_degrees()
-            );
-            found.trajectory.iter().map(|(stamp, pose)| (stamp, pose.compose(&mount))).collect()
-        }
+    let mut mounts = Mounts::default();
+    for (name, pose) in &found.mounts {
+        mounts.insert(Whose::Frame(name.clone()), *pose);
+    }
+    let base = BASE.iter().find_map(|base| found.mounts.get(*base).copied());
+    mounts.insert(Whose::Robot, base.unwrap_or(Pose2::IDENTITY));
+    if let Some(laser) = found.frame_from_laser {
+        mounts.insert(Whose::Laser, laser);
+    }
+    let whose = found.frame.map_or(Whose::Robot, Whose::Frame);
+    let source = Source {
+        covariances: found.covariances,
+        whose: Some(whose),
+        within: found.parent,
+        carried_from: found.carried_from,
+        mounts,
+        is_complete: found.report.is_complete(),
+        ..Source::new(file, Some(found.name), found.trajectory)
     };
     if !global.quiet {
-        tell!("note: {note}");
+        tell!("note: {}", source.describe());
     }
-    let source = Source::new(file, Some(name), trajectory, is_complete);
-    Ok(Source { whose, robot_from_laser: found.frame_from_laser, ..source })
+    Ok(source)
 }

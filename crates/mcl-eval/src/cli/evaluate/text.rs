@@ -1,70 +1,188 @@
-//! Evaluations as text: a table of all estimates, then each with its figures.
+//! Evaluations as text: tables of all estimates, of groups and their differences, and each estimate with its figures.
 
-use std::fmt::Write;
+use mcl_core::text::{counted, p_value, thousands};
 
-use super::{AxisFigures, Row};
-use crate::cli::errors::table_line;
-use mcl_core::text::thousands;
+use super::group::{Comparison, GroupError, GroupFigures};
+use super::row::{AxisFigures, Row, RowFigures};
+use super::table::Table;
+use crate::cli::errors::{Figures, figures_table, table_line};
 
-pub fn text(rows: &[&Row]) -> String {
+/// At most so many estimates are shown with all their figures.
+const MOST_IN_FULL: usize = 6;
+
+/// What is printed: details of each estimate where they are few, then `tables`.
+pub fn text(rows: &[&Row], tables: &[Table]) -> String {
     let mut parts = Vec::new();
-    if rows.len() > 1 {
-        parts.push(comparison(rows));
+    if rows.len() <= MOST_IN_FULL && rows.iter().all(|row| row.group.is_none()) {
+        parts.extend(rows.iter().map(|row| row_text(row)));
     }
-    parts.extend(rows.iter().map(|row| row_text(row)));
+    if rows.len() > 1 {
+        parts.extend(tables.iter().map(Table::text));
+    }
     parts.join("\n")
 }
 
 /// A line per estimate; rmse but for the weighted error, whose mean is the paper's.
-fn comparison(rows: &[&Row]) -> String {
-    let mut lines = vec![vec![
-        "estimate".to_owned(),
-        "pairs".to_owned(),
-        "unmatched".to_owned(),
-        "weighted".to_owned(),
-        "ATE, m".to_owned(),
-        "heading, °".to_owned(),
-    ]];
-    lines[0].extend(rows[0].rpe.iter().map(|rpe| format!("RPE {} m", rpe.distance_m)));
-    for row in rows {
+pub fn of_estimates(rows: &[&Row]) -> Table {
+    let first = rows.iter().find_map(|row| row.figures.as_ref());
+    let relative: Vec<(f64, &str)> = first
+        .map(|figures| figures.rpe.iter().map(|rpe| (rpe.delta, rpe.unit)).collect())
+        .unwrap_or_default();
+    let mut head: Vec<String> =
+        ["estimate", "pairs", "covered", "weighted", "ATE, m", "heading, °"]
+            .map(str::to_owned)
+            .into();
+    head.extend(relative.iter().map(|(delta, unit)| format!("RPE {delta} {unit}")));
+    head.push("lost".to_owned());
+    let columns = head.len();
+    let line = |row: &&Row| {
+        let Some(figures) = &row.figures else {
+            let mut line = vec![row.of.label(), "failed".to_owned()];
+            line.resize(columns, "–".to_owned());
+            return line;
+        };
         let mut line = vec![
             row.of.label(),
-            thousands(row.pairs),
-            thousands(row.unmatched),
-            format!("{:.4}", row.errors.weighted.mean),
-            format!("{:.4}", row.ate.rmse),
-            format!("{:.4}", row.errors.heading.rmse.to_degrees()),
+            thousands(figures.pairs),
+            percent(figures.coverage.time.min(figures.coverage.path)),
+            decimals(figures.weighted.map(|error| error.mean)),
+            decimals(Some(figures.ate.rmse)),
+            decimals(figures.heading.map(|error| error.rmse.to_degrees())),
         ];
-        line.extend(row.rpe.iter().map(|rpe| match &rpe.translation {
-            Some(figures) => format!("{:.4}", figures.rmse),
-            None => "–".to_owned(),
-        }));
-        lines.push(line);
+        let rmse = |error: Option<Figures>| decimals(error.map(|error| error.rmse));
+        line.extend(figures.rpe.iter().map(|relative| rmse(relative.translation)));
+        line.resize(columns - 1, "–".to_owned());
+        line.push(percent(figures.with_missing.lost_share));
+        line
+    };
+    Table {
+        title: String::new(),
+        head,
+        rows: rows.iter().map(line).collect(),
+        remark: "mean weighted error; rmse of the others, RPE in m; lost: share of the reference's time in which the \
+                 robot was lost or the estimate is missing"
+            .to_owned(),
     }
-    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
-    let widths: Vec<usize> = (0..lines[0].len()).map(|column| width(column).unwrap_or(0)).collect();
-    let mut text = String::new();
-    for line in &lines {
-        for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
-            match column {
-                0 => write!(text, "{cell:<width$}"),
-                _ => write!(text, "  {cell:>width$}"),
-            }
-            .expect("writing to a string does not fail");
-        }
-        text.push('\n');
+}
+
+/// A line per group.
+pub fn of_groups(groups: &[GroupFigures]) -> Table {
+    let head = [
+        "group",
+        "runs",
+        "failed",
+        "covered",
+        "lost",
+        "weighted",
+        "translation, m",
+        "heading, °",
+        "inside 95 %",
+    ];
+    let line = |group: &GroupFigures| {
+        vec![
+            group.name.clone(),
+            group.runs.to_string(),
+            group.failed.to_string(),
+            percent(group.coverage_time.min(group.coverage_path)),
+            percent(group.lost_share),
+            with_interval(group.weighted, 1.0),
+            with_interval(group.translation, 1.0),
+            with_interval(group.heading, 1.0_f64.to_degrees()),
+            group.inside_95.map_or("–".to_owned(), percent),
+        ]
+    };
+    Table {
+        title: String::new(),
+        head: head.map(str::to_owned).into(),
+        rows: groups.iter().map(line).collect(),
+        remark: "means of the runs that have figures, failed ones too, with 95 % intervals over runs; lost: share of the \
+                 time in which the robot was lost or the estimate is missing"
+            .to_owned(),
     }
-    text + "(mean weighted error; rmse of the others, RPE in m)\n"
+}
+
+/// A line per test of one group against another.
+pub fn of_comparisons(comparisons: &[Comparison]) -> Table {
+    let head =
+        ["", "measure", "first", "second", "difference", "95 % interval", "p (Holm)", "test"];
+    let line = |tested: &Comparison| {
+        let unit = match tested.measure {
+            "heading" => 1.0_f64.to_degrees(),
+            "failed" => 100.0,
+            _ => 1.0,
+        };
+        let (measure, digits) = match tested.measure {
+            "translation" => ("translation, m", 4),
+            "heading" => ("heading, °", 4),
+            "failed" => ("failed, %", 1),
+            measure => (measure, 4),
+        };
+        let shown = |value: f64| format!("{:.digits$}", value * unit);
+        let interval =
+            tested.ci95.map(|ends| format!("{} … {}", shown(ends.low), shown(ends.high)));
+        let [a, b] = tested.runs;
+        let runs = if a == b { format!("{a}") } else { format!("{a}, {b}") };
+        vec![
+            format!("{} – {}", tested.a, tested.b),
+            measure.to_owned(),
+            shown(tested.of_a),
+            shown(tested.of_b),
+            format!("{:+.digits$}", tested.difference * unit),
+            interval.unwrap_or_else(|| "–".to_owned()),
+            tested
+                .p_holm
+                .map_or("–".to_owned(), |p| p_value(p).trim_start_matches("p = ").to_owned()),
+            match tested.remark {
+                Some(remark) => remark.to_owned(),
+                None => format!("{}, {runs}", tested.test),
+            },
+        ]
+    };
+    Table {
+        title: String::new(),
+        head: head.map(str::to_owned).into(),
+        rows: comparisons.iter().map(line).collect(),
+        remark: "means of runs, first minus second; p adjusted for all tests shown".to_owned(),
+    }
+}
+
+fn decimals(value: Option<f64>) -> String {
+    value.map_or("–".to_owned(), |value| format!("{value:.4}"))
+}
+
+fn percent(share: f64) -> String {
+    // 99.96 % is not all.
+    let percent = 100.0 * share;
+    let rounded = if share < 1.0 { percent.min(99.9) } else { percent };
+    format!("{rounded:.1} %")
+}
+
+fn with_interval(error: Option<GroupError>, unit: f64) -> String {
+    let Some(GroupError { mean, ci95, .. }) = error else { return "–".to_owned() };
+    let mean = format!("{:.4}", mean * unit);
+    match ci95 {
+        Some(ends) => format!("{mean} ({:.4} … {:.4})", ends.low * unit, ends.high * unit),
+        None => mean,
+    }
 }
 
 fn row_text(row: &Row) -> String {
+    let label = row.of.label();
+    match (&row.figures, &row.failure) {
+        (Some(figures), _) => figures_text(&label, figures),
+        (None, failure) => format!("{label}: {}\n", failure.as_deref().unwrap_or("no figures")),
+    }
+}
+
+fn figures_text(label: &str, figures: &RowFigures) -> String {
     let mut text = format!(
-        "{}: {} pairs, {} poses unmatched\n",
-        row.of.label(),
-        thousands(row.pairs),
-        thousands(row.unmatched)
+        "{label}: {} pairs, {} poses unmatched; {} of the time and {} of the path covered\n",
+        thousands(figures.pairs),
+        thousands(figures.unmatched),
+        percent(figures.coverage.time),
+        percent(figures.coverage.path)
     );
-    if let Some(motion) = row.reference_from_estimate {
+    if let Some(motion) = figures.reference_from_estimate {
         text += &format!(
             "  aligned: moved by ({:.4}, {:.4}) m, turned by {:.3}°\n",
             motion.x,
@@ -72,27 +190,48 @@ fn row_text(row: &Row) -> String {
             motion.theta.to_degrees()
         );
     }
-    text += &row.errors.table();
-    for relative in &row.rpe {
-        let distance = relative.distance_m;
+    text += &figures_table(figures.weighted, figures.translation, figures.heading);
+    for relative in &figures.rpe {
+        let (delta, unit) = (relative.delta, relative.unit);
         match (&relative.translation, &relative.heading) {
             (Some(translation), Some(heading)) => {
-                text += &table_line(&format!("over {distance} m, m"), translation);
-                text += &table_line(&format!("over {distance} m, rad"), heading);
+                text += &table_line(&format!("over {delta} {unit}, m"), translation);
+                text += &table_line(&format!("over {delta} {unit}, rad"), heading);
             }
-            _ => text += &format!("  over {distance} m: the path is shorter\n"),
+            _ => text += &format!("  over {delta} {unit}: no two poses are so far apart\n"),
         }
     }
     text += &format!("  {:<18}{:>10}{:>10}{:>10}{:>10}\n", "signed", "bias", "std", "rmse", "max");
+    let axes = &figures.axes;
     for (name, axis) in [
-        ("x, m", &row.axes.x),
-        ("y, m", &row.axes.y),
-        ("yaw, rad", &row.axes.yaw),
-        ("longitudinal, m", &row.axes.longitudinal),
-        ("lateral, m", &row.axes.lateral),
+        ("x, m", Some(&axes.x)),
+        ("y, m", Some(&axes.y)),
+        ("yaw, rad", axes.yaw.as_ref()),
+        ("longitudinal, m", axes.longitudinal.as_ref()),
+        ("lateral, m", axes.lateral.as_ref()),
     ] {
-        let AxisFigures { mean, std, rmse, max } = axis;
+        let Some(AxisFigures { mean, std, rmse, max }) = axis else { continue };
         text += &format!("  {name:<18}{mean:>10.4}{std:>10.4}{rmse:>10.4}{max:>10.4}\n");
+    }
+    if figures.weighted.is_none() {
+        text += "  positions only: no errors of headings, and none relative\n";
+    }
+    if figures.lost > 0 || figures.diverged {
+        text += &format!(
+            "  lost {}, found again {}{}; lost or missing {} of the time\n",
+            counted(figures.lost, "time"),
+            counted(figures.recovered, "time"),
+            if figures.diverged { ", ended lost" } else { "" },
+            percent(figures.with_missing.lost_share)
+        );
+    }
+    if let Some(found) = &figures.consistency {
+        text += &format!(
+            "  the reference lies within the 95 % ellipsoid of {:.0} % of {} with a covariance (median NEES {:.1}; 2.4 expected)\n",
+            100.0 * found.inside_95,
+            counted(found.poses, "pose"),
+            found.median_nees
+        );
     }
     text
 }

@@ -1,0 +1,168 @@
+//! Whose poses two trajectories have, and how they become those of one frame.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use anyhow::{Result, bail};
+use mcl_core::{Pose2, Trajectory};
+use serde::Serialize;
+
+use super::source::Source;
+use crate::cli::args::Whose;
+use crate::progress::tell;
+
+/// Mounts closer to the identity than this (m, rad) do not matter.
+const NO_MOUNT: f64 = 1e-9;
+/// The frame of odometry, which drifts against the map (REP 105).
+const ODOMETRY: &str = "odom";
+
+/// Frames that are fixed to each other: where each is in one of them.
+#[derive(Debug, Clone, Default)]
+pub struct Mounts(BTreeMap<Whose, Pose2>);
+
+impl Mounts {
+    /// Of a robot with a laser there.
+    pub fn of_laser(robot_from_laser: Pose2) -> Self {
+        Mounts([(Whose::Robot, Pose2::IDENTITY), (Whose::Laser, robot_from_laser)].into())
+    }
+
+    pub fn insert(&mut self, whose: Whose, pose: Pose2) {
+        self.0.insert(whose, pose);
+    }
+
+    pub fn get(&self, whose: &Whose) -> Option<Pose2> {
+        self.0.get(whose).copied()
+    }
+
+    /// Where the second is in the frame of the first.
+    fn between(&self, from: &Whose, to: &Whose) -> Option<Pose2> {
+        Some(self.get(from)?.between(&self.get(to)?))
+    }
+}
+
+/// Both sides as poses of one frame.
+pub struct Compared<'a> {
+    /// Whose poses they are; `None` where nothing says so of either.
+    pub whose: Option<Whose>,
+    pub reference: Cow<'a, Trajectory>,
+    pub estimate: Cow<'a, Trajectory>,
+    /// From the frame compared to that whose covariances the estimate has.
+    pub to_estimated: Pose2,
+    /// Whether nothing had to be guessed.
+    pub is_certain: bool,
+}
+
+/// The frames of a side, as they are reported.
+#[derive(Debug, Clone, Serialize)]
+pub struct SideFrames {
+    /// Whose poses the file has: `robot`, `laser` or the name of a frame; null if nothing says so.
+    pub of: Option<String>,
+    /// The frame that they are in (`header.frame_id`), or into which the bag's transforms carried them.
+    pub within: Option<String>,
+    /// The frame that they were in before.
+    pub carried_from: Option<String>,
+}
+
+/// A name as in options and JSON.
+pub fn name_of(whose: &Whose) -> String {
+    match whose {
+        Whose::Robot => "robot".to_owned(),
+        Whose::Laser => "laser".to_owned(),
+        Whose::Frame(name) => name.clone(),
+    }
+}
+
+/// Makes both sides poses of one frame: of the one that is asked for; else of the one that both have; else of the
+/// laser, where one side has its poses, or of the reference's. Where nothing says whose poses a side has, they are the
+/// robot's, as everywhere; that is doubtful where a laser is known to sit elsewhere on it.
+///
+/// # Errors
+/// When a side would have to be moved, and nothing says how.
+pub fn compared<'a>(
+    reference: &'a Source,
+    estimate: &'a Source,
+    asked: Option<&Whose>,
+    given: &Mounts,
+) -> Result<Compared<'a>> {
+    let stars = [&estimate.mounts, &reference.mounts, given];
+    let between = |from: &Whose, to: &Whose| match from == to {
+        true => Some(Pose2::IDENTITY),
+        false => stars.iter().find_map(|mounts| mounts.between(from, to)),
+    };
+    let is_told = reference.whose.is_some() || estimate.whose.is_some();
+    let [of_reference, of_estimate] =
+        [reference, estimate].map(|source| source.whose.as_ref().unwrap_or(&Whose::Robot));
+    let target = match asked {
+        Some(asked) => asked,
+        None if of_reference != of_estimate && *of_estimate == Whose::Laser => of_estimate,
+        None => of_reference,
+    };
+    let carry = |source: &Source, from: &Whose| -> Result<Pose2> {
+        let Some(mount) = between(from, target) else {
+            bail!(
+                "{}: its poses are those of {from}, and nothing says where {target} is on the robot; compare it with a trajectory that says so (of `localize`, a log or a bag), give the laser's place with --mount X,Y,THETA, or compare poses of another frame with --frame",
+                source.of.label(),
+            );
+        };
+        if !is_none(mount) && !source.has_headings {
+            bail!(
+                "{}: its poses are those of {from}, and positions alone cannot be moved to {target}; choose --frame {}",
+                source.of.label(),
+                name_of(from)
+            );
+        }
+        Ok(mount)
+    };
+    let (reference_carry, estimate_carry) =
+        (carry(reference, of_reference)?, carry(estimate, of_estimate)?);
+    // It matters where the robot has several frames that poses could be of.
+    let matters = stars.iter().flat_map(|mounts| mounts.0.values()).any(|mount| !is_none(*mount));
+    let unknown = [(reference, "reference-frame"), (estimate, "estimate-frame")];
+    let doubtful =
+        unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_told);
+    if let Some((source, option)) = doubtful {
+        tell!(
+            "warning: {}: nothing says whose poses it has; they are taken for the robot's (--{option} robot or laser says so)",
+            source.of.label()
+        );
+    }
+    Ok(Compared {
+        whose: is_told.then(|| target.clone()),
+        reference: moved(&reference.trajectory, reference_carry),
+        estimate: moved(&estimate.trajectory, estimate_carry),
+        to_estimated: estimate_carry.inverse(),
+        is_certain: doubtful.is_none(),
+    })
+}
+
+fn is_none(mount: Pose2) -> bool {
+    [mount.x, mount.y, mount.theta].iter().all(|part| part.abs() < NO_MOUNT)
+}
+
+fn moved(trajectory: &Trajectory, carry: Pose2) -> Cow<'_, Trajectory> {
+    if is_none(carry) {
+        return Cow::Borrowed(trajectory);
+    }
+    Cow::Owned(trajectory.iter().map(|(stamp, pose)| (stamp, pose.compose(&carry))).collect())
+}
+
+/// Whether both sides are in the same frame of the world, as far as they say; a warning where they are not.
+pub fn are_in_one_world(reference: &Source, estimate: &Source) -> bool {
+    let [of_reference, of_estimate] = [&reference.within, &estimate.within].map(Option::as_deref);
+    let label = estimate.of.label();
+    match (of_reference, of_estimate) {
+        (Some(a), Some(b)) if a != b => {
+            tell!(
+                "warning: {label}: its poses are in frame {b:?}, those of the reference in {a:?}, and no transforms lead from one to the other: the errors hold how far these are apart (--align takes it out)"
+            );
+            false
+        }
+        (None, Some(ODOMETRY)) => {
+            tell!(
+                "warning: {label}: its poses are in frame {ODOMETRY:?}, which drifts against the map, and no transforms lead to it from \"map\": the errors hold how far these are apart (--align takes it out)"
+            );
+            false
+        }
+        _ => true,
+    }
+}
