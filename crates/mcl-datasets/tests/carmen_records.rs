@@ -25,8 +25,12 @@ fn beams_of_flaser_begin_at_minus_90_degrees_in_whole_or_half_degrees() {
 fn robotlaser1_brings_its_own_beams_and_poses() {
     let mount = pose(0.25, 0.0, 0.0);
     let robots = [ORIGIN, pose(1.0, 0.0, FRAC_PI_2), pose(1.0, 1.0, FRAC_PI_2)];
-    let text: String =
-        robots.iter().map(|robot| robot_laser(robot.compose(&mount), *robot, "1.25")).collect();
+    let stamps = ["1.25", "1.5", "1.75"].iter();
+    let text: String = robots
+        .iter()
+        .zip(stamps)
+        .map(|(robot, stamp)| robot_laser(robot.compose(&mount), *robot, stamp))
+        .collect();
     let log = read(&text);
     assert!(log.report.is_complete(), "{}", log.report);
     let scan = &log.recording.scans[0];

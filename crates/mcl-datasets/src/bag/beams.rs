@@ -5,7 +5,7 @@ use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range, math};
 use super::messages::ScanMessage;
 use super::moment::Moment;
 use super::motion::Mount;
-use super::track::{Placed, PoseTrack};
+use super::track::{Occurrence, Placed, PoseTrack};
 
 /// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
 const SWEEP_JITTER: f64 = 1.5;
@@ -181,7 +181,7 @@ pub(super) struct Moved<'a> {
 impl<'a> Moved<'a> {
     pub fn of(
         moment: Moment,
-        occurrence: usize,
+        occurrence: Occurrence,
         time_increment: f64,
         tracks: [(Option<&'a PoseTrack>, Mount); 2],
     ) -> Option<Self> {
@@ -199,7 +199,7 @@ impl<'a> Moved<'a> {
             return Some(Pose2::IDENTITY);
         }
         let moment = Moment { at: self.moment.at.saturating_add(later), ..self.moment };
-        match self.poses.at(moment, 0) {
+        match self.poses.at(moment, Occurrence::ONLY) {
             Placed::At(robot) => Some(self.start.between(&self.mount.laser(robot))),
             _ => None,
         }

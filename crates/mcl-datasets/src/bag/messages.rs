@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use mcl_core::{Pose2, ScanGeometry, math};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use sha2::{Digest, Sha256};
 
 use super::cdr::{CdrError, View};
 use super::layout::SchemaError;
@@ -151,6 +152,17 @@ impl ScanMessage {
         let last_angle = view.number("angle_max").unwrap_or(last);
         let time_increment = view.number("time_increment").unwrap_or(0.0);
         Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment })
+    }
+
+    /// SHA-256 of what it says of its beams.
+    pub fn digest(&self) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        let ScanGeometry { start_angle, angle_step, .. } = self.geometry;
+        let fields = [start_angle, angle_step, self.last_angle, self.time_increment];
+        for value in fields.iter().chain(&self.ranges) {
+            hash.update(value.to_bits().to_le_bytes());
+        }
+        hash.finalize().into()
     }
 
     /// How far the direction of the last beam that follows from the others is from the one that the message

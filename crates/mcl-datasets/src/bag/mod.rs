@@ -82,6 +82,7 @@ mod messages;
 pub(crate) mod moment;
 mod motion;
 mod msg_text;
+pub(crate) mod pairing;
 pub mod planar;
 mod point_cloud;
 pub(crate) mod poses;

@@ -8,6 +8,8 @@ use mcl_core::{LaserScan, Pose2, ScanGeometry};
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
 use super::record::{self, Record, RecordKind, ScanRecord};
+use crate::bag::moment::Moment;
+use crate::bag::pairing::shared_stamps;
 use crate::log::content::{Log, LogKind};
 use crate::log::options::ReferencePoses;
 use crate::log::report::ReadReport;
@@ -119,6 +121,10 @@ pub fn read_scans(
 /// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
 const COUNTED_KINDS: usize = 20;
 
+/// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
+/// beam twice or not.
+const STEPS_OFF: f64 = 1.5;
+
 const NO_RECORDS: &str = "no records";
 
 /// How many records there are of each kind.
@@ -180,8 +186,13 @@ struct Pass {
     /// Angle covered and angle between two beams by the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
-    /// Numbers of beams whose directions CARMEN's rule for any number gave.
+    /// Numbers of beams whose directions CARMEN's rule for any number gave, and those that the parameters
+    /// contradict.
     ruled: BTreeSet<usize>,
+    contradicted: BTreeSet<usize>,
+    /// Scans whose fields say different angles that the beams cover, and what is to be said of the worst.
+    off: usize,
+    farthest_off: Option<(f64, String)>,
     not_numbers: usize,
     kinds: Kinds,
     ignored_kinds: Kinds,
@@ -240,7 +251,7 @@ impl Pass {
                 scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
                 let offset = self.front_laser_offset.unwrap_or(0.0);
                 scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
-                let scan = self.logged(scan);
+                let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan) };
                 self.raw_scans.push(scan);
                 self.raw_records += 1;
             }
@@ -283,11 +294,26 @@ impl Pass {
 
     fn logged(&mut self, scan: ScanRecord) -> LoggedScan {
         self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
+        let steps = scan.fov.map_or(0.0, |fov| record::steps_off(&scan.geometry, fov));
+        if steps > STEPS_OFF {
+            self.off += 1;
+            if self.farthest_off.as_ref().is_none_or(|(worst, _)| steps > *worst) {
+                let ScanGeometry { beams, angle_step, .. } = scan.geometry;
+                let told = format!(
+                    "line {}: {beams} readings by resolution {angle_step:.6} cover {:.4} rad, fov is {:.4}",
+                    self.lines,
+                    angle_step.abs() * (beams - 1) as f64,
+                    scan.fov.unwrap_or_default()
+                );
+                self.farthest_off = Some((steps, told));
+            }
+        }
         let gap = self.odometry.scan(scan.robot);
         LoggedScan {
             laser: scan.laser,
             robot: scan.robot,
             truth: self.last_truth.take(),
+            has_pose: true,
             gap,
             scan: LaserScan {
                 stamp: scan.stamp,
@@ -304,10 +330,23 @@ impl Pass {
     /// beams, else those that its number implies.
     fn flaser_geometry(&mut self, implied: ScanGeometry) -> ScanGeometry {
         let beams = implied.beams;
-        let by_parameters = self
-            .fov
-            .zip(self.resolution)
-            .and_then(|(fov, step)| record::parameter_geometry(beams, fov, step));
+        let by_parameters = record::parameter_geometry(beams, self.fov, self.resolution);
+        let contradicts = |geometry: &ScanGeometry| {
+            let other = ScanGeometry {
+                angle_step: self.resolution.unwrap_or(geometry.angle_step),
+                ..*geometry
+            };
+            let fov = self.fov.unwrap_or_else(|| {
+                (geometry.beams.saturating_sub(1) as f64 * geometry.angle_step).abs()
+            });
+            record::steps_off(&other, fov) > STEPS_OFF
+        };
+        if by_parameters.is_none()
+            && self.contradicted.len() < COUNTED_KINDS
+            && contradicts(&implied)
+        {
+            self.contradicted.insert(beams);
+        }
         match by_parameters {
             // Rounded, and so less exact than what the number implies.
             Some(found) if !is_alike(&found, &implied) => found,
@@ -345,29 +384,50 @@ impl Pass {
             }));
         }
         if is_raw {
-            assumptions.push(
-                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken".to_owned(),
-            );
+            let without = self.scans.iter().filter(|scan| !scan.has_pose).count();
+            assumptions.push(format!(
+                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken{}",
+                match without {
+                    0 => String::new(),
+                    without => format!(", which {without} of {} do not have", self.scans.len()),
+                }
+            ));
+        }
+        let numbers =
+            |of: &BTreeSet<usize>| of.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        if let Some((_, worst)) = &self.farthest_off {
+            self.report.doubts.push(format!(
+                "scans: in {} of {} the fields of the directions contradict each other ({worst}); resolution is taken",
+                self.off,
+                self.scans.len()
+            ));
+        }
+        if !self.contradicted.is_empty() {
+            let told = |angle: Option<f64>| {
+                angle.map_or("not said".to_owned(), |a| format!("{:.2}°", a.to_degrees()))
+            };
+            self.report.doubts.push(format!(
+                "scans: the parameters (field of view {}, resolution {}) contradict FLASER records of {} beams; the directions that CARMEN takes for such a number are taken",
+                told(self.fov),
+                told(self.resolution),
+                numbers(&self.contradicted)
+            ));
         }
         if !self.ruled.is_empty() {
-            let numbers: Vec<String> = self.ruled.iter().map(usize::to_string).collect();
             assumptions.push(format!(
                 "scans: no parameters say the directions of FLASER records of {} beams; CARMEN's own rule is taken: 100° for 400 and 401 beams, else 180°, evenly",
-                numbers.join(", ")
+                numbers(&self.ruled)
             ));
         }
         if self.not_numbers > 0 {
             notes.push(format!("readings that are no numbers: {}, no returns", self.not_numbers));
         }
-        let stamps: Vec<_> = self.scans.iter().filter_map(|scan| scan.scan.stamp).collect();
+        let stamps = self.scans.iter().filter_map(|scan| scan.scan.stamp);
+        let stamps: Vec<_> = stamps.map(Moment::only).collect();
         self.report.unusable_stamps = self.scans.len() - stamps.len();
-        let different: BTreeSet<_> = stamps.iter().map(|stamp| stamp.nanoseconds()).collect();
-        if 2 * different.len() < stamps.len() {
-            assumptions.push(format!(
-                "stamps: {} scans have {} different stamps, which cannot tell them apart",
-                stamps.len(),
-                different.len()
-            ));
+        if let Some((told, are_many)) = shared_stamps(stamps.into_iter()) {
+            let list = if are_many { &mut self.report.doubts } else { &mut assumptions };
+            list.push(format!("stamps: {told}"));
         }
         let content = Content {
             scans: self.scans,
