@@ -2,6 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
+use crate::container::chunk::is_out_of_memory;
 use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::MultiGzDecoder;
 use liblzma::read::XzDecoder;
@@ -126,6 +127,7 @@ impl<R: Read> Read for Decoder<R> {
         self.0.read(buffer).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::Interrupted => error,
             _ if error.raw_os_error().is_some() => error,
+            _ if is_out_of_memory(&error) => io::Error::new(io::ErrorKind::OutOfMemory, error),
             _ => io::Error::new(io::ErrorKind::InvalidData, error),
         })
     }

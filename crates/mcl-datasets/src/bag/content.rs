@@ -18,6 +18,8 @@ use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
 use crate::packed::ZSTD_MAGIC;
+use crate::room::{HEAP_BYTES, Room};
+use mcl_core::{LaserScan, memory};
 
 /// Memory that the messages kept of a bag may take, in bytes: some 700,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 4 << 30;
@@ -235,13 +237,13 @@ pub(super) enum Body {
 
 impl Kept {
     /// Memory that it takes; empty ones count, too.
-    fn bytes(&self) -> u64 {
+    fn bytes(&self) -> usize {
         let of_body = match &self.body {
             Body::Encoded(data) => data.len(),
             Body::Scan(scan) => size_of::<ScanMessage>() + size_of_val(&*scan.ranges),
             Body::Odometry(_) => size_of::<OdometryMessage>(),
         };
-        (of_body + size_of::<Kept>()) as u64
+        of_body + size_of::<Kept>() + 2 * HEAP_BYTES
     }
 }
 
@@ -289,7 +291,7 @@ pub(crate) struct Content {
     /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
     /// file may have 65,535.
     by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
-    kept_bytes: u64,
+    room: Room,
 }
 
 impl Content {
@@ -405,10 +407,13 @@ impl Content {
             position: message.position,
             body: decoded.unwrap_or_else(|| Body::Encoded(data.into_owned())),
         };
-        self.kept_bytes += kept.bytes();
-        if self.kept_bytes > MAX_KEPT_BYTES {
+        // Values of messages become those of a log one by one, but beside them.
+        let values = self.messages.len() * (size_of::<ScanMessage>() + size_of::<LaserScan>());
+        self.room.take(kept.bytes(), 2 * values)?;
+        if self.room.kept() > MAX_KEPT_BYTES {
             return Err(StreamProblem::TooMuch(MAX_KEPT_BYTES));
         }
+        memory::reserve(&mut self.messages, 1, "messages")?;
         self.messages.push(kept);
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use mcl_core::{LaserScan, Pose2, Recording, Stamp};
+use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
 use super::beams::{self, Moved, Swept};
 use super::content::{Content, Kind, Purpose};
@@ -260,7 +260,12 @@ impl Assembly<'_> {
             ));
         }
         let occurrences = self.occurrences.clone();
-        let mut scans: Vec<LaserScan> = Vec::with_capacity(self.scans.len());
+        let mut scans: Vec<LaserScan> = memory::with_room(self.scans.len(), "scans")?;
+        let is_tilted = mount.is_tilted() || sways;
+        if is_tilted || sweeps && !self.options.no_deskew {
+            let readings: usize = self.scans.iter().map(|scan| scan.value.ranges.len()).sum();
+            memory::check_room(readings, size_of::<f64>(), "directions of beams")?;
+        }
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
         let mut swept = Swept::default();

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, BufRead, Read};
 
-use mcl_core::{LaserScan, Pose2, ScanGeometry};
+use mcl_core::{LaserScan, OutOfMemory, Pose2, ScanGeometry, memory};
 
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
@@ -14,6 +14,7 @@ use crate::log::content::{Log, LogKind};
 use crate::log::options::ReferencePoses;
 use crate::log::report::ReadReport;
 use crate::packed::damage;
+use crate::room::{HEAP_BYTES, Room};
 
 /// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a file
 /// that is no text at all could fill the memory.
@@ -25,6 +26,9 @@ pub enum CarmenError {
     /// Reading failed.
     #[error("cannot be read: {0}")]
     Io(io::Error),
+    /// The scans take more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
     /// A line longer than any record.
     #[error("line {line} is longer than {MAX_LINE_BYTES} bytes, expected a CARMEN record per line")]
     LineTooLong {
@@ -104,7 +108,7 @@ pub fn read_scans(
             Ok(_) if line.len() > MAX_LINE_BYTES => {
                 return Err(CarmenError::LineTooLong { line: pass.lines + 1 });
             }
-            Ok(_) => pass.line(&line),
+            Ok(_) => pass.line(&line)?,
             Err(error) => match damage(&error) {
                 Some(reason) => {
                     let reason = format!("{reason} after line {}", pass.lines);
@@ -124,6 +128,8 @@ const COUNTED_KINDS: usize = 20;
 /// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
+
+const SCANS: &str = "scans";
 
 const NO_RECORDS: &str = "no records";
 
@@ -166,6 +172,8 @@ impl Kinds {
 #[derive(Default)]
 struct Pass {
     lines: usize,
+    /// What the scans take.
+    room: Room,
     /// The only kind of scan records that is read.
     asked: Option<ScanKind>,
     scans: Vec<LoggedScan>,
@@ -201,7 +209,7 @@ struct Pass {
 }
 
 impl Pass {
-    fn line(&mut self, text: &[u8]) {
+    fn line(&mut self, text: &[u8]) -> Result<(), OutOfMemory> {
         let renamed;
         let mut line = text;
         const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -225,7 +233,7 @@ impl Pass {
                 }
                 None if kind.is_scan() => {
                     self.ignore(line);
-                    return;
+                    return Ok(());
                 }
                 None => {}
             }
@@ -234,7 +242,7 @@ impl Pass {
         let is_again = self.scan_kind.is_some_and(|read| read != kind);
         if is_again && (is_scan || kind == RecordKind::RawLaser1) {
             self.ignore(line);
-            return;
+            return Ok(());
         }
         match record::parse(line) {
             Ok(Record::Scan(mut scan)) => {
@@ -244,14 +252,16 @@ impl Pass {
                 }
                 self.raw_scans = Vec::new();
                 self.report.ignored += std::mem::take(&mut self.raw_records);
-                let scan = self.logged(scan);
+                let scan = self.logged(scan)?;
+                memory::reserve(&mut self.scans, 1, SCANS)?;
                 self.scans.push(scan);
             }
             Ok(Record::RawScan(mut scan)) => {
                 scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
                 let offset = self.front_laser_offset.unwrap_or(0.0);
                 scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
-                let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan) };
+                let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan)? };
+                memory::reserve(&mut self.raw_scans, 1, SCANS)?;
                 self.raw_scans.push(scan);
                 self.raw_records += 1;
             }
@@ -285,6 +295,7 @@ impl Pass {
                 self.report.skip(malformed.at_line(self.lines));
             }
         }
+        Ok(())
     }
 
     fn ignore(&mut self, line: &[u8]) {
@@ -292,7 +303,11 @@ impl Pass {
         self.ignored_kinds.count(line);
     }
 
-    fn logged(&mut self, scan: ScanRecord) -> LoggedScan {
+    fn logged(&mut self, scan: ScanRecord) -> Result<LoggedScan, OutOfMemory> {
+        self.room.take(
+            size_of_val(&*scan.ranges) + HEAP_BYTES,
+            self.scans.len() * size_of::<LoggedScan>(),
+        )?;
         self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
         let steps = scan.fov.map_or(0.0, |fov| record::steps_off(&scan.geometry, fov));
         if steps > STEPS_OFF {
@@ -309,7 +324,7 @@ impl Pass {
             }
         }
         let gap = self.odometry.scan(scan.robot);
-        LoggedScan {
+        Ok(LoggedScan {
             laser: scan.laser,
             robot: scan.robot,
             truth: self.last_truth.take(),
@@ -323,7 +338,7 @@ impl Pass {
                 odometry: None,
                 sweep: Default::default(),
             },
-        }
+        })
     }
 
     /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
