@@ -4,6 +4,7 @@
 //! same time again. What lies before such a jump and what lies after it are taken apart.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 
 use mcl_core::Stamp;
 use mcl_core::text::counted;
@@ -40,8 +41,14 @@ pub(super) struct Told<'a> {
     pub is_even: bool,
 }
 
+/// Where a message was if there was one at about a time: those that fill a hole are an interval away from all others.
+pub(super) fn near(at: i64, usual: i64) -> RangeInclusive<i64> {
+    let reach = usual / 4 * 3;
+    at.saturating_sub(reach)..=at.saturating_add(reach)
+}
+
 /// The median of the steps forward; the largest number where there are none.
-fn usual_interval(times: &[i64]) -> i64 {
+pub(super) fn usual_interval(times: &[i64]) -> i64 {
     let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let mut steps: Vec<i64> = steps.filter(|&step| step > 0).collect();
     let middle = steps.len() / 2;
@@ -84,9 +91,9 @@ impl Stretches {
             });
             let goes_over_again = || {
                 let usual = usual.get(of).copied().unwrap_or(i64::MAX);
-                let near = at.saturating_sub(usual / 2)..=at.saturating_add(usual / 2);
-                let was_there =
-                    earlier.get(of).is_some_and(|times| times.range(near).next().is_some());
+                let was_there = earlier
+                    .get(of)
+                    .is_some_and(|times| times.range(near(at, usual)).next().is_some());
                 let goes_on = follows.flatten().is_some_and(|next| at < next && next <= last);
                 back > usual && was_there && goes_on
             };

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mcl_core::text::counted;
 use mcl_core::{Pose2, Stamp};
 
-use super::moment::Moment;
+use super::moment::{Moment, near, usual_interval};
 use super::track::{Occurrence, Placed, PoseTrack};
 
 const NANOSECONDS: f64 = 1e9;
@@ -180,24 +180,24 @@ pub(crate) struct Told {
 
 /// What of a file of poses goes over the same time again, and in how many stretches: the stretch of each.
 pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
-    let mut sorted = times.to_vec();
-    sorted.sort_unstable();
-    sorted.dedup();
-    let mut steps: Vec<i64> =
-        sorted.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
-    let middle = steps.len() / 2;
-    let usual = match steps.is_empty() {
-        true => 0,
-        false => *steps.select_nth_unstable(middle).1,
+    let forward = times.windows(2).filter(|pair| pair[0] <= pair[1]).count();
+    let usual = match forward as f64 >= (1.0 - MANY) * times.len().saturating_sub(1) as f64 {
+        true => usual_interval(times),
+        // In no order.
+        false => {
+            let mut sorted = times.to_vec();
+            sorted.sort_unstable();
+            usual_interval(&sorted)
+        }
     };
     let mut earlier = BTreeSet::new();
     let mut stretch = 0;
     let mut of = Vec::with_capacity(times.len());
     for (index, &at) in times.iter().enumerate() {
         let latest = earlier.last().copied().unwrap_or(at);
-        let near = at.saturating_sub(usual / 2)..=at.saturating_add(usual / 2);
+        let was_there = earlier.range(near(at, usual)).next().is_some();
         let goes_on = times.get(index + 1).is_some_and(|&next| at < next && next <= latest);
-        if latest.saturating_sub(at) > usual && goes_on && earlier.range(near).next().is_some() {
+        if latest.saturating_sub(at) > usual && goes_on && was_there {
             stretch += 1;
             earlier.clear();
         }
@@ -223,8 +223,12 @@ mod tests {
     #[test]
     fn a_file_that_goes_over_the_same_time_again() {
         let stretches = |times: &[i64]| stretches_of_file(times).pop();
-        assert_eq!(stretches_of_file(&[0, 10, 20, 30, 10, 20, 30]), [0, 0, 0, 0, 1, 1, 1]);
-        assert_eq!(stretches(&[0, 10, 20, 30, 13, 23, 33]), Some(1));
+        let twice: Vec<i64> = (0..20).map(|k| 10 * (k % 10)).collect();
+        assert_eq!(stretches_of_file(&twice), [[0; 10], [1; 10]].concat());
+        // Half an interval off.
+        let off: Vec<i64> =
+            twice.iter().enumerate().map(|(k, at)| at + if k < 10 { 5 } else { 0 }).collect();
+        assert_eq!(stretches_of_file(&off), [[0; 10], [1; 10]].concat());
         assert_eq!(stretches(&[30, 10, 0, 20, 50, 40]), Some(0), "in any order");
         assert_eq!(stretches(&[0, 0, 10, 10, 20, 20]), Some(0), "each row twice");
         assert_eq!((stretches(&[5]), stretches(&[])), (Some(0), None));

@@ -338,7 +338,9 @@ impl Assembly<'_> {
             front_laser_offset: None,
             reference: used,
             notes: self.notes,
-            survey: Some(Survey::of(self.content, self.options)),
+            survey: Some(
+                Survey::of(self.content, self.options).with_pairs(self.motion.pairs(&base)),
+            ),
             assumptions: self.assumptions,
         })
     }

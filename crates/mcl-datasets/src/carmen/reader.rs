@@ -37,7 +37,8 @@ pub enum CarmenError {
     },
     /// No scan could be read.
     #[error(
-        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those)\n{report}"
+        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those){}",
+        match report.to_string() { text if text.is_empty() => text, text => format!("\n{text}") }
     )]
     NoScan {
         /// Number of lines.
@@ -404,7 +405,7 @@ impl Pass {
                 "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken{}",
                 match without {
                     0 => String::new(),
-                    without => format!(", which {without} of {} do not have", self.scans.len()),
+                    without => format!(", which {without} of {} do not have: neither odometry nor a reference pose there", self.scans.len()),
                 }
             ));
         }
