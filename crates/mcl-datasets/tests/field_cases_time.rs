@@ -133,7 +133,8 @@ fn a_file_of_poses_that_goes_over_the_same_time_again_belongs_to_as_many_stretch
         times.map(|(told, truly)| (Stamp::from_nanoseconds(at(told)), path(truly))).collect()
     };
     let reading = |entries: &[Entry], trajectory: Trajectory| {
-        let track = ReferenceTrack { name: "truth.tum".into(), trajectory, frame: None };
+        let track =
+            ReferenceTrack { name: "truth.tum".into(), trajectory, frame: None, doubt: None };
         let options = ReadOptions { reference_track: Some(track), ..ReadOptions::default() };
         bag::read(&*bag(entries), &options).unwrap()
     };

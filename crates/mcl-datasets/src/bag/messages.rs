@@ -3,11 +3,12 @@
 use std::f64::consts::TAU;
 
 use mcl_core::{Pose2, ScanGeometry, math};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use sha2::{Digest, Sha256};
 
 use super::cdr::{CdrError, View};
 use super::layout::SchemaError;
+use crate::log::plane::PoseInSpace;
 
 /// Largest position accepted, in metres; beyond any place on Earth.
 pub(super) const MAX_POSITION: f64 = 1e9;
@@ -187,6 +188,8 @@ pub(super) struct PoseMessage {
     pub child: Option<String>,
     /// Projected onto the plane.
     pub pose: Pose2,
+    /// What that leaves out.
+    pub in_space: PoseInSpace,
     /// Of x, y and heading, along the axes of the header's frame; `None` where the message has none, or zeros.
     pub covariance: Option<Covariance>,
 }
@@ -195,11 +198,15 @@ pub(super) struct PoseMessage {
 pub(super) type Covariance = [[f64; 3]; 3];
 
 impl PoseMessage {
+    fn at(header: Header, pose: &Isometry3<f64>) -> Self {
+        let in_space = in_space_of(pose);
+        PoseMessage { header, child: None, pose: planar(pose), in_space, covariance: None }
+    }
+
     /// The pose of the one frame of a transform in the other: `geometry_msgs/TransformStamped`.
     pub fn of(transform: TransformMessage) -> Self {
         let TransformMessage { header, child, parent_from_child } = transform;
-        let pose = planar(&parent_from_child);
-        PoseMessage { header, child: Some(child), pose, covariance: None }
+        PoseMessage { child: Some(child), ..PoseMessage::at(header, &parent_from_child) }
     }
 
     pub fn of_odometry(odometry: OdometryMessage) -> Self {
@@ -208,15 +215,14 @@ impl PoseMessage {
     }
 
     pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
-        let pose = planar(&pose(&view.message("pose")?)?);
-        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance: None })
+        Ok(PoseMessage::at(header(view)?, &pose(&view.message("pose")?)?))
     }
 
     pub fn pose_with_covariance(view: &View<'_>) -> Result<Self, MessageError> {
         let with_covariance = view.message("pose")?;
-        let pose = planar(&pose(&with_covariance.message("pose")?)?);
+        let pose = pose(&with_covariance.message("pose")?)?;
         let covariance = covariance(&with_covariance);
-        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance })
+        Ok(PoseMessage { covariance, ..PoseMessage::at(header(view)?, &pose) })
     }
 }
 
@@ -342,6 +348,13 @@ fn isometry(
         Translation3::new(x, y, z),
         UnitQuaternion::from_quaternion(quaternion),
     ))
+}
+
+/// What is lost of a pose that is seen from above.
+pub(super) fn in_space_of(pose: &Isometry3<f64>) -> PoseInSpace {
+    let up = (pose.rotation * Vector3::z()).z;
+    let tilt_degrees = math::acos(up.clamp(-1.0, 1.0)).to_degrees();
+    PoseInSpace { position: pose.translation.vector.into(), tilt_degrees }
 }
 
 /// The pose seen from above: position and yaw, the direction of the x axis.

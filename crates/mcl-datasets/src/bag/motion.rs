@@ -452,19 +452,27 @@ impl Motion {
     /// The planar poses of `child` in `parent` over time; `None` when no transforms that change lead from
     /// one to the other.
     pub fn poses(&self, parent: &str, child: &str) -> Option<Vec<(Moment, Pose2)>> {
+        let poses = self.poses_in_space(parent, child)?;
+        Some(poses.iter().map(|(at, pose)| (*at, planar(pose))).collect())
+    }
+
+    /// [`Motion::poses`] in space.
+    pub fn poses_in_space(
+        &self,
+        parent: &str,
+        child: &str,
+    ) -> Option<Vec<(Moment, Isometry3<f64>)>> {
         let link = self.link(parent, child)?;
         let changing = link.edges().filter(|(_, edge)| !edge.is_static);
         let mut moments: Vec<Moment> =
             changing.flat_map(|(_, edge)| edge.samples.iter().map(|&(at, _)| at)).collect();
         if let ([], [(_, only)]) = (link.parent.as_slice(), link.child.as_slice()) {
             // As they are, several of one time too.
-            let samples = only.samples.iter().map(|(at, pose)| (*at, planar(pose)));
-            return (!only.is_static).then(|| samples.collect());
+            return (!only.is_static).then(|| only.samples.clone());
         }
         moments.sort_unstable();
         moments.dedup();
-        let pose = |at: Moment| Some((at, planar(&link.at(at)?)));
-        let poses: Vec<_> = moments.into_iter().filter_map(pose).collect();
+        let poses: Vec<_> = moments.into_iter().filter_map(|at| Some((at, link.at(at)?))).collect();
         (!poses.is_empty()).then_some(poses)
     }
 

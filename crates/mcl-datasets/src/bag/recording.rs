@@ -8,7 +8,7 @@ use super::beams::{self, Moved, Swept};
 use super::content::{Content, Kind, Purpose};
 use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
-use super::messages::{PoseMessage, ScanMessage};
+use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
 use super::moment::{Moment, Stretches, Told};
 use super::motion::{Motion, Mount, in_space};
 use super::pairing::{
@@ -20,6 +20,7 @@ use super::topics::{Chosen, Pair, choose, possible_references, transform_topics}
 use super::track::{Occurrence, PoseTrack};
 use crate::log::content::{Log, LogKind};
 use crate::log::options::{ReadOptions, ReferenceTrack};
+use crate::log::plane::out_of_plane;
 use crate::log::report::ReadReport;
 
 /// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
@@ -517,7 +518,10 @@ impl Assembly<'_> {
         base: &str,
         odometry_topic: Option<&str>,
     ) -> Result<Reference, BagError> {
-        if let Some(ReferenceTrack { name, trajectory, frame }) = &self.options.reference_track {
+        if let Some(track) = &self.options.reference_track {
+            let ReferenceTrack { name, trajectory, frame, doubt } = track;
+            let doubt = doubt.as_ref().map(|doubt| format!("reference: {name}: {doubt}"));
+            self.report.doubts.extend(doubt);
             let times: Vec<i64> = trajectory.stamps().iter().map(|at| at.nanoseconds()).collect();
             let of_file = stretches_of_file(&times);
             let there: BTreeSet<usize> = self.moments.iter().map(|at| at.stretch).collect();
@@ -560,16 +564,23 @@ impl Assembly<'_> {
         };
         let pair = Pair::of(topic).filter(|_| poses.is_empty());
         let frames = pair.and_then(|pair| pair.frames(|frame| self.motion.knows(frame)));
-        let (samples, child) = match (pair, frames) {
-            (None, _) => {
-                (self.samples(poses), poses.first().and_then(|pose| pose.value.child.clone()))
-            }
-            (Some(_), Some((parent, child))) => match self.motion.poses(parent, child) {
-                Some(samples) => (samples, Some(child.to_owned())),
+        let (samples, child, doubt) = match (pair, frames) {
+            (None, _) => (
+                self.samples(poses),
+                poses.first().and_then(|pose| pose.value.child.clone()),
+                out_of_plane(poses.iter().map(|pose| pose.value.in_space)),
+            ),
+            (Some(_), Some((parent, child))) => match self.motion.poses_in_space(parent, child) {
+                Some(poses) => {
+                    let doubt = out_of_plane(poses.iter().map(|(_, pose)| in_space_of(pose)));
+                    let planar = poses.iter().map(|(at, pose)| (*at, planar(pose)));
+                    (planar.collect(), Some(child.to_owned()), doubt)
+                }
                 None => return Err(self.no_pair(topic)),
             },
             (Some(_), None) => return Err(self.no_pair(topic)),
         };
+        self.report.doubts.extend(doubt.map(|doubt| format!("reference: {topic}: {doubt}")));
         let count = samples.len();
         let Some(track) = PoseTrack::new(samples, self.longest) else {
             self.assumptions.push(format!("reference: {topic} has no readable message"));

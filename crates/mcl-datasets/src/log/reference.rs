@@ -29,6 +29,9 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
     }
     let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);
     let name = &track.name;
+    log.report
+        .doubts
+        .extend(track.doubt.as_ref().map(|doubt| format!("reference: {name}: {doubt}")));
     let times: Vec<i64> = track.trajectory.stamps().iter().map(|at| at.nanoseconds()).collect();
     let stretches = stretches_of_file(&times).last().map_or(0, |last| last + 1);
     let samples =
