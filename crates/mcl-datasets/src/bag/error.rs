@@ -81,6 +81,16 @@ pub enum BagError {
         /// The types that would do.
         expected: &'static str,
     },
+    /// A frame asked for is not there.
+    #[error("no frame {frame:?} in the bag ({option}); frames: {frames}")]
+    NoFrame {
+        /// The frame asked for.
+        frame: String,
+        /// The option that asked.
+        option: &'static str,
+        /// The frames of the bag.
+        frames: String,
+    },
     /// Two frames asked for that do not move in each other.
     #[error(
         "{topic}: no transforms that change lead from one of the two frames to the other; frames: {frames}"

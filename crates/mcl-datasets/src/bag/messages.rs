@@ -91,6 +91,8 @@ pub(super) struct ScanMessage {
     pub last_angle: f64,
     /// Time from one beam to the next, in seconds.
     pub time_increment: f64,
+    /// Time of a turn of the scanner, in seconds; 0 where it is not said.
+    pub scan_time: f64,
 }
 
 impl ScanMessage {
@@ -152,7 +154,8 @@ impl ScanMessage {
         // Descriptions that lack these two are read all the same.
         let last_angle = view.number("angle_max").unwrap_or(last);
         let time_increment = view.number("time_increment").unwrap_or(0.0);
-        Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment })
+        let scan_time = view.number("scan_time").unwrap_or(0.0);
+        Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment, scan_time })
     }
 
     /// SHA-256 of what it says of its beams.

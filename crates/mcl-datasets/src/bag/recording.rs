@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
+use mcl_core::text::counted;
 use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
 use super::beams::{self, Moved, Swept};
@@ -37,8 +38,13 @@ pub(crate) fn content(options: &ReadOptions) -> Content {
 /// Makes a recording of a bag's content.
 pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let messages = std::mem::take(&mut content.messages);
-    let Chosen { scan: scan_topic, odometry: odometry_topic, reference: reference_topic, doubts } =
-        choose(&content, options)?;
+    let Chosen {
+        scan: scan_topic,
+        odometry: odometry_topic,
+        reference: reference_topic,
+        doubts,
+        assumptions,
+    } = choose(&content, options)?;
     let mut decoder = Decoder::new(&content, messages);
     let whole = match options.slice {
         Some(_) => None,
@@ -112,7 +118,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         moments,
         report,
         notes,
-        assumptions: Vec::new(),
+        assumptions,
     };
     if !left_out.is_empty() {
         assembly.notes.push(format!(
@@ -238,6 +244,16 @@ impl Assembly<'_> {
         let (base, doubt) = robot_frame(&self.motion, child.as_deref(), &laser, self.options);
         self.report.doubts.extend(doubt);
         let odometry_topic = odometry.as_ref().map(|(topic, _)| *topic);
+        let child_frame = child.as_deref().unwrap_or(&base);
+        self.check_frame(self.options.odometry_frame.as_deref(), "--odom-frame", |frame| {
+            let of_topic = odometry.as_ref().and_then(|(_, poses)| poses.first());
+            of_topic.is_some_and(|pose| pose.value.header.frame == frame)
+        })?;
+        let of_poses = reference.first().and_then(|pose| pose.value.child.as_deref());
+        self.check_frame(self.options.reference_frame.as_deref(), "--reference-frame", |frame| {
+            ["robot", "laser", &base, &laser, child_frame].contains(&frame)
+                || of_poses == Some(frame)
+        })?;
         let mut odometry = self.odometry(odometry, &base, &laser);
         self.notes.push(format!("scans: {}, frame {laser:?}", self.scan_topic));
         let mount = self.mount(&base, &laser)?;
@@ -374,6 +390,21 @@ impl Assembly<'_> {
                 scan.last_angle,
             ));
         }
+        let off: Vec<usize> = (0..self.scans.len())
+            .filter(|&scan| beams::contradicts_scan_time(&self.scans[scan].value))
+            .collect();
+        if let Some(&first) = off.first() {
+            let scan = &self.scans[first].value;
+            self.report.doubts.push(format!(
+                "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
+                off.len(),
+                counted(self.scans.len(), "scan"),
+                scan.time_increment,
+                scan.ranges.len(),
+                beams::takes(scan),
+                scan.scan_time
+            ));
+        }
         // The stamps of a recording that was written as a bag are those of its log.
         let is_ours = self.content.unstamped.is_some();
         if let Some((told, are_many)) = shared_stamps(self.moments.iter().copied()) {
@@ -408,6 +439,7 @@ impl Assembly<'_> {
                 "odometry: {topic}, {} messages, frame {frame:?} to {child:?}",
                 poses.len()
             ));
+            self.say_unstamped(WHAT, &poses);
             let track = PoseTrack::new(self.samples(&poses), self.longest)?;
             let on_tf = (!child.is_empty()).then(|| self.motion.poses(frame, &child)).flatten();
             let track = match on_tf {
@@ -435,6 +467,17 @@ impl Assembly<'_> {
             samples.len()
         ));
         PoseTrack::new(samples, self.longest).map(|track| self.track(track, WHAT))
+    }
+
+    /// In bags of this suite's writer, stamps of 0 are times.
+    fn say_unstamped(&mut self, what: &str, poses: &[Logged<PoseMessage>]) {
+        let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
+        if without > 0 && self.content.unstamped.is_none() {
+            self.assumptions.push(format!(
+                "{what}: {without} of {} have no stamp in their header; the time they were logged is taken",
+                counted(poses.len(), "message")
+            ));
+        }
     }
 
     fn samples(&self, poses: &[Logged<PoseMessage>]) -> Vec<(Moment, Pose2)> {
@@ -586,11 +629,29 @@ impl Assembly<'_> {
             self.assumptions.push(format!("reference: {topic} has no readable message"));
             return Ok(Reference::default());
         };
+        self.say_unstamped(REFERENCE, poses);
         Ok(Reference {
             track: Some(self.track(track, REFERENCE)),
             name: format!("{topic}, {count} messages"),
             frame: child.filter(|child| !child.is_empty()),
         })
+    }
+
+    /// A frame that is asked for has to be there: in the tree, or `elsewhere`.
+    fn check_frame(
+        &self,
+        asked: Option<&str>,
+        option: &'static str,
+        elsewhere: impl Fn(&str) -> bool,
+    ) -> Result<(), BagError> {
+        match asked.filter(|frame| !self.motion.knows(frame) && !elsewhere(frame)) {
+            Some(frame) => Err(BagError::NoFrame {
+                frame: frame.to_owned(),
+                option,
+                frames: self.motion.frames(),
+            }),
+            None => Ok(()),
+        }
     }
 
     fn no_pair(&self, topic: &str) -> BagError {
