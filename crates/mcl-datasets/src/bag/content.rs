@@ -11,7 +11,7 @@ use super::layout::{SchemaError, plain_name};
 use super::messages::{MessageError, OdometryMessage, ScanMessage, malformed};
 use super::schema::MessageSchema;
 use super::types;
-use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
+use super::writer::{METADATA_NAME, NO_ODOMETRY_KEY, NO_REFERENCE_KEY, UNSTAMPED_KEY};
 use crate::container::chunk::{Compression, inflate};
 use crate::container::item::{Channel, Input, Item, Message, SchemaText, Wanted};
 use crate::container::position::Position;
@@ -288,6 +288,9 @@ pub(crate) struct Content {
     /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
     /// stamps of 0 are times otherwise.
     pub unstamped: Option<BTreeSet<u32>>,
+    /// Those of scans that have no odometry, and no reference pose, though others about them have, in such bags.
+    pub without_odometry: BTreeSet<u32>,
+    pub without_reference: BTreeSet<u32>,
     /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
     /// file may have 65,535.
     by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
@@ -324,10 +327,14 @@ impl Content {
                 Ok(Wanted::Counted)
             }
             Item::Metadata(METADATA_NAME, entries) => {
-                let unstamped = entries.iter().find(|(key, _)| *key == UNSTAMPED_KEY);
-                let list = unstamped.map_or("", |(_, list)| list);
-                let numbers = list.split_ascii_whitespace().filter_map(|n| n.parse::<u32>().ok());
-                self.unstamped.get_or_insert_default().extend(numbers);
+                let listed = |wanted: &str| -> BTreeSet<u32> {
+                    let found = entries.iter().find(|(key, _)| *key == wanted);
+                    let list = found.map_or("", |(_, list)| list);
+                    list.split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect()
+                };
+                self.unstamped.get_or_insert_default().extend(listed(UNSTAMPED_KEY));
+                self.without_odometry.extend(listed(NO_ODOMETRY_KEY));
+                self.without_reference.extend(listed(NO_REFERENCE_KEY));
                 Ok(Wanted::Shown)
             }
             Item::Note(note) => {

@@ -312,8 +312,12 @@ impl Assembly<'_> {
             };
             let odometry_pose = at(&mut odometry, then);
             let of_reference = reference_mount.unwrap_or(then);
-            let map_from_laser = at(&mut reference, of_reference);
+            let map_from_laser = match self.content.without_reference.contains(&logged.sequence) {
+                true => None,
+                false => at(&mut reference, of_reference),
+            };
             let increment = match (before, odometry_pose) {
+                _ if self.content.without_odometry.contains(&logged.sequence) => None,
                 (Some((last, before)), Some(pose)) if last.stretch == moment.stretch => {
                     Some(before.between(&pose))
                 }

@@ -31,7 +31,7 @@ const ESTIMATORS: [&str; 13] = [
 const WATCHERS: [&str; 7] =
     ["mocap", "motion_capture", "vrpn", "vicon", "optitrack", "natnet", "qualisys"];
 /// Last part of the names of topics that hold ground truth.
-const REFERENCE: [&str; 9] = [
+const REFERENCE: [&str; 10] = [
     "reference",
     "ground_truth",
     "groundtruth",
@@ -41,6 +41,7 @@ const REFERENCE: [&str; 9] = [
     "base_pose_ground_truth",
     "gt_pose",
     "ground_truth/state",
+    "gt",
 ];
 
 const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, PoseWithCovarianceStamped or TransformStamped, nav_msgs/msg/Odometry or Path, or two frames of transforms (/tf:map.base_link)";
