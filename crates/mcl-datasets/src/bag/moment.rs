@@ -132,7 +132,7 @@ mod tests {
 
     const S: i64 = 1_000_000_000;
 
-    fn told<'a>(messages: &[(&'a str, f64)], is_even: bool) -> Stretches {
+    fn told(messages: &[(&str, f64)], is_even: bool) -> Stretches {
         Stretches::of(messages.iter().enumerate().map(|(place, &(of, seconds))| Told {
             place,
             of,
