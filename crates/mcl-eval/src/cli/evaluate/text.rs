@@ -10,14 +10,14 @@ use crate::cli::errors::{Figures, figures_table, table_line};
 /// At most so many estimates are shown with all their figures.
 const MOST_IN_FULL: usize = 6;
 
-/// What is printed: details of each estimate where they are few, then `tables`.
+/// What is printed: `tables`, then details of each estimate where they are few.
 pub fn text(rows: &[&Row], tables: &[Table]) -> String {
     let mut parts = Vec::new();
-    if rows.len() <= MOST_IN_FULL && rows.iter().all(|row| row.group.is_none()) {
-        parts.extend(rows.iter().map(|row| row_text(row)));
-    }
     if rows.len() > 1 {
         parts.extend(tables.iter().map(Table::text));
+    }
+    if rows.len() <= MOST_IN_FULL && rows.iter().all(|row| row.group.is_none()) {
+        parts.extend(rows.iter().map(|row| row_text(row)));
     }
     parts.join("\n")
 }
