@@ -56,7 +56,7 @@ def compare(call, reference, estimate):
         aligned = json.loads(call(*base, f"--align={how}"))["estimates"][0]
         off.append(agree(f"ATE, {how}", aligned["ate"], ape(option)))
     for ours in row["rpe"]:
-        delta = ("--delta", ours["distance_m"], "--delta_unit", "m")
+        delta = ("--delta", ours["distance_m"], "--delta_unit", "m", "--pairs_from_reference")
         for part, options in (("translation", ()), ("heading", angle)):
             stats = evo("evo_rpe", reference, estimate, *delta, *options)
             off.append(agree(f"RPE {part}, {ours['distance_m']} m", ours[part], stats))
