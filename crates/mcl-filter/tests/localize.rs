@@ -369,7 +369,8 @@ fn a_robot_that_is_looked_for_may_lose_its_odometry() {
         initial_pose: InitialPose::Scan { beams: 5.0, agreement: 1e-9 },
         ..settings()
     };
-    let run = localize(&replay, &distances, &settings.check().unwrap(), None, Seed::new(1)).unwrap();
+    let run =
+        localize(&replay, &distances, &settings.check().unwrap(), None, Seed::new(1)).unwrap();
     let particles: Vec<usize> = run.reports.iter().map(|report| report.particles).collect();
     assert!(particles[3] < 2000, "{particles:?}");
     assert_eq!(particles[4], 2000);
