@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use csv::StringRecord;
 use mcl_core::files::open;
 
+use mcl_study::localizer::program::FAILED_RUNS;
 use mcl_study::measure::program::MEASURED_ANEW;
 use mcl_study::store::parts::PARTS;
 use mcl_study::store::results::{MANIFEST, Manifest, TIMINGS};
@@ -94,7 +95,11 @@ fn same_data(found: &[u8], expected: &[u8]) -> bool {
     read(found).is_some_and(|found| Some(known(found)) == read(expected).map(known))
 }
 
-/// All files below a folder but rows as they were saved, which lie in as many files as there were runs.
+/// Folders of rows as they were saved, which lie in as many files as there were runs, and of what programs of others
+/// wrote to stderr.
+const NO_RESULTS: [&str; 2] = [PARTS, FAILED_RUNS];
+
+/// All files below a folder that are results.
 /// Links to folders are not followed: they may lead in a circle.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     let cannot = || format!("cannot look for results in {}", folder.display());
@@ -102,7 +107,11 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
         let entry = entry.with_context(cannot)?;
         let kind = entry.file_type().with_context(cannot)?;
         match (kind.is_dir(), entry.path()) {
-            (true, path) if path.file_name() != Some(PARTS.as_ref()) => list(&path, files)?,
+            (true, path)
+                if !NO_RESULTS.map(|name| Some(name.as_ref())).contains(&path.file_name()) =>
+            {
+                list(&path, files)?
+            }
             (false, path) if path.is_file() => files.push(path),
             _ => {}
         }

@@ -122,6 +122,8 @@ pub fn run_study(
         _ => run_tasks::<2>(study, data, &tasks, &programs, &shown, &costs, &mut part, &mut see)?,
     };
 
+    programs.end();
+
     // Somebody may have begun another study there, or the folder anew.
     let is_ours = |file: &str, text: &str| {
         std::fs::read_to_string(folder.join(file)).is_ok_and(|found| found == text)

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use mcl_core::files::{create_folder, remove_folder};
+use mcl_core::files::create_folder;
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::DataSource;
 use mcl_study::localizer::input::Input;
@@ -29,6 +29,16 @@ const RESOLUTION: f64 = 0.05;
 struct Planned<'p> {
     trial: &'p Trial,
     run: &'p RunRecipe,
+}
+
+#[derive(Serialize)]
+struct Runs {
+    runs: Vec<Listed>,
+}
+
+#[derive(Serialize)]
+struct Written {
+    exported: Vec<Exported>,
 }
 
 #[derive(Serialize)]
@@ -71,10 +81,10 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         bail!("{}: the study has no runs on {dataset}", args.study.display());
     }
     let Some(output) = args.output.as_deref().filter(|_| !args.list) else {
-        let listed: Vec<Listed> = planned.iter().enumerate().map(Listed::of).collect();
-        print(args.json, &listed, |listed| {
+        let runs = planned.iter().enumerate().map(Listed::of).collect();
+        print(args.json, &Runs { runs }, |told| {
             let line = |listed: &Listed| format!("{}: {}", listed.run, printable(&listed.trial));
-            listed.iter().map(line).collect::<Vec<_>>().join("\n")
+            told.runs.iter().map(line).collect::<Vec<_>>().join("\n")
         })?;
         return Ok(outcome);
     };
@@ -93,14 +103,14 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         let sum: usize = exported.iter().map(|run| run.made_stamps).sum();
         tell!("note: {sum} stamps are not those of the log, which do not increase there");
     }
-    print(args.json, &exported, |exported| {
+    print(args.json, &Written { exported }, |written| {
         let line = |run: &Exported| {
             let Exported { trial, folder, reference, scans, .. } = run;
             let [folder, reference] = [folder, reference].map(|path| path.display().to_string());
             let [folder, reference] = [&folder, &reference].map(|path| printable(path));
             format!("{folder}: {}, {scans} scans; reference: {reference}", printable(trial))
         };
-        exported.iter().map(line).collect::<Vec<_>>().join("\n")
+        written.exported.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;
     Ok(outcome)
 }
@@ -180,9 +190,11 @@ fn export(
     let input = Input::of(&course, run, log, seed("localizer"))?;
     let (formats, poses) = formats_of(args, run);
     let time_limit = run.program().map(|program| program.limits.time_limit);
-    // What an earlier export left there is of another run, perhaps in other formats.
-    if folder.join(mcl_study::localizer::input::RUN).is_file() {
-        remove_folder(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
+    if [&folder, &reference].iter().any(|path| path.exists()) {
+        bail!(
+            "{} is there already, perhaps with poses beside the log; expected a new folder",
+            folder.display()
+        );
     }
     create_folder(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     input.write(&folder, &formats, poses, map, (division, log), time_limit)?;

@@ -62,6 +62,12 @@ impl Programs {
         Programs { results: results.to_owned(), study: study.map(Path::to_owned) }
     }
 
+    /// Leaves nothing where no program runs any more.
+    pub fn end(self) {
+        // It may hold folders of other processes, or not be there.
+        let _ = fs::remove_dir(self.results.join(RUNNING));
+    }
+
     /// Runs a program on an input and a map. `identity` is that of the row.
     ///
     /// # Errors

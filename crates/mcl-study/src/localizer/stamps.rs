@@ -1,7 +1,5 @@
 //! Stamps of the scans that a program is shown.
 
-use std::cmp::Ordering;
-
 use mcl_core::Stamp;
 
 const SECOND: i64 = 1_000_000_000;
@@ -71,23 +69,21 @@ fn increasing(times: &[Option<i64>]) -> Vec<i64> {
 
 /// Places of the most times that increase by at least a nanosecond per place, so that there is room between them.
 fn most_in_order(times: &[Option<i64>]) -> Vec<usize> {
-    // Patience sorting: `ends` has the place at which the lowest chain of each length ends.
+    // Patience sorting, from the last to the first: of chains as long as each other, the one that begins with the
+    // earlier scans. `ends` has the place at which the lowest chain of each length ends.
     let mut ends: Vec<usize> = Vec::new();
-    let mut before: Vec<Option<usize>> = vec![None; times.len()];
-    let height = |place: usize| times[place].unwrap_or_default() - place as i64;
-    for place in (0..times.len()).filter(|&place| times[place].is_some_and(|at| at.abs() <= LAST)) {
-        let is_below = |end: &usize| height(*end).cmp(&height(place)) != Ordering::Greater;
-        let length = ends.partition_point(is_below);
-        before[place] = length.checked_sub(1).map(|last| ends[last]);
+    let mut after: Vec<Option<usize>> = vec![None; times.len()];
+    let depth = |place: usize| place as i64 - times[place].unwrap_or_default();
+    let is_usable = |place: &usize| times[*place].is_some_and(|at| at.abs() <= LAST);
+    for place in (0..times.len()).rev().filter(is_usable) {
+        let length = ends.partition_point(|&end| depth(end) <= depth(place));
+        after[place] = length.checked_sub(1).map(|last| ends[last]);
         match ends.get_mut(length) {
             Some(end) => *end = place,
             None => ends.push(place),
         }
     }
-    let mut kept: Vec<usize> =
-        std::iter::successors(ends.last().copied(), |&place| before[place]).collect();
-    kept.reverse();
-    kept
+    std::iter::successors(ends.last().copied(), |&place| after[place]).collect()
 }
 
 /// The usual interval (ns).

@@ -323,5 +323,10 @@ mod tests {
         run.disturbance.lost_beams = Some(0.1);
         assert_eq!(names(&run)[..2], ["disturbance", "filter"]);
         assert_eq!(names(&run).len(), 7);
+        // Programs beside the own filter make no other run of it, but another column.
+        let own = RunRecipe { localizer: Some(Localizer::Own), ..run.clone() };
+        assert_eq!(own.to_json().unwrap(), run.to_json().unwrap());
+        let [own, run] = [own, run].map(|run| run.cells().unwrap());
+        assert_eq!((own[0].0.as_str(), &own[1..]), (LOCALIZER, &run[..]));
     }
 }

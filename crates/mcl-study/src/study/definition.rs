@@ -637,6 +637,11 @@ name = "b"
             ("factor = 2", "factor = 1", "factor is 1"),
             ("sigma_hit = [0.1", "sigma_hit = [-0.1", "sigma_hit"),
             ("size = 1\n", "", "rnd needs size"),
+            (
+                "sigma_hit = [0.1",
+                "localizer = [\"amcl\"]\nsigma_hit = [0.1",
+                "expected one of: own",
+            ),
         ] {
             let text = SMALL.replacen(right, wrong, 1);
             assert_ne!(text, SMALL, "{wrong}");
@@ -644,6 +649,108 @@ name = "b"
             let message = format!("{error:#}");
             assert!(message.contains(named), "{wrong}: {message}");
         }
+    }
+
+    const PROGRAM: &str = r#"
+seed = 1
+[localizer.amcl]
+command = ["amcl", "--map={map}", "{bag}", "{output}"]
+log = "mcap"
+map = "grid"
+resolution = 0.05
+time_limit = 60
+[[trials]]
+map = ["all", "gbs"]
+size = 1
+localizer = ["own", "amcl"]
+particles = [100, 200]
+runs = 1
+"#;
+
+    #[test]
+    fn mistakes_about_programs_are_named_with_their_line() {
+        for (right, wrong, named) in [
+            ("{map}", "{mapp}", "line 4: localizer.amcl.command: {mapp} is unknown"),
+            ("{bag}", "{bag", "line 4: localizer.amcl.command: "),
+            ("[localizer.amcl]", "[localizer.own]", "line 3: localizer.own.name"),
+            ("resolution = 0.05", "resolution = 0", "line 7: localizer.amcl.resolution: 0"),
+            ("resolution = 0.05", "", "line 10: trials: localizer amcl: all is a map of points"),
+            ("\"grid\"", "\"csv\"", "line 7: localizer.amcl.resolution: goes with"),
+            ("\"mcap\"", "\"mcapp\"", "line 5: unknown variant `mcapp`"),
+            ("time_limit = 60", "time_limit = -1", "line 8: localizer.amcl.time_limit: -1"),
+            ("time_limit = 60\n", "", "missing field `time_limit`"),
+            (
+                "time_limit = 60",
+                "time_limit = 60\nfiles = [\"../x\"]",
+                "line 9: localizer.amcl.files",
+            ),
+            ("time_limit = 60", "time_limit = 60\nlimit = 1", "line 9: unknown field `limit`"),
+            (
+                "\"own\", \"amcl\"",
+                "\"own\", \"amc\"",
+                "line 12: localizer: \"amc\", expected one of: own, amcl",
+            ),
+            ("map = [\"all\", \"gbs\"]", "map = \"segments\"\nresolution = 0.1", "points or cells"),
+        ] {
+            let text = PROGRAM.replacen(right, wrong, 1);
+            assert_ne!(text, PROGRAM, "{wrong}");
+            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
+            let message = format!("{error:#}");
+            assert!(message.contains(named), "{wrong}: {message}");
+        }
+    }
+
+    /// Settings of the own filter make no other run of a program, and rows know program and files.
+    #[test]
+    fn a_programs_rows_depend_on_the_program() {
+        let identities = |text: &str| {
+            let study = Study::parse(text).unwrap();
+            let plan = study.plan("a").unwrap();
+            let runs = plan.trials[0].runs.iter().map(ToString::to_string).collect::<Vec<_>>();
+            assert_eq!(runs, ["own run 0", "own run 0", "amcl run 0"]);
+            let found = plan.identities(&study.measures).unwrap();
+            found.into_iter().map(|(identity, _)| identity).take(3).collect::<Vec<_>>()
+        };
+        let before = identities(PROGRAM);
+        for (right, wrong) in [
+            ("\"amcl\", \"--map", "\"amcl2\", \"--map"),
+            ("time_limit = 60", "time_limit = 61"),
+            ("time_limit = 60", "time_limit = 60\nposes = \"laser\""),
+            ("resolution = 0.05", "resolution = 0.1"),
+            ("time_limit = 60", "time_limit = 60\nfiles = [\"x\"]"),
+            ("time_limit = 60", "time_limit = 60\nenvironment = { A = \"b\" }"),
+        ] {
+            let after = identities(&PROGRAM.replacen(right, wrong, 1));
+            assert_eq!(before[..2], after[..2], "{wrong}");
+            assert_ne!(before[2], after[2], "{wrong}");
+        }
+        let pinned = "time_limit = 60\nfiles = [\"x\"]";
+        let with = |digest: &str| {
+            let text = PROGRAM.replacen("time_limit = 60", pinned, 1);
+            identities(&format!("{text}\n[digests]\nx = \"{digest}\"\n"))
+        };
+        assert_ne!(with("0a")[2], with("0b")[2]);
+    }
+
+    /// The text of a study says what the files of its programs were.
+    #[test]
+    fn files_of_programs_are_pinned() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("study.toml");
+        let text = PROGRAM.replacen("time_limit", "files = [\"x.py\"]\ntime_limit", 1);
+        std::fs::write(&path, &text).unwrap();
+        let message = format!("{:#}", Study::read(&path).err().unwrap());
+        assert!(message.contains("cannot read") && message.contains("x.py"), "{message}");
+        std::fs::write(folder.path().join("x.py"), "1").unwrap();
+        let study = Study::read(&path).unwrap();
+        let sha256 = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b";
+        assert_eq!(study.text, format!("{text}\n[digests]\n\"x.py\" = \"{sha256}\"\n"));
+        assert_eq!(study.programs()[0].files["x.py"], sha256);
+        std::fs::write(&path, &study.text).unwrap();
+        assert_eq!(Study::read(&path).unwrap().text, study.text);
+        std::fs::write(folder.path().join("x.py"), "2").unwrap();
+        let message = format!("{:#}", Study::read(&path).err().unwrap());
+        assert!(message.contains("is not the file that [digests] names"), "{message}");
     }
 
     /// Every name that a view can get wrong is told with its line, and what there is instead.
