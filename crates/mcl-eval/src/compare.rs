@@ -121,11 +121,11 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
 
 /// Whether a column is of times or memory, which are no results; that of a summary has more in its name.
 fn is_measured_anew(column: &str) -> bool {
-    let is_of = |name: &&str| {
-        let rest = column.strip_prefix("kept_").unwrap_or(column).strip_prefix(*name);
+    let is_of = |name: &str| {
+        let rest = column.strip_prefix("kept_").unwrap_or(column).strip_prefix(name);
         rest.is_some_and(|rest| matches!(rest, "" | "_sd" | "_low" | "_high"))
     };
-    MEASURED_ANEW.iter().any(|name| is_of(&name))
+    MEASURED_ANEW.into_iter().any(is_of)
 }
 
 fn compare_tables(

@@ -124,6 +124,12 @@ fn programs_that_misbehave_are_rows_with_their_reasons() {
         names.push(name);
     }
     study += &trials(&names, "runs = 1");
+    // A picture of what there is.
+    study += "[[views.pictures]]\nname = \"paths\"\nrun = 0\nmaps = [\n";
+    for name in ["own", "cut", "nothing"] {
+        study += &format!("{{ map = \"gbs\", size = 5, localizer = \"{name}\" }},\n");
+    }
+    study += "]\n";
     let bench = Bench::new(&[("many", &study)]);
     for (name, _, script, _) in &scripts {
         fs::write(bench.path(&format!("{name}.sh")), script).unwrap();
@@ -146,6 +152,7 @@ fn programs_that_misbehave_are_rows_with_their_reasons() {
     assert!(started.len() >= 8, "{started:?}");
     assert!(!started.iter().any(|&pid| is_alive(pid)), "{started:?}");
     assert!(!folder.join("running").exists());
+    assert!(folder.join("figures/paths.svg").exists());
 
     // What was written counts, as far as it goes: a robot that is taken to stand still.
     let number = |name: &str, column: &str| found[name][column].parse::<f64>().unwrap();
@@ -274,7 +281,7 @@ fn an_interrupted_run_leaves_no_program() {
     let bench = Bench::new(&[("one", &study.concat())]);
     let script = "echo $$ >> $PIDS\nsleep 1000 &\necho $! >> $PIDS\nwait\n";
     fs::write(bench.path("hangs.sh"), script).unwrap();
-    for signal in [Signal::INT, Signal::TERM] {
+    for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
         fs::write(bench.path("pids"), "").unwrap();
         let mut command =
             bench.command(&["run", "one.toml", "--dataset", "office.log", "-o", "out"]);
@@ -285,7 +292,7 @@ fn an_interrupted_run_leaves_no_program() {
         }
         assert!(pids(&bench).iter().all(|&pid| is_alive(pid)));
         kill_process(Pid::from_child(&child), signal).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(130));
+        assert_eq!(child.wait().unwrap().code(), Some(code));
         assert!(!pids(&bench).iter().any(|&pid| is_alive(pid)));
         let parts = office::parts(&bench.path("out/one/office"));
         let saved: String = parts.iter().map(|path| fs::read_to_string(path).unwrap()).collect();

@@ -117,11 +117,12 @@ pub fn run_study(
     drop(parts);
     let mut part = OwnPart::new(folder, &identity);
     let programs = Programs::new(folder, study.folder.as_deref());
+    let work =
+        Work { study, data, tasks: &tasks, programs: &programs, shown: &shown, costs: &costs };
     let failed = match identity.data.dimensions {
-        3 => run_tasks::<3>(study, data, &tasks, &programs, &shown, &costs, &mut part, &mut see)?,
-        _ => run_tasks::<2>(study, data, &tasks, &programs, &shown, &costs, &mut part, &mut see)?,
+        3 => run_tasks::<3>(&work, &mut part, &mut see)?,
+        _ => run_tasks::<2>(&work, &mut part, &mut see)?,
     };
-
     programs.end();
 
     // Somebody may have begun another study there, or the folder anew.
@@ -204,13 +205,19 @@ fn add_pictured(
     missing
 }
 
+/// What is to be run, and what for.
+struct Work<'w> {
+    study: &'w Study,
+    data: &'w StudyData,
+    tasks: &'w [Task],
+    programs: &'w Programs,
+    /// What pictures show, by the identity of its row.
+    shown: &'w HashMap<String, Shown>,
+    costs: &'w Costs,
+}
+
 fn run_tasks<const D: usize>(
-    study: &Study,
-    data: &StudyData,
-    tasks: &[Task],
-    programs: &Programs,
-    shown: &HashMap<String, Shown>,
-    costs: &Costs,
+    work: &Work<'_>,
     part: &mut OwnPart<'_>,
     see: &mut impl FnMut(Event<'_>),
 ) -> Result<Vec<FailedTrial>>
@@ -218,6 +225,7 @@ where
     Division<D>: Dimension<D>,
     MapMeasure: OfDimension<D>,
 {
+    let &Work { study, data, tasks, programs, shown, costs } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
     let compute = |task: &Task| -> Result<Saved> {
         let mut watch = Stopwatch::start();
@@ -300,7 +308,9 @@ fn save_paths(
         let poses = tracked.scans.iter().zip(poses);
         poses.filter_map(|(&scan, pose)| Some((stamp(scan), pose?))).collect()
     };
-    tum::write_file(reference, &path(&mut tracked.reference.iter().copied().map(Some)))?;
+    // Both at the same scans: a program may have no estimate at some.
+    let pairs = tracked.reference.iter().zip(&tracked.map_from_laser);
+    tum::write_file(reference, &path(&mut pairs.map(|(pose, found)| found.map(|_| *pose))))?;
     let estimates = tracked.map_from_laser.iter().copied();
     Ok(tum::write_file(estimate, &path(&mut { estimates }))?)
 }

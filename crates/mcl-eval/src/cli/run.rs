@@ -258,16 +258,28 @@ fn is_of_files(error: &anyhow::Error) -> bool {
 /// Ends the program on Ctrl-C or SIGTERM, with the programs that it runs, but not while a file is written.
 fn end_on_interrupt(output: &Path) -> Result<()> {
     let output = output.display().to_string();
-    ctrlc::set_handler(move || {
+    let end = move |code: i32| {
         process::end_all();
         let _held = hold();
         tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
              goes on from there"
         );
-        std::process::exit(INTERRUPTED);
-    })
-    .context("cannot listen to Ctrl-C")
+        std::process::exit(code);
+    };
+    #[cfg(unix)]
+    end_on_termination(end.clone())?;
+    ctrlc::set_handler(move || end(INTERRUPTED)).context("cannot listen to Ctrl-C")
+}
+
+/// The same on SIGTERM, which would leave programs behind.
+#[cfg(unix)]
+fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
+    use signal_hook::{consts::SIGTERM, iterator::Signals};
+    let mut signals = Signals::new([SIGTERM]).context("cannot listen to SIGTERM")?;
+    let listen = move || signals.forever().for_each(|signal| end(128 + signal));
+    std::thread::Builder::new().spawn(listen).context("cannot listen to SIGTERM")?;
+    Ok(())
 }
 
 /// Says which programs a study runs, before it does.

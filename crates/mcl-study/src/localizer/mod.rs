@@ -14,3 +14,5 @@ pub mod output;
 pub mod process;
 pub mod program;
 pub mod stamps;
+#[cfg(unix)]
+mod tail;

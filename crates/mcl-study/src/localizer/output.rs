@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use mcl_core::{Pose2, Stamp, Trajectory};
+use mcl_core::{MAX_COORDINATE, Pose2, Stamp, Trajectory};
 use mcl_datasets::bag::{LASER_FRAME, PoseRole};
 use mcl_datasets::log::{is_bag, poses_at, read_poses};
 use mcl_metrics::tum::{self, NonPlanar, TumError};
@@ -31,6 +31,8 @@ pub struct Estimate {
 
 /// A stamp that is off a scan's by as little (ns) is the scan's: programs write times as floats.
 const ROUNDING: i64 = 1_000_000;
+/// Nothing that is mapped is farther away (m); sums of such coordinates lose millimetres.
+const FARTHEST: f64 = 0.5 * MAX_COORDINATE;
 /// Characters of a reason at most.
 const LONGEST: usize = 160;
 
@@ -67,6 +69,15 @@ pub fn read(folder: &Path, poses: Whose, is_whole: bool) -> Result<Estimate, Mis
     if let Some(pose) = steps_back {
         let [before, after] = [trajectory.stamps()[pose], trajectory.stamps()[pose + 1]];
         return Err(malformed(&format!("pose {}: its stamp {after} is before {before}", pose + 2)));
+    }
+    let is_far = |pose: &Pose2| !pose.is_finite() || pose.x.abs().max(pose.y.abs()) > FARTHEST;
+    if let Some(place) = trajectory.poses().iter().position(is_far) {
+        let Pose2 { x, y, theta } = trajectory.poses()[place];
+        let expected = format!("at most {FARTHEST:e} m from the origin");
+        return Err(malformed(&format!(
+            "pose {}: {x}, {y}, {theta}; expected {expected}",
+            place + 1
+        )));
     }
     Ok(Estimate { trajectory, whose })
 }
@@ -144,6 +155,7 @@ mod tests {
             ("1 nan 0 0 0 0 0 1\n", "line 1, field x"),
             ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "pose 2: its stamp 1.000000000 is before 2.0"),
             ("\u{1}\u{2}", "line 1"),
+            ("1 0 0 0 0 0 0 1\n2 1e200 0 0 0 0 0 1\n", "pose 2: 1"),
         ] {
             let Err(Missing::Malformed(reason)) = tried(text, true) else { panic!("{text}") };
             assert!(reason.contains(named), "{reason}");

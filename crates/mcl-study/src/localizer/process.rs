@@ -5,10 +5,7 @@
 //! stdout and stderr is read, and the end of it kept. A process that left the group is known by a variable of its
 //! environment where the system tells of that (Linux).
 
-use std::collections::VecDeque;
 use std::fmt;
-use std::io::Read;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// How a program ended.
@@ -64,55 +61,8 @@ pub struct Finished {
     pub stderr: Vec<u8>,
 }
 
-/// Of stdout and stderr, so many bytes are kept.
-pub const KEPT_BYTES: usize = 64 << 10;
 /// A program that was asked to end has so long to do it.
 pub const GRACE: Duration = Duration::from_secs(3);
-/// How long streams may stay open after all processes are gone, where some may have been missed.
-const LINGER: Duration = Duration::from_millis(500);
-
-/// The end of a stream that another thread reads.
-struct Tail {
-    kept: Arc<Mutex<VecDeque<u8>>>,
-    reader: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Tail {
-    fn of(mut stream: impl Read + Send + 'static) -> std::io::Result<Self> {
-        let kept = Arc::new(Mutex::new(VecDeque::new()));
-        let own = kept.clone();
-        let read = move || {
-            let mut bytes = vec![0; KEPT_BYTES];
-            loop {
-                let count = match stream.read(&mut bytes) {
-                    Ok(0) => break,
-                    Ok(count) => count,
-                    Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
-                    Err(_) => break,
-                };
-                let mut kept = own.lock().unwrap_or_else(PoisonError::into_inner);
-                kept.extend(&bytes[..count]);
-                let excess = kept.len().saturating_sub(KEPT_BYTES);
-                kept.drain(..excess);
-            }
-        };
-        let reader = Some(std::thread::Builder::new().spawn(read)?);
-        Ok(Tail { kept, reader })
-    }
-
-    /// What is kept when the stream has ended. One that a process holds open which nobody knows of is left behind.
-    fn end(mut self) -> Vec<u8> {
-        if let Some(reader) = self.reader.take() {
-            let since = std::time::Instant::now();
-            while !reader.is_finished() && since.elapsed() < LINGER {
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        }
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().copied().collect()
-    }
-}
-
 #[cfg(unix)]
 pub use on_unix::{end_all, run};
 
@@ -132,7 +82,8 @@ mod on_unix {
     };
     use wait4::Wait4;
 
-    use super::{Ended, Finished, GRACE, Tail};
+    use super::{Ended, Finished, GRACE};
+    use crate::localizer::tail::Tail;
     use crate::recipe::localizer::Limits;
 
     /// Variables of the environment that programs get as they are.

@@ -67,7 +67,7 @@ impl RunRecipe {
             run.remove("preset");
             run.remove("filter");
             run.insert(LOCALIZER.to_owned(), serde_json::to_value(&**program)?);
-            run.insert(START.to_owned(), serde_json::to_value(&self.filter.initial_pose)?);
+            run.insert(START.to_owned(), serde_json::to_value(self.filter.initial_pose)?);
         }
         // A run over the whole log without disturbance is what it is where there is nothing else.
         if self.start != Start::First {

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Seed};
 use mcl_filter::{Bridge, MapDistances, Replay, StepReport, localize};
-use mcl_metrics::PoseError;
+use mcl_metrics::{PoseError, pose_errors};
 
 use crate::data::source::LogSource;
 use crate::localizer::input::Input;
@@ -133,9 +133,15 @@ pub fn track(
     };
     let ProgramRun { ended, map_from_laser, processor_s, peak_memory_mb } = ran;
     let Course { scans, reference, carried_off, .. } = course;
-    let pairs = reference.iter().zip(&map_from_laser);
-    let errors = pairs.map(|(reference, pose)| Some(PoseError::between(reference, pose.as_ref()?)));
-    let errors = errors.collect();
+    let covered = reference.iter().zip(&map_from_laser);
+    let (of_covered, estimates): (Vec<Pose2>, Vec<Pose2>) =
+        covered.filter_map(|(reference, pose)| Some((*reference, (*pose)?))).unzip();
+    let known = match estimates.is_empty() {
+        true => Vec::new(),
+        false => pose_errors(&of_covered, &estimates)?,
+    };
+    let mut known = known.into_iter();
+    let errors = map_from_laser.iter().map(|pose| pose.and_then(|_| known.next())).collect();
     Ok(TrackedRun {
         map_from_laser,
         reports,
