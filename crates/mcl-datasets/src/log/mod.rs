@@ -29,4 +29,5 @@ pub use open::{
 pub use options::{
     LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, ReferenceTrack, TopicChoice,
 };
+pub use reference::poses_at;
 pub use report::{Place, ReadReport, SkippedRecord};

@@ -1,6 +1,6 @@
 //! A reference from elsewhere for a log whose own poses stand beside its scans.
 
-use mcl_core::{Pose2, Stamp};
+use mcl_core::{Pose2, Stamp, Trajectory};
 
 use crate::bag::moment::Moment;
 use crate::bag::track::{Placed, PoseTrack};
@@ -14,6 +14,20 @@ const ROBOT: [&str; 3] = ["robot", "base_link", "base_footprint"];
 
 const fn moment(stamp: Stamp) -> Moment {
     Moment { stretch: 0, at: stamp.nanoseconds() }
+}
+
+/// The pose of a trajectory at each stamp: that of the same stamp, of several the last; else between the two neighbours,
+/// on the line between the positions and on the shorter arc between the headings. Nothing is extrapolated, nor
+/// interpolated over more than five usual intervals of the trajectory (and 0.2 s).
+pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>> {
+    const LAST: usize = u32::MAX as usize;
+    let samples = trajectory.iter().map(|(stamp, pose)| (moment(stamp), pose)).collect();
+    let track = PoseTrack::new(samples, None);
+    let pose = |&stamp: &Stamp| match track.as_ref()?.at(moment(stamp), LAST) {
+        Placed::At(pose) => Some(pose),
+        Placed::Outside | Placed::InGap(_) => None,
+    };
+    stamps.iter().map(pose).collect()
 }
 
 /// Takes the reference poses of a log's scans from a track, at their stamps.

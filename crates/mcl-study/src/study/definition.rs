@@ -3,7 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Error, Result, anyhow, bail};
 use mcl_core::{files::open, math};
@@ -11,14 +12,17 @@ use mcl_datasets::registry::is_plain_name;
 use mcl_maps::Refinement;
 use serde::Deserialize;
 use serde_json::Value as Json;
+use sha2::{Digest, Sha256};
 use toml::Spanned;
 
 use crate::measure::Measures;
+use crate::measure::program::PROGRAM;
+use crate::recipe::localizer::{LOCALIZER, OWN, Program, ProgramTable};
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
 use crate::study::check::{Known, check, line_at, line_of};
-use crate::study::factors::{Draft, is_factor, is_list};
+use crate::study::factors::{Definitions, Draft, is_factor, is_list};
 use crate::study::plan::Plan;
 use crate::study::views::Views;
 use crate::trial::run::Trial;
@@ -46,8 +50,10 @@ pub struct Study {
     pub views: Views,
     /// The data sets to run on, as far as they are at hand.
     pub datasets: Vec<ListedDataset>,
+    /// Folder of its file, where it was read from one: beside it lie the files that programs read.
+    pub folder: Option<PathBuf>,
     base: Factors,
-    named: Vec<(String, Refinement)>,
+    defined: Definitions,
     entries: Vec<Entry>,
 }
 
@@ -90,6 +96,11 @@ struct File {
     #[serde(default)]
     refinement: BTreeMap<String, Refinement>,
     #[serde(default)]
+    localizer: BTreeMap<Spanned<String>, ProgramTable>,
+    /// SHA-256 of the files that programs read.
+    #[serde(default)]
+    digests: BTreeMap<String, String>,
+    #[serde(default)]
     trials: Vec<Keys>,
     #[serde(default)]
     views: Views,
@@ -125,7 +136,13 @@ impl Study {
             Ok(String::from_utf8(text)?)
         };
         let text = read().with_context(|| format!("cannot read study {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("in study {}", path.display()))
+        let here = || format!("in study {}", path.display());
+        let study = Self::parse(&text).with_context(here)?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        let folder = std::path::absolute(folder).with_context(here)?;
+        let pinned = study.pinned(&folder).with_context(here)?;
+        Ok(Study { folder: Some(folder), ..pinned })
     }
 
     /// Parses and checks the text of a study.
@@ -142,8 +159,21 @@ impl Study {
         let names = file.measures.as_ref();
         let measures = Measures::of(names.map_or(&[], |names| names.get_ref()));
         let start = names.map_or(0, |names| names.span().start);
-        let measures = measures.map_err(|message| source.mistake(start, "measures", &message))?;
-        let named: Vec<(String, Refinement)> = file.refinement.into_iter().collect();
+        let mut measures =
+            measures.map_err(|message| source.mistake(start, "measures", &message))?;
+        let program = |(name, table): (Spanned<String>, ProgramTable)| {
+            let place = |key: &str| format!("{LOCALIZER}.{}.{key}", name.get_ref());
+            let checked = table.checked(&name, &file.digests);
+            checked
+                .map(Arc::new)
+                .map_err(|(span, key, message)| source.mistake(span.start, &place(key), &message))
+        };
+        let programs = file.localizer.into_iter().map(program).collect::<Result<Vec<_>>>()?;
+        if !programs.is_empty() {
+            measures.of_runs.push(&PROGRAM);
+        }
+        let refinements = file.refinement.into_iter().collect();
+        let defined = Definitions { refinements, programs };
         let mut datasets: Vec<ListedDataset> = Vec::new();
         for dataset in file.datasets {
             let line = source.line(dataset.span().start);
@@ -170,7 +200,8 @@ impl Study {
         let base = source.base(file.base)?;
         let seed = file.seed;
         let (text, views) = (text.to_owned(), file.views);
-        let study = Study { text, seed, measures, views, datasets, base, named, entries };
+        let folder = None;
+        let study = Study { text, seed, measures, views, datasets, folder, base, defined, entries };
         let mut named = study.entries.iter().flat_map(|e| e.datasets.iter().map(move |d| (e, d)));
         if let Some((entry, name)) = named.find(|(_, name)| study.listed(name).is_none()) {
             let line = entry.line;
@@ -181,6 +212,46 @@ impl Study {
         let plans = names.iter().map(|name| study.plan(name)).collect::<Result<Vec<_>>>()?;
         study.check_views(&names, &plans)?;
         Ok(study)
+    }
+
+    /// The programs that localize.
+    pub fn programs(&self) -> &[Arc<Program>] {
+        &self.defined.programs
+    }
+
+    /// The same study with the digests of the files that its programs read, which lie below `folder`, at the end of
+    /// its text: whoever reads the text knows what its rows depend on. Digests that stand there already are held
+    /// against the files.
+    fn pinned(self, folder: &Path) -> Result<Self> {
+        let mut missing = BTreeMap::new();
+        for (file, known) in self.programs().iter().flat_map(|program| &program.files) {
+            let path = folder.join(file);
+            let found =
+                sha256_of(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            if known.is_empty() {
+                missing.insert(file, found);
+            } else if *known != found {
+                bail!(
+                    "{} is not the file that [digests] names: its SHA-256 is {found}, expected {known}",
+                    path.display()
+                );
+            }
+        }
+        if missing.is_empty() {
+            return Ok(self);
+        }
+        let mut document = self.text.clone();
+        if !document.ends_with('\n') {
+            document.push('\n');
+        }
+        let has_some = toml::from_str::<toml::Table>(&document)?.contains_key("digests");
+        if has_some {
+            let names: Vec<&str> = missing.keys().map(|file| file.as_str()).collect();
+            bail!("[digests] names some files of the programs, but not {}", names.join(", "));
+        }
+        document
+            .push_str(&format!("\n{}", toml::to_string(&BTreeMap::from([("digests", missing)]))?));
+        Self::parse(&document)
     }
 
     /// The data set as the study lists it, if it does.
@@ -241,6 +312,7 @@ impl Study {
     /// The recipe of a data set with the values of `[base]`.
     fn draft(&self, dataset: &str) -> Result<Draft> {
         let mut draft = Draft::new(dataset, self.seed).map_err(Error::msg)?;
+        draft.set(LOCALIZER, &OWN.into(), &self.defined).map_err(Error::msg)?;
         let own = self.listed(dataset).map(|listed| &listed.base);
         for (key, (values, line)) in self.base.iter().chain(own.into_iter().flatten()) {
             for value in values {
@@ -252,7 +324,7 @@ impl Study {
 
     fn set(&self, draft: &mut Draft, key: &str, value: &Json, line: usize) -> Result<()> {
         draft
-            .set(key, value, &self.named)
+            .set(key, value, &self.defined)
             .map_err(|message| anyhow!("line {line}: {key}: {message}"))
     }
 
@@ -282,7 +354,7 @@ impl Study {
         let mut draft = self.draft(dataset)?;
         for (key, value) in map {
             let value = serde_json::to_value(value)?;
-            draft.set(key, &value, &self.named).map_err(|m| anyhow!("{key}: {m}"))?;
+            draft.set(key, &value, &self.defined).map_err(|m| anyhow!("{key}: {m}"))?;
         }
         let (mut map, recipe) = draft.finish().map_err(Error::msg)?;
         let runs = run.map(|run| RunRecipe { run, ..recipe });
@@ -333,6 +405,20 @@ impl Entry {
     }
 }
 
+/// SHA-256 of a file, in hexadecimal digits.
+fn sha256_of(path: &Path) -> Result<String> {
+    let mut digest = Sha256::new();
+    let mut file = open(path)?;
+    let mut bytes = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut bytes)? {
+            0 => break,
+            count => digest.update(&bytes[..count]),
+        }
+    }
+    Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
 /// The text of a file, to say where in it something stands.
 struct Source<'a>(&'a str);
 
@@ -370,7 +456,7 @@ impl Source<'_> {
                 true => listed(&key, value.into_inner()),
                 // Setting it says what there is.
                 false => Draft::new("", 0)
-                    .and_then(|mut draft| draft.set(&key, &Json::Null, &[]))
+                    .and_then(|mut draft| draft.set(&key, &Json::Null, &Definitions::default()))
                     .map(|()| Vec::new()),
             };
             let values = values
@@ -551,6 +637,11 @@ name = "b"
             ("factor = 2", "factor = 1", "factor is 1"),
             ("sigma_hit = [0.1", "sigma_hit = [-0.1", "sigma_hit"),
             ("size = 1\n", "", "rnd needs size"),
+            (
+                "sigma_hit = [0.1",
+                "localizer = [\"amcl\"]\nsigma_hit = [0.1",
+                "expected one of: own",
+            ),
         ] {
             let text = SMALL.replacen(right, wrong, 1);
             assert_ne!(text, SMALL, "{wrong}");
@@ -558,6 +649,108 @@ name = "b"
             let message = format!("{error:#}");
             assert!(message.contains(named), "{wrong}: {message}");
         }
+    }
+
+    const PROGRAM: &str = r#"
+seed = 1
+[localizer.amcl]
+command = ["amcl", "--map={map}", "{bag}", "{output}"]
+log = "mcap"
+map = "grid"
+resolution = 0.05
+time_limit = 60
+[[trials]]
+map = ["all", "gbs"]
+size = 1
+localizer = ["own", "amcl"]
+particles = [100, 200]
+runs = 1
+"#;
+
+    #[test]
+    fn mistakes_about_programs_are_named_with_their_line() {
+        for (right, wrong, named) in [
+            ("{map}", "{mapp}", "line 4: localizer.amcl.command: {mapp} is unknown"),
+            ("{bag}", "{bag", "line 4: localizer.amcl.command: "),
+            ("[localizer.amcl]", "[localizer.own]", "line 3: localizer.own.name"),
+            ("resolution = 0.05", "resolution = 0", "line 7: localizer.amcl.resolution: 0"),
+            ("resolution = 0.05", "", "line 10: trials: localizer amcl: all is a map of points"),
+            ("\"grid\"", "\"csv\"", "line 7: localizer.amcl.resolution: goes with"),
+            ("\"mcap\"", "\"mcapp\"", "line 5: unknown variant `mcapp`"),
+            ("time_limit = 60", "time_limit = -1", "line 8: localizer.amcl.time_limit: -1"),
+            ("time_limit = 60\n", "", "missing field `time_limit`"),
+            (
+                "time_limit = 60",
+                "time_limit = 60\nfiles = [\"../x\"]",
+                "line 9: localizer.amcl.files",
+            ),
+            ("time_limit = 60", "time_limit = 60\nlimit = 1", "line 9: unknown field `limit`"),
+            (
+                "\"own\", \"amcl\"",
+                "\"own\", \"amc\"",
+                "line 12: localizer: \"amc\", expected one of: own, amcl",
+            ),
+            ("map = [\"all\", \"gbs\"]", "map = \"segments\"\nresolution = 0.1", "points or cells"),
+        ] {
+            let text = PROGRAM.replacen(right, wrong, 1);
+            assert_ne!(text, PROGRAM, "{wrong}");
+            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
+            let message = format!("{error:#}");
+            assert!(message.contains(named), "{wrong}: {message}");
+        }
+    }
+
+    /// Settings of the own filter make no other run of a program, and rows know program and files.
+    #[test]
+    fn a_programs_rows_depend_on_the_program() {
+        let identities = |text: &str| {
+            let study = Study::parse(text).unwrap();
+            let plan = study.plan("a").unwrap();
+            let runs = plan.trials[0].runs.iter().map(ToString::to_string).collect::<Vec<_>>();
+            assert_eq!(runs, ["own run 0", "own run 0", "amcl run 0"]);
+            let found = plan.identities(&study.measures).unwrap();
+            found.into_iter().map(|(identity, _)| identity).take(3).collect::<Vec<_>>()
+        };
+        let before = identities(PROGRAM);
+        for (right, wrong) in [
+            ("\"amcl\", \"--map", "\"amcl2\", \"--map"),
+            ("time_limit = 60", "time_limit = 61"),
+            ("time_limit = 60", "time_limit = 60\nposes = \"laser\""),
+            ("resolution = 0.05", "resolution = 0.1"),
+            ("time_limit = 60", "time_limit = 60\nfiles = [\"x\"]"),
+            ("time_limit = 60", "time_limit = 60\nenvironment = { A = \"b\" }"),
+        ] {
+            let after = identities(&PROGRAM.replacen(right, wrong, 1));
+            assert_eq!(before[..2], after[..2], "{wrong}");
+            assert_ne!(before[2], after[2], "{wrong}");
+        }
+        let pinned = "time_limit = 60\nfiles = [\"x\"]";
+        let with = |digest: &str| {
+            let text = PROGRAM.replacen("time_limit = 60", pinned, 1);
+            identities(&format!("{text}\n[digests]\nx = \"{digest}\"\n"))
+        };
+        assert_ne!(with("0a")[2], with("0b")[2]);
+    }
+
+    /// The text of a study says what the files of its programs were.
+    #[test]
+    fn files_of_programs_are_pinned() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("study.toml");
+        let text = PROGRAM.replacen("time_limit", "files = [\"x.py\"]\ntime_limit", 1);
+        std::fs::write(&path, &text).unwrap();
+        let message = format!("{:#}", Study::read(&path).err().unwrap());
+        assert!(message.contains("cannot read") && message.contains("x.py"), "{message}");
+        std::fs::write(folder.path().join("x.py"), "1").unwrap();
+        let study = Study::read(&path).unwrap();
+        let sha256 = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b";
+        assert_eq!(study.text, format!("{text}\n[digests]\n\"x.py\" = \"{sha256}\"\n"));
+        assert_eq!(study.programs()[0].files["x.py"], sha256);
+        std::fs::write(&path, &study.text).unwrap();
+        assert_eq!(Study::read(&path).unwrap().text, study.text);
+        std::fs::write(folder.path().join("x.py"), "2").unwrap();
+        let message = format!("{:#}", Study::read(&path).err().unwrap());
+        assert!(message.contains("is not the file that [digests] names"), "{message}");
     }
 
     /// Every name that a view can get wrong is told with its line, and what there is instead.
