@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use mcl_core::{MAX_COORDINATE, Pose2, Stamp, Trajectory};
-use mcl_datasets::bag::{LASER_FRAME, PoseRole};
+use mcl_datasets::bag::{LASER_FRAME, MAP_FRAME, PoseRequest, PoseRole};
 use mcl_datasets::log::{is_bag, poses_at, read_poses};
 use mcl_metrics::tum::{self, NonPlanar, TumError};
 
@@ -46,7 +46,8 @@ pub fn read(folder: &Path, poses: Whose, is_whole: bool) -> Result<Estimate, Mis
         |why: &dyn std::fmt::Display| Missing::Malformed(shortened(&why.to_string(), folder));
     let path = written(folder).ok_or(Missing::Nothing)?;
     let (trajectory, whose) = if path.is_dir() || is_bag(&path).map_err(|e| malformed(&e))? {
-        let found = read_poses(&path, None, PoseRole::Estimate).map_err(|e| malformed(&e))?;
+        let request = PoseRequest { into: Some(MAP_FRAME), ..PoseRequest::of(PoseRole::Estimate) };
+        let found = read_poses(&path, &request).map_err(|e| malformed(&e))?;
         let is_laser = found.frame.as_deref() == Some(LASER_FRAME);
         (found.trajectory, if is_laser { Whose::Laser } else { poses })
     } else {
