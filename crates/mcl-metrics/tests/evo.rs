@@ -190,18 +190,20 @@ fn assert_equal(ours: &Table, evo: &Table) {
     }
 }
 
+/// The rows whose key is of a kind, taken out of a table.
+fn take(table: &mut Table, is_taken: impl Fn(&(String, String)) -> bool) -> Table {
+    let (taken, left) = std::mem::take(table).into_iter().partition(|(key, _)| is_taken(key));
+    *table = left;
+    taken
+}
+
 /// All figures are evo's but for one case: an estimate that goes on after the reference has ended. evo takes each
 /// pose within the tolerance of the reference's last one, and compares it with that last one, as if the robot had
 /// stopped there; here nothing is extrapolated, and the figures are those without these poses.
 fn assert_equals_evo(ours: &mut Table, evo: &mut Table) {
     const BEYOND: &str = "between-beyond-interpolated";
-    let take = |table: &mut Table| -> Table {
-        let (beyond, others) =
-            std::mem::take(table).into_iter().partition(|((case, _), _)| case == BEYOND);
-        *table = others;
-        beyond
-    };
-    let (our_beyond, evo_beyond) = (take(ours), take(evo));
+    let [our_beyond, evo_beyond] =
+        [&mut *ours, &mut *evo].map(|t| take(t, |(case, _)| case == BEYOND));
     assert_equal(ours, evo);
     let ape = (BEYOND.to_owned(), "ape-translation".to_owned());
     let (our_pairs, evo_pairs) = (our_beyond[&ape][7], evo_beyond[&ape][7]);
@@ -259,8 +261,7 @@ fn figures_equal_those_of_an_installed_evo() {
     let is_turned_over = |(case, metric): &(String, String)| {
         case.starts_with("freiburg2") && metric.starts_with("ape-aligned")
     };
-    let turned_over: Table = evo.extract_if(.., |key, _| is_turned_over(key)).collect();
-    let in_the_plane: Table = ours.extract_if(.., |key, _| is_turned_over(key)).collect();
+    let [in_the_plane, turned_over] = [&mut ours, &mut evo].map(|t| take(t, is_turned_over));
     for (key, [evo_rmse, .., evo_least, _, _, _]) in &turned_over {
         match key.1.as_str() {
             "ape-aligned-rotation_deg" => assert!(*evo_least > 179.9, "{evo_least}"),
