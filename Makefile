@@ -82,7 +82,11 @@ interop: build
 	$(PYTHON) -m venv $(INTEROP)
 	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
 	$(INTEROP)/bin/python crates/mcl-datasets/interop/interop.py --program $(MCL_EVAL)
-	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
+	$(INTEROP)/bin/pip download --quiet --disable-pip-version-check --no-deps --no-binary evo -d $(INTEROP)/evo \
+	  $$(grep '^evo==' crates/mcl-datasets/interop/requirements.txt)
+	tar -xzf $(INTEROP)/evo/evo-*.tar.gz -C $(INTEROP)/evo --strip-components 1
+	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python MCL_EVO_DATA=$(abspath $(INTEROP))/evo/test/data \
+	  $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
 
 # The reading of a bag of 1 GB in one run with rosbags: LARGE="--images --size 4" makes others (large_bag.py --help).
 # After `make interop`, whose Python it uses.

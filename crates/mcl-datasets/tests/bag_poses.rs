@@ -9,7 +9,7 @@ use bag_support::{
     transform_on, walk,
 };
 use mcl_core::Pose2;
-use mcl_datasets::bag::types::{PATH, POSE_WITH_COVARIANCE_STAMPED};
+use mcl_datasets::bag::types::{PATH, POSE_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use mcl_datasets::bag::{Encoder, PoseRequest, PoseRole, PoseTopic, read_poses};
 
 fn at(x: f64) -> Pose2 {
@@ -119,21 +119,29 @@ fn a_path_is_found_without_being_asked_for() {
 /// Field case: poses in "odom" were compared with poses in "map" without a word.
 #[test]
 fn poses_are_carried_into_a_frame_that_transforms_lead_to() {
-    let entries = localized(4);
+    let mut entries = localized(4);
+    let halves = (0..5).map(|second| second * SECOND + SECOND / 2);
+    entries.extend(halves.map(|at| {
+        let mut message = Encoder::default();
+        message.header(stamp(at), "odom").pose(Pose2::new(at as f64 / 1e9, 0.0, 0.0));
+        entry("/fused", &POSE_STAMPED, at, message)
+    }));
     let request =
-        |into| PoseRequest { topic: Some("/odom"), role: PoseRole::Estimate, into: Some(into) };
+        |into| PoseRequest { topic: Some("/fused"), role: PoseRole::Estimate, into: Some(into) };
     let found = read_poses(&*bag(&entries), &request("map")).unwrap();
     assert_eq!(
         (found.parent.as_deref(), found.carried_from.as_deref()),
         (Some("map"), Some("odom"))
     );
-    // Odometry comes at every half second up to 4.5 s; transforms end at 4 s, and nothing is extrapolated.
+    // Poses come at every half second up to 4.5 s; transforms end at 4 s, and nothing is extrapolated.
     let last = found.trajectory.len() - 1;
     assert_eq!(found.trajectory.stamps()[last].nanoseconds(), 7 * SECOND / 2);
     assert_pose(Some(found.trajectory.poses()[last]), 0.5, 3.5, FRAC_PI_2);
     assert!(found.report.to_string().contains("1 of 5 poses are left out"), "{}", found.report);
     let as_they_stand = read_poses(&*bag(&entries), &request("world")).unwrap();
     assert_eq!((as_they_stand.parent.as_deref(), as_they_stand.carried_from), (Some("odom"), None));
+    let odometry = PoseRequest { topic: Some("/odom"), ..request("map") };
+    assert_eq!(read_poses(&*bag(&entries), &odometry).unwrap().parent.as_deref(), Some("odom"));
 }
 
 #[test]

@@ -8,6 +8,8 @@ use anyhow::{Context, Result, bail};
 use csv::StringRecord;
 use mcl_core::files::open;
 
+use mcl_study::localizer::program::FAILED_RUNS;
+use mcl_study::measure::program::MEASURED_ANEW;
 use mcl_study::store::parts::PARTS;
 use mcl_study::store::results::{MANIFEST, Manifest, TIMINGS};
 
@@ -38,7 +40,7 @@ impl Comparison {
 
 /// Compares what is in a result folder with the files of an earlier one, which may hold only some:
 /// tables cell by cell, numbers within a relative tolerance; with a tolerance of 0 every file byte by
-/// byte, apart from the build that a manifest names. Times are no results.
+/// byte, apart from the build that a manifest names. Times and memory are no results.
 ///
 /// # Errors
 /// When a file cannot be read.
@@ -93,7 +95,11 @@ fn same_data(found: &[u8], expected: &[u8]) -> bool {
     read(found).is_some_and(|found| Some(known(found)) == read(expected).map(known))
 }
 
-/// All files below a folder but rows as they were saved, which lie in as many files as there were runs.
+/// Folders of rows as they were saved, which lie in as many files as there were runs, and of what programs of others
+/// wrote to stderr.
+const NO_RESULTS: [&str; 2] = [PARTS, FAILED_RUNS];
+
+/// All files below a folder that are results.
 /// Links to folders are not followed: they may lead in a circle.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     let cannot = || format!("cannot look for results in {}", folder.display());
@@ -101,12 +107,25 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
         let entry = entry.with_context(cannot)?;
         let kind = entry.file_type().with_context(cannot)?;
         match (kind.is_dir(), entry.path()) {
-            (true, path) if path.file_name() != Some(PARTS.as_ref()) => list(&path, files)?,
+            (true, path)
+                if !NO_RESULTS.map(|name| Some(name.as_ref())).contains(&path.file_name()) =>
+            {
+                list(&path, files)?
+            }
             (false, path) if path.is_file() => files.push(path),
             _ => {}
         }
     }
     Ok(())
+}
+
+/// Whether a column is of times or memory, which are no results; that of a summary has more in its name.
+fn is_measured_anew(column: &str) -> bool {
+    let is_of = |name: &str| {
+        let rest = column.strip_prefix("kept_").unwrap_or(column).strip_prefix(name);
+        rest.is_some_and(|rest| matches!(rest, "" | "_sd" | "_low" | "_high"))
+    };
+    MEASURED_ANEW.into_iter().any(is_of)
 }
 
 fn compare_tables(
@@ -138,7 +157,7 @@ fn compare_tables(
     let Some(header) = expected.first() else { return Ok(()) };
     for (line, (found, expected)) in found.iter().zip(&expected).enumerate().skip(1) {
         for ((cell, before), column) in found.iter().zip(expected).zip(header) {
-            if !agree(cell, before, tolerance) {
+            if !is_measured_anew(column) && !agree(cell, before, tolerance) {
                 comparison.differs(|| {
                     let (name, line) = (name.display(), line + 1);
                     format!("{name}, line {line}, {column}: {cell}, expected {before}")

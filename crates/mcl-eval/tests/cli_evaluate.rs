@@ -74,7 +74,8 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
         near(&row["heading"]["max"], 0.0);
     }
     // Odometry leaves the reference, less and less over shorter paths.
-    let odometry = lab.rows(&["--reference", "office.mcap", "office.mcap"], 0);
+    // It is in another frame than the reference, which is told.
+    let odometry = lab.rows(&["--reference", "office.mcap", "office.mcap"], 3);
     let figure = |value: &Value| value["rmse"].as_f64().unwrap();
     let row = &odometry[0];
     assert_eq!(row["topic"], "/odom");
@@ -83,6 +84,11 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
     // As a reference, odometry must be asked for.
     let reversed =
         lab.rows(&["--reference", "office.mcap", "--reference-topic", "/odom", "office.log"], 0);
+    let frames = &odometry[0]["frames"];
+    assert_eq!(
+        (&frames["reference"]["within"], &frames["estimate"]["within"]),
+        (&"map".into(), &"odom".into())
+    );
     near(&reversed[0]["ate"]["rmse"], figure(&row["ate"]));
     for (args, code, expected) in [
         (

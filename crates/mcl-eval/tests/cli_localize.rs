@@ -365,7 +365,7 @@ fn stamps_that_step_back_in_time_match_themselves() {
     let found = lab.json(&localize(&["-o", "out", "--json"]));
     let evaluate = ["evaluate", "--reference", "out/reference.tum", "out/run-000.tum", "--json"];
     let (stdout, stderr) = lab.ends(&evaluate, 0);
-    assert!(stderr.contains("6 stamps step back in time"), "{stderr}");
+    assert!(stderr.contains("6 of its stamps and 6 of the reference's step back"), "{stderr}");
     let row: Value = serde_json::from_str(&stdout).unwrap();
     let row = &row["estimates"][0];
     assert_eq!(row["pairs"], SCANS);
@@ -476,7 +476,8 @@ fn poses_without_partner_are_told() {
     lab.write("b.tum", &tum(|t| (t + 3.0, t + 3.0, 0.0, 0.0)));
     let evaluate = ["evaluate", "--reference", "a.tum", "b.tum", "a.tum", "--json"];
     let (stdout, stderr) = lab.ends(&evaluate, 3);
-    assert!(stderr.contains("b.tum: 3 of 10 poses, and 3 of the reference's 10"), "{stderr}");
+    assert!(stderr.contains("b.tum: 3 of its 10 poses match none"), "{stderr}");
+    assert!(stderr.contains("it covers 77.8 % of the reference's time"), "{stderr}");
     let found: Value = serde_json::from_str(&stdout).unwrap();
     let row = &found["estimates"][0];
     assert_eq!((&row["pairs"], &row["unmatched"]), (&Value::from(7), &Value::from(6)));

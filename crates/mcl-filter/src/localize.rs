@@ -19,6 +19,19 @@ pub struct Replay<'a> {
     pub scans: &'a [usize],
 }
 
+impl Replay<'_> {
+    /// Per used scan after the first the motion of the laser since the used scan before it, and of how many steps in
+    /// between nobody knows any, as if there had been none.
+    ///
+    /// # Errors
+    /// Those of [`Bridge::over`], and [`FilterError::NonFiniteOdometry`] with the scan concerned.
+    pub fn motions(&self) -> Result<Vec<(Pose2, usize)>, FilterError> {
+        Bridge::over(self)?;
+        let pairs = self.scans.windows(2);
+        pairs.map(|pair| composed(self.increments, pair[0] + 1, pair[1])).collect()
+    }
+}
+
 /// An estimated trajectory, one entry per used scan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {

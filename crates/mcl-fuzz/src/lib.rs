@@ -25,7 +25,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
     Target { name: "carmen", run: logs::carmen },
     Target { name: "log", run: logs::any_log },
     Target { name: "mcap", run: logs::mcap },
@@ -36,6 +36,7 @@ pub const TARGETS: [Target; 18] = [
     Target { name: "cdr", run: logs::cdr },
     Target { name: "bag_metadata", run: logs::bag_metadata },
     Target { name: "tum", run: trajectories::tum },
+    Target { name: "trajectory", run: trajectories::any_format },
     Target { name: "map_csv", run: maps::csv },
     Target { name: "map_ply", run: maps::ply },
     Target { name: "map_pcd", run: maps::pcd },

@@ -219,6 +219,6 @@ macro_rules! targets {
 }
 
 targets! {
-    carmen log mcap mcap_chunk ros1_bag ros1_chunk database cdr bag_metadata tum map_csv map_ply map_pcd map_grid dataset study
+    carmen log mcap mcap_chunk ros1_bag ros1_chunk database cdr bag_metadata tum trajectory map_csv map_ply map_pcd map_grid dataset study
     parts results
 }

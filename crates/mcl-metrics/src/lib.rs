@@ -1,9 +1,11 @@
 //! How far estimated poses are from the truth, and whether a difference between two map builders is
 //! more than chance.
 //!
-//! The way through: [`tum::read_file`] two trajectories, [`associate`] them by stamp, take
-//! [`pose_errors`], [`ate()`] or [`rpe()`] of the matched poses, and [`Summary::of`] the samples. Over
-//! runs, samples are pooled ([`Summary::pooled`]), never averages averaged.
+//! The way through: [`trajectory_file::read_file`] two trajectories, [`associate`] them by stamp or
+//! [`interpolate`] the denser one (after [`find_offset`], if their clocks differ), take [`pose_errors`],
+//! [`ate()`] or [`rpe()`] of the matched poses, and [`Summary::of`] the samples; [`coverage()`] says how much
+//! of the reference they stand for. Over runs, samples are pooled ([`Summary::pooled`]), never averages
+//! averaged.
 //!
 //! Tests and intervals are over blocks ([`Blocked`]): the maps of one draw number with all runs on them
 //! are independent of other draws, the runs and scans of a block are not of each other.

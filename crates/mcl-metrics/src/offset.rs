@@ -82,7 +82,7 @@ pub fn shifted(trajectory: &Trajectory, offset_s: f64) -> Result<Trajectory, Met
         let expected = "seconds after which stamps lie in the years 1677 to 2262";
         MetricsError::Setting { name: "offset", found: offset_s, expected }
     };
-    if !(offset_s.abs() < i64::MAX as f64 / 1e9) {
+    if !offset_s.is_finite() || offset_s.abs() >= i64::MAX as f64 / 1e9 {
         return Err(error());
     }
     // Whole seconds apart, as a float of nanoseconds would be rounded.

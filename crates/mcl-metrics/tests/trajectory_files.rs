@@ -135,19 +135,19 @@ fn headings_that_never_change_on_a_path_that_turns_are_noted() {
     let text = |q: &str, path: &[(f64, f64)]| -> String {
         path.iter().zip(0..).map(|(&(x, y), t)| line(t, x, y, q)).collect()
     };
-    let notes = |text: &str| file(text).notes;
+    let doubts = |text: &str| file(text).doubts;
     assert!(
-        notes(&text("0 1", &square))[0]
+        doubts(&text("0 1", &square))[0]
             .starts_with("all headings are the same on a path that turns")
     );
-    assert!(notes(&text("0.3 1", &square)).len() == 1);
-    assert!(notes(&text("0 1", &square[..3])).is_empty(), "straight on");
-    assert!(notes(&text("0 1", &[(0.0, 0.0), (0.3, 0.0), (0.3, 0.3)])).is_empty(), "too short");
+    assert!(doubts(&text("0.3 1", &square)).len() == 1);
+    assert!(doubts(&text("0 1", &square[..3])).is_empty(), "straight on");
+    assert!(doubts(&text("0 1", &[(0.0, 0.0), (0.3, 0.0), (0.3, 0.3)])).is_empty(), "too short");
     // Noise at rest turns in all directions, but goes nowhere.
     let noise: Vec<_> =
         (0..400).map(|k| (0.01 * f64::from(k % 2), 0.01 * f64::from(k % 3))).collect();
-    assert!(notes(&text("0 1", &noise)).is_empty());
-    assert!(notes("0 0 0 0 0 0 0 0\n1 1 0 0 0 0 0 0\n2 1 1 0 0 0 0 0\n").is_empty());
+    assert!(doubts(&text("0 1", &noise)).is_empty());
+    assert!(doubts("0 0 0 0 0 0 0 0\n1 1 0 0 0 0 0 0\n2 1 1 0 0 0 0 0\n").is_empty());
 }
 
 /// Once the advice was to project, with which the headings were wrong by 137°, exit 0.

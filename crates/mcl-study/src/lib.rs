@@ -9,6 +9,7 @@
 
 pub mod auto;
 pub mod data;
+pub mod localizer;
 pub mod measure;
 pub mod recipe;
 pub mod run;

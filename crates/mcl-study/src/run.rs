@@ -11,6 +11,8 @@ use mcl_metrics::tum;
 
 use crate::data::facts::DataFacts;
 use crate::data::source::LogSource;
+use crate::localizer::process::Ended;
+use crate::localizer::program::{FAILED_RUNS, Programs, failed_run};
 use crate::measure::{MapMeasure, OfDimension};
 use crate::recipe::run::RunRecipe;
 use crate::store::identity::{Build, Identity};
@@ -86,7 +88,7 @@ pub fn run_study(
     create_folder(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     if fresh {
         let files = [MANIFEST, STUDY, TRIALS, TIMINGS, FAILURES, SUMMARY, TESTS];
-        forget(folder, &files, &[PARTS, SHOWN, FIGURES])?;
+        forget(folder, &files, &[PARTS, SHOWN, FIGURES, FAILED_RUNS])?;
     }
     remove_leftovers(folder);
     for subfolder in [PARTS, SHOWN, FIGURES] {
@@ -114,10 +116,14 @@ pub fn run_study(
     let shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
     drop(parts);
     let mut part = OwnPart::new(folder, &identity);
+    let programs = Programs::new(folder, study.folder.as_deref());
+    let work =
+        Work { study, data, tasks: &tasks, programs: &programs, shown: &shown, costs: &costs };
     let failed = match identity.data.dimensions {
-        3 => run_tasks::<3>(study, data, &tasks, &shown, &costs, &mut part, &mut see)?,
-        _ => run_tasks::<2>(study, data, &tasks, &shown, &costs, &mut part, &mut see)?,
+        3 => run_tasks::<3>(&work, &mut part, &mut see)?,
+        _ => run_tasks::<2>(&work, &mut part, &mut see)?,
     };
+    programs.end();
 
     // Somebody may have begun another study there, or the folder anew.
     let is_ours = |file: &str, text: &str| {
@@ -135,7 +141,7 @@ pub fn run_study(
     let results = Results::of(folder, name, study.clone(), identity.data.clone(), &parts)?;
     save_table(&folder.join(TRIALS), &results.table)?;
     save_table(&folder.join(TIMINGS), &timings(&parts, &plan.trials))?;
-    save_table(&folder.join(FAILURES), &failures(&failed))?;
+    save_table(&folder.join(FAILURES), &failures(&failed, study, &plan.trials, &parts)?)?;
     if results.table.is_empty() {
         // Those of rows that the study asked for before.
         forget(folder, &[SUMMARY, TESTS], &[FIGURES])?;
@@ -199,12 +205,19 @@ fn add_pictured(
     missing
 }
 
+/// What is to be run, and what for.
+struct Work<'w> {
+    study: &'w Study,
+    data: &'w StudyData,
+    tasks: &'w [Task],
+    programs: &'w Programs,
+    /// What pictures show, by the identity of its row.
+    shown: &'w HashMap<String, Shown>,
+    costs: &'w Costs,
+}
+
 fn run_tasks<const D: usize>(
-    study: &Study,
-    data: &StudyData,
-    tasks: &[Task],
-    shown: &HashMap<String, Shown>,
-    costs: &Costs,
+    work: &Work<'_>,
     part: &mut OwnPart<'_>,
     see: &mut impl FnMut(Event<'_>),
 ) -> Result<Vec<FailedTrial>>
@@ -212,6 +225,7 @@ where
     Division<D>: Dimension<D>,
     MapMeasure: OfDimension<D>,
 {
+    let &Work { study, data, tasks, programs, shown, costs } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
     let compute = |task: &Task| -> Result<Saved> {
         let mut watch = Stopwatch::start();
@@ -224,7 +238,8 @@ where
         for shown in task.identities.iter().filter_map(|identity| shown.get(identity)) {
             save_map(&shown.map, &maps, &task.trial)?;
         }
-        let rows = run_trial(&task.trial, &maps, data, &study.measures, &mut watch, show_run)?;
+        let rows =
+            run_trial(&task.trial, &maps, data, &study.measures, programs, &mut watch, show_run)?;
         let rows: Vec<(String, Cells)> = task.identities.iter().cloned().zip(rows).collect();
         Ok(Saved::new(task.trial.to_string(), rows, watch.into_laps()))
     };
@@ -284,17 +299,20 @@ fn save_paths(
     log: &LogSource,
     tracked: &TrackedRun,
 ) -> Result<()> {
-    let path = |poses: &mut dyn Iterator<Item = Pose2>| -> Trajectory {
+    let path = |poses: &mut dyn Iterator<Item = Option<Pose2>>| -> Trajectory {
         // TUM files need a time for every pose; without stamps the scan's number serves.
         let stamp = |scan: usize| {
             let number = Stamp::from_nanoseconds(scan as i64 * 1_000_000_000);
             log.recording.scans[scan].stamp.unwrap_or(number)
         };
-        tracked.scans.iter().zip(poses).map(|(&scan, pose)| (stamp(scan), pose)).collect()
+        let poses = tracked.scans.iter().zip(poses);
+        poses.filter_map(|(&scan, pose)| Some((stamp(scan), pose?))).collect()
     };
-    tum::write_file(reference, &path(&mut tracked.reference.iter().copied()))?;
-    let estimates = &tracked.run.map_from_laser;
-    Ok(tum::write_file(estimate, &path(&mut estimates.iter().copied()))?)
+    // Both at the same scans: a program may have no estimate at some.
+    let pairs = tracked.reference.iter().zip(&tracked.map_from_laser);
+    tum::write_file(reference, &path(&mut pairs.map(|(pose, found)| found.map(|_| *pose))))?;
+    let estimates = tracked.map_from_laser.iter().copied();
+    Ok(tum::write_file(estimate, &path(&mut { estimates }))?)
 }
 
 /// Processor times of the trials of a plan, the last of each.
@@ -313,12 +331,28 @@ fn timings(parts: &Parts, trials: &[Trial]) -> Table {
     table
 }
 
-fn failures(failed: &[FailedTrial]) -> Table {
+/// The trials that failed, and the runs of programs that did not come to a good end, which have rows.
+fn failures(
+    failed: &[FailedTrial],
+    study: &Study,
+    trials: &[Trial],
+    parts: &Parts,
+) -> Result<Table> {
     let mut table = Table::new(["trial", "reason"]);
     for FailedTrial { trial, reason } in failed {
         table.push(vec![trial.as_str().into(), reason.as_str().into()]);
     }
-    table
+    for trial in trials.iter().filter(|trial| trial.runs.iter().any(|run| run.program().is_some()))
+    {
+        for (run, identity) in trial.runs.iter().zip(trial.identities(&study.measures)?) {
+            let ended = parts.ended(&identity).filter(|ended| *ended != Ended::Ok.to_string());
+            if let Some(ended) = ended {
+                let reason = format!("{ended} ({FAILED_RUNS}/{})", failed_run(&identity));
+                table.push(vec![format!("{trial} {run}").into(), reason.into()]);
+            }
+        }
+    }
+    Ok(table)
 }
 
 /// Removes files and folders that earlier runs left.

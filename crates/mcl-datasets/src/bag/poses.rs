@@ -23,7 +23,7 @@ pub struct PoseRequest<'a> {
     /// What the poses are wanted for.
     pub role: PoseRole,
     /// The frame that the poses shall be in, if the bag's transforms lead there. Poses of a pair of frames stay in
-    /// its first.
+    /// its first, and odometry in its own frame: carried into the map's, it would be what a localizer made of it.
     pub into: Option<&'a str>,
 }
 
@@ -125,8 +125,10 @@ pub(crate) fn poses(
         }
     };
     let mut carried_from = None;
-    if let (PosesAt::Topic(_), Some(into), Some(from)) = (place, request.into, parent.as_deref())
+    let is_odometry = |name: &str| content.names(&[Kind::Odometry]).contains(&name);
+    if let (PosesAt::Topic(name), Some(into), Some(from)) = (place, request.into, parent.as_deref())
         && into != from
+        && !is_odometry(name)
         && let Some(link) = tree.link(into, from)
     {
         let before = samples.len();

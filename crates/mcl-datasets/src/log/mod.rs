@@ -31,4 +31,5 @@ pub use options::{
     LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, ReferenceTrack, TopicChoice,
 };
 pub use plane::{PoseInSpace, out_of_plane};
+pub use reference::poses_at;
 pub use report::{Place, ReadReport, SkippedRecord};

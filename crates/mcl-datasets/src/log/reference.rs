@@ -1,11 +1,13 @@
 //! A reference from elsewhere for a log whose own poses stand beside its scans.
 
-use mcl_core::Pose2;
+use std::collections::BTreeMap;
+
 use mcl_core::text::counted;
+use mcl_core::{Pose2, Stamp, Trajectory};
 
 use crate::bag::moment::Moment;
 use crate::bag::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
-use crate::bag::track::PoseTrack;
+use crate::bag::track::{Occurrence, Placed, PoseTrack};
 use crate::log::content::Log;
 use crate::log::options::{ReadOptions, ReferenceTrack};
 
@@ -14,6 +16,20 @@ const REFERENCE: &str = "reference";
 const LASER: &str = "laser";
 /// Names of the robot, and what its frame is usually called.
 const ROBOT: [&str; 3] = ["robot", "base_link", "base_footprint"];
+
+/// The pose of a trajectory at each stamp: that of the same stamp, of several the last; else between the two neighbours,
+/// on the line between the positions and on the shorter arc between the headings. Nothing is extrapolated, nor
+/// interpolated over more than five usual intervals of the trajectory (and 0.2 s).
+pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>> {
+    let last: BTreeMap<Moment, Pose2> =
+        trajectory.iter().map(|(stamp, pose)| (Moment::only(stamp), pose)).collect();
+    let track = PoseTrack::new(last.into_iter().collect(), None);
+    let pose = |&stamp: &Stamp| match track.as_ref()?.at(Moment::only(stamp), Occurrence::ONLY) {
+        Placed::At(pose) => Some(pose),
+        Placed::Outside | Placed::InGap(_) | Placed::Unclear => None,
+    };
+    stamps.iter().map(pose).collect()
+}
 
 /// Takes the reference poses of a log's scans from a track, at their stamps.
 pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptions) {

@@ -6,7 +6,7 @@ mod read;
 use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, TimeOffset, Whose};
 pub use localize::{Initial, LocalizeArgs};
@@ -59,6 +59,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Run a study; an interrupted run goes on where it stopped.
     Run(RunArgs),
+    /// Write what a study gives a localizer of others in a run, and run nothing.
+    Export(ExportArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
     /// Whether results that were computed again are those of an earlier run.
@@ -182,6 +184,66 @@ pub struct RunArgs {
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "DIR/run-K/ holds the log with scans and the run's odometry (no reference poses), the map, \
+    start.json and run.json, which describes all of it; DIR/run-K.tum the reference poses at the same stamps, to be \
+    compared with by `mcl-eval evaluate --reference`."
+)]
+pub struct ExportArgs {
+    /// The study.
+    #[arg(value_name = "STUDY.toml")]
+    pub study: PathBuf,
+    /// Data set or log [default: the only one that the study lists].
+    #[arg(long, value_name = "NAME|PATH")]
+    pub dataset: Option<String>,
+    /// Readings beyond this many metres are not used [default: the data set's, else 10].
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    pub max_range: Option<f64>,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    /// Number of a run in the list of --list, from 1; may be given several times.
+    #[arg(long = "run", value_name = "K")]
+    pub runs: Vec<usize>,
+    /// List the runs with their numbers, and write none.
+    #[arg(long, conflicts_with_all = ["runs", "output"])]
+    pub list: bool,
+    /// Format of the log [default: that of the run's localizer, else mcap].
+    #[arg(long, value_name = "FORMAT")]
+    pub log: Option<ExportLog>,
+    /// Format of the map; grid is one of map_server [default: that of the run's localizer, else csv].
+    #[arg(long, value_name = "FORMAT")]
+    pub map: Option<ExportMap>,
+    /// Edge of the cells of a grid made of a map of points, in metres [default: that of the run's localizer, else
+    /// 0.05].
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    pub resolution: Option<f64>,
+    /// The folder to write into.
+    #[arg(long, short, value_name = "DIR", required_unless_present = "list")]
+    pub output: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Formats of a log that is exported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ExportLog {
+    Mcap,
+    Bag,
+    Db3,
+    Carmen,
+}
+
+/// Formats of a map that is exported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ExportMap {
+    Csv,
+    Ply,
+    Pcd,
+    Grid,
 }
 
 #[derive(Debug, Args)]

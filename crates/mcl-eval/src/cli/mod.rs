@@ -7,6 +7,7 @@ mod convert;
 mod datasets;
 mod errors;
 mod evaluate;
+mod export;
 mod grid;
 mod inspect;
 mod likelihood;
@@ -71,6 +72,7 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Localize(args) => localize::run(&args, &cli.global),
         Command::Evaluate(args) => evaluate::run(&args, &cli.global),
         Command::Run(args) => run::run(&args, &cli.global),
+        Command::Export(args) => export::run(&args, &cli.global),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Compare(args) => compare::run(&args),
         Command::Claims(args) => claims::run(&args),

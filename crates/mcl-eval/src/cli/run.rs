@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
@@ -7,10 +8,14 @@ use mcl_datasets::registry::{Registry, Source, is_plain_name};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::{DataSource, name_of};
+use mcl_study::localizer::process;
+use mcl_study::localizer::program::commands;
+use mcl_study::measure::program::ENDED;
+use mcl_study::recipe::localizer::LOCALIZER;
 use mcl_study::run::{Event, Ran, run_study};
 use mcl_study::store::identity::{Build, Identity};
 use mcl_study::store::parts::Parts;
-use mcl_study::store::results::Results;
+use mcl_study::store::results::{FAILURES, Results};
 use mcl_study::study::definition::Study;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::division::StudyData;
@@ -74,6 +79,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             names[at]
         );
     }
+    tell_programs(&study);
     end_on_interrupt(&args.output)?;
     let mut complete = true;
     let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
@@ -192,11 +198,12 @@ fn run_on(
     if done < asked {
         tell!("{dataset}: {done} of {asked} trials have rows; the same command runs the others");
     }
+    tell_failed_runs(&ran.results);
     figures::write(&ran.results)?;
     Ok(ran)
 }
 
-/// What would be run, and what it would cost.
+/// What would be run, and what it would cost. Of programs of others nobody knows that.
 fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Result<Outcome> {
     let mut listed = Vec::new();
     let mut measured = false;
@@ -248,18 +255,69 @@ fn is_of_files(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| cause.is::<std::io::Error>())
 }
 
-/// Ends the program on Ctrl-C, but not while a file is written.
+/// Ends the program on Ctrl-C or SIGTERM, with the programs that it runs, but not while a file is written.
 fn end_on_interrupt(output: &Path) -> Result<()> {
     let output = output.display().to_string();
-    ctrlc::set_handler(move || {
+    let end = move |code: i32| {
+        process::end_all();
         let _held = hold();
         tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
              goes on from there"
         );
-        std::process::exit(INTERRUPTED);
-    })
-    .context("cannot listen to Ctrl-C")
+        std::process::exit(code);
+    };
+    #[cfg(unix)]
+    end_on_termination(end.clone())?;
+    ctrlc::set_handler(move || end(INTERRUPTED)).context("cannot listen to Ctrl-C")
+}
+
+/// The same on SIGTERM, which would leave programs behind.
+#[cfg(unix)]
+fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
+    use signal_hook::{consts::SIGTERM, iterator::Signals};
+    let mut signals = Signals::new([SIGTERM]).context("cannot listen to SIGTERM")?;
+    let listen = move || signals.forever().for_each(|signal| end(128 + signal));
+    std::thread::Builder::new().spawn(listen).context("cannot listen to SIGTERM")?;
+    Ok(())
+}
+
+/// Says which programs a study runs, before it does.
+fn tell_programs(study: &Study) {
+    let programs = commands(study.programs());
+    if !programs.is_empty() {
+        tell!(
+            "this study runs programs, as the user who runs mcl-eval and with all that this user may do:"
+        );
+    }
+    for (name, command) in programs {
+        tell!("  {}: {}", printable(name), printable(&command));
+    }
+}
+
+/// Says how many runs of programs did not come to a good end. Their rows say how each did.
+fn tell_failed_runs(results: &Results) {
+    let mut failed: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
+    for row in results.table.rows() {
+        let (name, ended) = (row.text(LOCALIZER), row.text(ENDED));
+        *runs.entry(name).or_default() += 1;
+        if !matches!(ended, "" | "ok") {
+            *failed.entry(name).or_default().entry(ended).or_default() += 1;
+        }
+    }
+    for (name, reasons) in failed {
+        let sum: usize = reasons.values().sum();
+        let reasons: Vec<String> =
+            reasons.iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
+        tell!(
+            "note: {}: {sum} of {} runs of {} failed ({}); {FAILURES} says where what they wrote to stderr is",
+            printable(&results.facts.name),
+            runs[name],
+            printable(name),
+            printable(&reasons.join(", "))
+        );
+    }
 }
 
 /// The data sets of the study that are at hand; says how to get the others.

@@ -10,7 +10,7 @@ use mcl_figures::{
     CurvePanel, CurvePoint, CurveStyle, Dash, draw_clouds, draw_curves,
 };
 use mcl_maps::files::read_map;
-use mcl_metrics::tum::{NonPlanar, read_file};
+use mcl_metrics::tum::{NonPlanar, TumError, read_file};
 use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
 use mcl_study::recipe::split::Split;
 use mcl_study::store::results::{Pictured, Results};
@@ -107,7 +107,11 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
     for shown in maps {
         let [reference, estimate] =
             shown.paths.as_ref().context("a run has paths")?.each_ref().map(|file| read(file));
-        let errors = pose_errors(reference?.poses(), estimate?.poses())?;
+        let (reference, estimate) = (reference?, estimate?);
+        let errors = match estimate.is_empty() {
+            true => Vec::new(),
+            false => pose_errors(reference.poses(), estimate.poses())?,
+        };
         curves.push((described(shown), errors));
     }
     let weighted = WeightedPoseError::default();
@@ -223,5 +227,9 @@ fn name(shown: &Pictured) -> &str {
 }
 
 fn read(path: &Path) -> Result<Trajectory> {
-    Ok(read_file(path, NonPlanar::Refuse)?.trajectory)
+    match read_file(path, NonPlanar::Refuse) {
+        // Of a program that has estimated nothing.
+        Err(TumError::Empty { .. }) => Ok(Trajectory::default()),
+        found => Ok(found?.trajectory),
+    }
 }

@@ -80,6 +80,8 @@ pub struct TrajectoryFile {
     pub repeated_stamps: usize,
     /// What a user should be told, a sentence each.
     pub notes: Vec<String>,
+    /// What makes the file's content doubtful, a sentence each.
+    pub doubts: Vec<String>,
 }
 
 /// Whether a file is one of trajectories by its first line that is no comment, which begins with a number or has names
@@ -154,12 +156,13 @@ struct Found {
 
 impl Found {
     fn finish(self) -> TrajectoryFile {
-        let Found { trajectory, format, has_headings, mut notes } = self;
+        let Found { trajectory, format, has_headings, notes } = self;
+        let mut doubts = Vec::new();
         let count = |is: fn(&[mcl_core::Stamp]) -> bool| {
             trajectory.stamps().windows(2).filter(|pair| is(pair)).count()
         };
         if has_headings && is_fixed_on_a_turning_path(trajectory.poses()) {
-            notes.push(
+            doubts.push(
                 "all headings are the same on a path that turns: the file may hold positions only (evaluate \
                  --positions)"
                     .to_owned(),
@@ -171,6 +174,7 @@ impl Found {
             backward_stamps: count(|pair| pair[1] < pair[0]),
             repeated_stamps: count(|pair| pair[1] == pair[0]),
             notes,
+            doubts,
             trajectory,
         }
     }

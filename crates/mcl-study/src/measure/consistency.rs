@@ -92,7 +92,7 @@ pub fn scan_nees(reference: &Pose2, report: &StepReport, laser_from_robot: &Pose
 fn measure(context: &RunContext<'_>) -> Result<Vec<Value>> {
     let RunContext { tracked, laser_from_robot, .. } = context;
     let mut tally = Tally::default();
-    for (reference, report) in tracked.reference.iter().zip(&tracked.run.reports) {
+    for (reference, report) in tracked.reference.iter().zip(tracked.reports()) {
         tally.add(report, scan_nees(reference, report, laser_from_robot));
     }
     let Consistency { nees, median_nees, inside_95, log_evidence, explained_beams } =

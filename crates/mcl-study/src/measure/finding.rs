@@ -1,7 +1,7 @@
 //! Whether, and how soon, a robot was found.
 
 use anyhow::Result;
-use mcl_metrics::{LossSettings, PoseError, found_for_good};
+use mcl_metrics::{LossSettings, found_for_good};
 
 use super::{RunContext, RunMeasure};
 use crate::table::Value;
@@ -29,7 +29,7 @@ pub const FINDING: RunMeasure = RunMeasure {
 
 fn measure(context: &RunContext<'_>) -> Result<Vec<Value>> {
     let tracked = context.tracked;
-    let errors: Vec<f64> = tracked.errors.iter().map(PoseError::translation).collect();
+    let errors = tracked.translations();
     let (before, after) = match tracked.carried_off {
         Some(scan) => (&errors[..scan], Some(&errors[scan..])),
         None => (&errors[..], None),

@@ -9,6 +9,7 @@ pub mod criteria;
 pub mod finding;
 pub mod likelihood;
 pub mod particles;
+pub mod program;
 pub mod size;
 pub mod tracking;
 

@@ -7,6 +7,7 @@
 pub mod criterion;
 pub mod disturbance;
 pub mod kind;
+pub mod localizer;
 pub mod map;
 pub mod run;
 pub mod split;

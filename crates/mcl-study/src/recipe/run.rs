@@ -1,18 +1,22 @@
 //! How a robot is localized on a map.
 
 use std::fmt;
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use mcl_filter::{FilterSettings, InitialPose, OdometryNoise, Preset, Recovery};
 use serde_json::Value as Json;
 
 use crate::recipe::disturbance::{Disturbance, Start};
+use crate::recipe::localizer::{LOCALIZER, Localizer, Program};
 use crate::table::{Cells, Value};
 
 /// How a robot is localized on a map. Noise belongs to data set, split and run, never to map or
 /// filter, so that everything is compared in pairs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecipe {
+    /// What localizes; `None` in a study without programs of others, where the own filter does.
+    pub localizer: Option<Localizer>,
     /// The set of settings that the study started from.
     pub preset: Preset,
     /// The particle filter. Its `max_range` is the data set's.
@@ -31,6 +35,9 @@ pub struct RunRecipe {
 
 /// The setting that is the data set's and not a run's.
 const OF_DATASET: &str = "max_range";
+
+/// The setting of the filter that says how much is known of the start, which programs are told, too.
+const START: &str = "initial_pose";
 
 impl RunRecipe {
     /// What the run depends on, as JSON.
@@ -52,6 +59,16 @@ impl RunRecipe {
             "odometry_noise": self.odometry_noise,
             "run": self.run,
         });
+        // Settings of the own filter are none of a program, but both start alike. That the own filter is meant
+        // where there are programs makes no other run of it.
+        if let (Some(Localizer::Program(program)), Some(run)) =
+            (&self.localizer, json.as_object_mut())
+        {
+            run.remove("preset");
+            run.remove("filter");
+            run.insert(LOCALIZER.to_owned(), serde_json::to_value(&**program)?);
+            run.insert(START.to_owned(), serde_json::to_value(self.filter.initial_pose)?);
+        }
         // A run over the whole log without disturbance is what it is where there is nothing else.
         if self.start != Start::First {
             json["start"] = serde_json::to_value(self.start)?;
@@ -67,14 +84,19 @@ impl RunRecipe {
 
     /// The columns of a row that say how the robot was localized: the preset, and every setting of the
     /// filter, those of several parts flat (`alpha1`, `initial_pose_std_x`). They are the same whatever the
-    /// settings: parts that a setting does not have are empty, and one that is there or not (`recover`) has a column
+    /// settings, with the localizer before them in studies that have several: settings that do not count for a
+    /// program and parts that a setting does not have are empty, and one that is there or not (`recover`) has a column
     /// of yes and no beside those of its parts.
     ///
     /// # Errors
     /// When a setting cannot be written as JSON.
     pub fn cells(&self) -> Result<Cells> {
         let mut cells = Vec::new();
-        let json = self.to_json()?;
+        if let Some(localizer) = &self.localizer {
+            cells.push((LOCALIZER.to_owned(), localizer.name().into()));
+        }
+        let first = cells.len();
+        let json = RunRecipe { localizer: None, ..self.clone() }.to_json()?;
         flatten("preset", &json["preset"], &mut cells);
         let [without, with] = shapes()?;
         for (name, shape) in with.as_object().into_iter().flatten() {
@@ -83,6 +105,12 @@ impl RunRecipe {
                 cells.push((name.clone(), (!setting.is_null()).into()));
             }
             flatten_as(shape, name, setting, &mut cells);
+        }
+        if let Some(Localizer::Program(_)) = self.localizer {
+            for (_, value) in cells[first..].iter_mut().filter(|(name, _)| !name.starts_with(START))
+            {
+                *value = Value::Empty;
+            }
         }
         flatten("noise", &json["odometry_noise"], &mut cells);
         cells.push(("start".to_owned(), self.start.name().into()));
@@ -122,6 +150,14 @@ impl RunRecipe {
         let defaults = serde_json::to_value(FilterSettings::default())?;
         let names = defaults.as_object().into_iter().flatten().map(|(name, _)| name.clone());
         Ok(names.filter(|name| name != OF_DATASET).collect())
+    }
+
+    /// The program that localizes, if it is not the own filter.
+    pub fn program(&self) -> Option<&Arc<Program>> {
+        match &self.localizer {
+            Some(Localizer::Program(program)) => Some(program),
+            Some(Localizer::Own) | None => None,
+        }
     }
 }
 
@@ -188,9 +224,12 @@ fn flatten(name: &str, json: &Json, cells: &mut Cells) {
     }
 }
 
-/// "run 3".
+/// "run 3", "amcl run 3".
 impl fmt::Display for RunRecipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(localizer) = &self.localizer {
+            write!(f, "{} ", localizer.name())?;
+        }
         write!(f, "run {}", self.run)
     }
 }
@@ -225,6 +264,7 @@ mod tests {
 
     fn plain() -> RunRecipe {
         RunRecipe {
+            localizer: None,
             preset: Preset::Default,
             filter: FilterSettings::default(),
             odometry_noise: OdometryNoise::default(),
@@ -283,5 +323,10 @@ mod tests {
         run.disturbance.lost_beams = Some(0.1);
         assert_eq!(names(&run)[..2], ["disturbance", "filter"]);
         assert_eq!(names(&run).len(), 7);
+        // Programs beside the own filter make no other run of it, but another column.
+        let own = RunRecipe { localizer: Some(Localizer::Own), ..run.clone() };
+        assert_eq!(own.to_json().unwrap(), run.to_json().unwrap());
+        let [own, run] = [own, run].map(|run| run.cells().unwrap());
+        assert_eq!((own[0].0.as_str(), &own[1..]), (LOCALIZER, &run[..]));
     }
 }

@@ -11,6 +11,8 @@ use anyhow::{Context, Result, bail};
 use mcl_core::files::{Journal, JournalLine, create_folder, journal_lines, journals};
 use serde::{Deserialize, Serialize};
 
+use crate::measure::program::{ENDED, MEASURED_ANEW};
+use crate::recipe::localizer::{LOCALIZER, OWN};
 use crate::recipe::{DIGITS, digest};
 use crate::store::identity::Identity;
 use crate::table::{Cells, Value};
@@ -230,7 +232,11 @@ impl Parts {
                     if kept.columns == columns && kept.values == values {
                         continue;
                     }
+                    let is_same = kept.columns == columns;
                     let columns = &self.columns[columns];
+                    if is_same && may_differ(columns, &kept.values, &values) {
+                        continue;
+                    }
                     let differs = columns.iter().zip(kept.values.iter().zip(&values));
                     let first = differs.into_iter().find(|(_, (a, b))| a != b);
                     let (column, a, b) = first.map_or(
@@ -251,6 +257,12 @@ impl Parts {
         Ok(())
     }
 
+    /// How the localizer of a row ended, where the row says so.
+    pub fn ended(&self, identity: &str) -> Option<&str> {
+        let ended = |(column, value)| if column == ENDED { Value::text(value) } else { None };
+        self.row(identity)?.find_map(ended)
+    }
+
     /// Whether there is a row.
     pub fn has(&self, identity: &str) -> bool {
         self.rows.contains_key(identity)
@@ -261,6 +273,16 @@ impl Parts {
         let row = self.rows.get(identity)?;
         Some(self.columns[row.columns].iter().map(String::as_str).zip(&row.values))
     }
+}
+
+/// Whether two rows of one identity may be what they are: times and memory differ whenever they are measured, and a
+/// program of others may differ in all that comes of it. Then the first one counts.
+fn may_differ(columns: &[String], kept: &[Value], values: &[Value]) -> bool {
+    let place = columns.iter().position(|column| column == LOCALIZER);
+    let localizer = place.and_then(|place| kept[place].text());
+    let is_program = localizer.is_some_and(|name| name != OWN);
+    let mut cells = columns.iter().zip(kept.iter().zip(values));
+    is_program || cells.all(|(column, (a, b))| a == b || MEASURED_ANEW.contains(&column.as_str()))
 }
 
 /// Whether a result folder has files of rows. Those committed with the program have not.

@@ -3,7 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Error, Result, anyhow, bail};
 use mcl_core::{files::open, math};
@@ -11,14 +12,17 @@ use mcl_datasets::registry::is_plain_name;
 use mcl_maps::Refinement;
 use serde::Deserialize;
 use serde_json::Value as Json;
+use sha2::{Digest, Sha256};
 use toml::Spanned;
 
 use crate::measure::Measures;
+use crate::measure::program::PROGRAM;
+use crate::recipe::localizer::{LOCALIZER, OWN, Program, ProgramTable};
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
 use crate::study::check::{Known, check, line_at, line_of};
-use crate::study::factors::{Draft, is_factor, is_list};
+use crate::study::factors::{Definitions, Draft, is_factor, is_list};
 use crate::study::plan::Plan;
 use crate::study::views::Views;
 use crate::trial::run::Trial;
@@ -46,8 +50,10 @@ pub struct Study {
     pub views: Views,
     /// The data sets to run on, as far as they are at hand.
     pub datasets: Vec<ListedDataset>,
+    /// Folder of its file, where it was read from one: beside it lie the files that programs read.
+    pub folder: Option<PathBuf>,
     base: Factors,
-    named: Vec<(String, Refinement)>,
+    defined: Definitions,
     entries: Vec<Entry>,
 }
 
@@ -90,6 +96,11 @@ struct File {
     #[serde(default)]
     refinement: BTreeMap<String, Refinement>,
     #[serde(default)]
+    localizer: BTreeMap<Spanned<String>, ProgramTable>,
+    /// SHA-256 of the files that programs read.
+    #[serde(default)]
+    digests: BTreeMap<String, String>,
+    #[serde(default)]
     trials: Vec<Keys>,
     #[serde(default)]
     views: Views,
@@ -125,7 +136,13 @@ impl Study {
             Ok(String::from_utf8(text)?)
         };
         let text = read().with_context(|| format!("cannot read study {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("in study {}", path.display()))
+        let here = || format!("in study {}", path.display());
+        let study = Self::parse(&text).with_context(here)?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        let folder = std::path::absolute(folder).with_context(here)?;
+        let pinned = study.pinned(&folder).with_context(here)?;
+        Ok(Study { folder: Some(folder), ..pinned })
     }
 
     /// Parses and checks the text of a study.
@@ -142,8 +159,21 @@ impl Study {
         let names = file.measures.as_ref();
         let measures = Measures::of(names.map_or(&[], |names| names.get_ref()));
         let start = names.map_or(0, |names| names.span().start);
-        let measures = measures.map_err(|message| source.mistake(start, "measures", &message))?;
-        let named: Vec<(String, Refinement)> = file.refinement.into_iter().collect();
+        let mut measures =
+            measures.map_err(|message| source.mistake(start, "measures", &message))?;
+        let program = |(name, table): (Spanned<String>, ProgramTable)| {
+            let place = |key: &str| format!("{LOCALIZER}.{}.{key}", name.get_ref());
+            let checked = table.checked(&name, &file.digests);
+            checked
+                .map(Arc::new)
+                .map_err(|(span, key, message)| source.mistake(span.start, &place(key), &message))
+        };
+        let programs = file.localizer.into_iter().map(program).collect::<Result<Vec<_>>>()?;
+        if !programs.is_empty() {
+            measures.of_runs.push(&PROGRAM);
+        }
+        let refinements = file.refinement.into_iter().collect();
+        let defined = Definitions { refinements, programs };
         let mut datasets: Vec<ListedDataset> = Vec::new();
         for dataset in file.datasets {
             let line = source.line(dataset.span().start);
@@ -170,7 +200,8 @@ impl Study {
         let base = source.base(file.base)?;
         let seed = file.seed;
         let (text, views) = (text.to_owned(), file.views);
-        let study = Study { text, seed, measures, views, datasets, base, named, entries };
+        let folder = None;
+        let study = Study { text, seed, measures, views, datasets, folder, base, defined, entries };
         let mut named = study.entries.iter().flat_map(|e| e.datasets.iter().map(move |d| (e, d)));
         if let Some((entry, name)) = named.find(|(_, name)| study.listed(name).is_none()) {
             let line = entry.line;
@@ -181,6 +212,46 @@ impl Study {
         let plans = names.iter().map(|name| study.plan(name)).collect::<Result<Vec<_>>>()?;
         study.check_views(&names, &plans)?;
         Ok(study)
+    }
+
+    /// The programs that localize.
+    pub fn programs(&self) -> &[Arc<Program>] {
+        &self.defined.programs
+    }
+
+    /// The same study with the digests of the files that its programs read, which lie below `folder`, at the end of
+    /// its text: whoever reads the text knows what its rows depend on. Digests that stand there already are held
+    /// against the files.
+    fn pinned(self, folder: &Path) -> Result<Self> {
+        let mut missing = BTreeMap::new();
+        for (file, known) in self.programs().iter().flat_map(|program| &program.files) {
+            let path = folder.join(file);
+            let found =
+                sha256_of(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            if known.is_empty() {
+                missing.insert(file, found);
+            } else if *known != found {
+                bail!(
+                    "{} is not the file that [digests] names: its SHA-256 is {found}, expected {known}",
+                    path.display()
+                );
+            }
+        }
+        if missing.is_empty() {
+            return Ok(self);
+        }
+        let mut document = self.text.clone();
+        if !document.ends_with('\n') {
+            document.push('\n');
+        }
+        let has_some = toml::from_str::<toml::Table>(&document)?.contains_key("digests");
+        if has_some {
+            let names: Vec<&str> = missing.keys().map(|file| file.as_str()).collect();
+            bail!("[digests] names some files of the programs, but not {}", names.join(", "));
+        }
+        document
+            .push_str(&format!("\n{}", toml::to_string(&BTreeMap::from([("digests", missing)]))?));
+        Self::parse(&document)
     }
 
     /// The data set as the study lists it, if it does.
@@ -241,6 +312,7 @@ impl Study {
     /// The recipe of a data set with the values of `[base]`.
     fn draft(&self, dataset: &str) -> Result<Draft> {
         let mut draft = Draft::new(dataset, self.seed).map_err(Error::msg)?;
+        draft.set(LOCALIZER, &OWN.into(), &self.defined).map_err(Error::msg)?;
         let own = self.listed(dataset).map(|listed| &listed.base);
         for (key, (values, line)) in self.base.iter().chain(own.into_iter().flatten()) {
             for value in values {
@@ -252,7 +324,7 @@ impl Study {
 
     fn set(&self, draft: &mut Draft, key: &str, value: &Json, line: usize) -> Result<()> {
         draft
-            .set(key, value, &self.named)
+            .set(key, value, &self.defined)
             .map_err(|message| anyhow!("line {line}: {key}: {message}"))
     }
 
@@ -282,7 +354,7 @@ impl Study {
         let mut draft = self.draft(dataset)?;
         for (key, value) in map {
             let value = serde_json::to_value(value)?;
-            draft.set(key, &value, &self.named).map_err(|m| anyhow!("{key}: {m}"))?;
+            draft.set(key, &value, &self.defined).map_err(|m| anyhow!("{key}: {m}"))?;
         }
         let (mut map, recipe) = draft.finish().map_err(Error::msg)?;
         let runs = run.map(|run| RunRecipe { run, ..recipe });
@@ -333,6 +405,20 @@ impl Entry {
     }
 }
 
+/// SHA-256 of a file, in hexadecimal digits.
+fn sha256_of(path: &Path) -> Result<String> {
+    let mut digest = Sha256::new();
+    let mut file = open(path)?;
+    let mut bytes = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut bytes)? {
+            0 => break,
+            count => digest.update(&bytes[..count]),
+        }
+    }
+    Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
 /// The text of a file, to say where in it something stands.
 struct Source<'a>(&'a str);
 
@@ -370,7 +456,7 @@ impl Source<'_> {
                 true => listed(&key, value.into_inner()),
                 // Setting it says what there is.
                 false => Draft::new("", 0)
-                    .and_then(|mut draft| draft.set(&key, &Json::Null, &[]))
+                    .and_then(|mut draft| draft.set(&key, &Json::Null, &Definitions::default()))
                     .map(|()| Vec::new()),
             };
             let values = values
@@ -484,151 +570,4 @@ fn toml_error(text: &str, error: &toml::de::Error) -> Error {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SMALL: &str = r#"
-seed = 1
-measures = ["likelihood"]
-[base]
-sigma = 0.05
-[[trials]]
-map = ["gbs", "gbs+f-km", "all"]
-size = [1, 2]
-draws = 3
-[[trials]]
-name = "filters"
-map = "rnd"
-size = 1
-sigma_hit = [0.1, 0.2]
-alpha = [[0.1, 0.1, 0.1, 0.1], [0.2, 0.2, 0.2, 0.2]]
-runs = 2
-draws = 2
-[[dataset]]
-name = "a"
-[[dataset.trials]]
-map = "occupancy"
-resolution = { from = 0.1, to = 0.4, factor = 2 }
-[[dataset]]
-name = "b"
-"#;
-
-    #[test]
-    fn trials_are_all_combinations_once() {
-        let study = Study::parse(SMALL).unwrap();
-        let plan = study.plan("b").unwrap();
-        // Two kinds at two sizes, three draws; all points, which nothing is drawn for, once; and two
-        // draws of a random map with two runs under four settings.
-        assert_eq!((plan.trials.len(), plan.rows()), (2 * 2 * 3 + 1 + 2, 2 * 2 * 3 + 1 + 2 * 8));
-        let runs: Vec<u32> = plan.trials[13].runs.iter().map(|run| run.run).collect();
-        assert_eq!(runs, [0, 2, 0, 2, 0, 2, 0, 2]);
-        let identities = plan.identities(&study.measures).unwrap();
-        let distinct: std::collections::HashSet<_> = identities.iter().map(|i| &i.0).collect();
-        assert_eq!(distinct.len(), plan.rows());
-        assert_eq!(identities.iter().filter(|(_, entries)| entries == "filters").count(), 16);
-        let own = study.plan("a").unwrap();
-        let names: Vec<String> = own.trials.iter().map(ToString::to_string).collect();
-        assert_eq!(names[1], "occupancy 0.2 m σ 0.05 m #0");
-        assert_eq!(names.len(), 3);
-    }
-
-    #[test]
-    fn mistakes_are_named_with_their_line() {
-        for (right, wrong, named) in [
-            ("seed = 1", "seed = 1\nsede = 2", "line 3: unknown field `sede`"),
-            ("sigma = 0.05", "sigma = -1", "line 5: sigma: -1"),
-            ("sigma = 0.05", "sigmma = 1", "line 5: base.sigmma"),
-            ("sigma = 0.05", "sigma = [1, 2]", "line 5: base.sigma has 2 values"),
-            ("[1, 2]", "[1, 1]", "line 8: trials.size: 1 is listed twice"),
-            ("[1, 2]", "[1, 200]", "line 8: size: 200"),
-            ("[1, 2]", "[]", "line 8: trials.size: the list is empty"),
-            ("draws = 3", "draws = 0", "line 9: trials.draws is 0"),
-            ("draws = 3", "draws = 999999", "rows, expected at most"),
-            ("\"gbs\"", "\"gsb\"", "line 7: map: \"gsb\""),
-            ("[\"likelihood\"]", "[\"likelyhood\"]", "line 3: measures: \"likelyhood\""),
-            ("name = \"b\"", "name = \"../b\"", "dataset.name is \"../b\""),
-            ("name = \"b\"", "name = \"a\"", "listed twice"),
-            ("factor = 2", "factor = 1", "factor is 1"),
-            ("sigma_hit = [0.1", "sigma_hit = [-0.1", "sigma_hit"),
-            ("size = 1\n", "", "rnd needs size"),
-        ] {
-            let text = SMALL.replacen(right, wrong, 1);
-            assert_ne!(text, SMALL, "{wrong}");
-            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
-            let message = format!("{error:#}");
-            assert!(message.contains(named), "{wrong}: {message}");
-        }
-    }
-
-    /// Every name that a view can get wrong is told with its line, and what there is instead.
-    #[test]
-    fn mistakes_in_views_are_named_with_their_line() {
-        const VIEWS: &str = r#"
-[views.summary]
-columns = ["log_likelihood"]
-kept = ["weighted"]
-[[views.factors]]
-name = "factor"
-x = "map_points"
-y = "log_likelihood"
-than = "gbs"
-[[views.tests]]
-y = "log_likelihood"
-pairs = [["gbs+f-km", "gbs"]]
-[[views.tests]]
-of = "filters"
-y = "weighted"
-column = "alpha"
-pairs = [["(0.1, 0.1, 0.1, 0.1)", "(0.2, 0.2, 0.2, 0.2)"]]
-[[views.charts]]
-name = "chart-{split}"
-x = { column = ["map_points", "size_percent"] }
-y = { column = "factor" }
-curves = ["map"]
-parts = [{ title = "small", sizes = [0, 1] }]
-[[views.charts]]
-name = "settings"
-of = "filters"
-y = { column = "weighted" }
-marks = "diverged"
-[[views.pictures]]
-name = "picture"
-maps = [{ map = "all" }, { map = "gbs", size = 1 }]
-[views.ranking]
-of = ["filters"]
-y = "weighted"
-"#;
-        let right_text = format!("{SMALL}{VIEWS}");
-        let lines = SMALL.lines().count();
-        Study::parse(&right_text).unwrap();
-        for (right, wrong, line, named) in [
-            ("kept = [\"weighted\"]", "kept = [\"wheighted\"]", 4, "views.summary.kept"),
-            ("name = \"factor\"", "name = \"map_points\"", 6, "views.factors.0.name"),
-            ("x = \"map_points\"", "x = \"points\"", 7, "\"points\", expected"),
-            ("hood\"\nthan", "hod\"\nthan", 8, "\"log_likelihod\", expected one of: "),
-            ("than = \"gbs\"", "than = \"gbs+best\"", 9, "no map \"gbs+best\""),
-            ("\"gbs\"]]", "\"rdn\"]]", 12, "\"rdn\", expected one of: all, gbs"),
-            ("of = \"filters\"\ny", "of = \"filter\"\ny", 14, "views.tests.1.of"),
-            ("column = \"alpha\"", "column = \"beta\"", 16, "no setting \"beta\""),
-            ("(0.2, 0.2, 0.2, 0.2)", "0.2", 17, "(0.1, 0.1, 0.1, 0.1)"),
-            ("{split}", "{spilt}", 19, "no setting \"spilt\""),
-            ("chart-{split}", "../{split}", 19, "no name of a file"),
-            ("\"size_percent\"]", "\"size\"]", 20, "views.charts.0.x.column"),
-            ("column = \"factor\"", "column = \"size_percent\"", 21, "views.charts.0.y.column"),
-            ("curves = [\"map\"]", "curves = [\"weighted\"]", 22, "no setting"),
-            ("sizes = [0, 1]", "sizes = [1, 0]", 23, "the smaller first"),
-            ("name = \"settings\"", "name = \"chart-{split}\"", 25, "used twice"),
-            ("marks = \"diverged\"", "marks = \"divergd\"", 28, "views.charts.1.marks"),
-            ("name = \"picture\"", "name = \"settings\"", 30, "used twice"),
-            ("{ map = \"gbs\", size = 1 }", "{ map = \"gbs\" }", 31, "needs size"),
-            ("of = [\"filters\"]", "of = [\"a\"]", 33, "views.ranking.of"),
-        ] {
-            let text = right_text.replacen(right, wrong, 1);
-            assert_ne!(text, right_text, "{wrong}");
-            let Err(error) = Study::parse(&text) else { panic!("accepted: {wrong}") };
-            let message = format!("{error:#}");
-            let line = format!("line {}: views.", lines + line);
-            assert!(message.starts_with(&line) && message.contains(named), "{wrong}: {message}");
-        }
-    }
-}
+mod tests;

@@ -3,18 +3,22 @@
 //! A factor is a key of `[base]`, `[[trials]]` or a map of a picture: those of [`KEYS`], and every
 //! setting of the filter by its name.
 
+use std::sync::Arc;
+
 use mcl_filter::{FilterSettings, OdometryNoise, Preset};
 use mcl_maps::Refinement;
 use serde_json::Value as Json;
 
 use crate::recipe::criterion::Criterion;
 use crate::recipe::disturbance::{Disturbance, Start};
-use crate::recipe::kind::{Builder, NamedKind};
+use crate::recipe::kind::{Builder, MapKind, NamedKind};
+use crate::recipe::localizer::{LOCALIZER, Localizer, MapFormat, OWN, Program};
 use crate::recipe::map::{MapRecipe, Offset, Sigma, Size};
 use crate::recipe::run::RunRecipe;
 
 /// The factors that are no settings of the filter.
-pub const KEYS: [&str; 14] = [
+pub const KEYS: [&str; 15] = [
+    LOCALIZER,
     "split",
     "map",
     "size",
@@ -30,6 +34,31 @@ pub const KEYS: [&str; 14] = [
     "disturbance",
     "preset",
 ];
+
+/// What a study defines, for its factors to name.
+#[derive(Debug, Clone, Default)]
+pub struct Definitions {
+    /// Refinements with settings of their own.
+    pub refinements: Vec<(String, Refinement)>,
+    /// Programs that localize.
+    pub programs: Vec<Arc<Program>>,
+}
+
+impl Definitions {
+    /// The localizer of a name; `None` for the own filter where there is no other.
+    fn localizer(&self, name: &str) -> Result<Option<Localizer>, String> {
+        if name == OWN {
+            return Ok((!self.programs.is_empty()).then_some(Localizer::Own));
+        }
+        let found = self.programs.iter().find(|program| program.name == name);
+        let known = || {
+            let names = self.programs.iter().map(|program| program.name.as_str());
+            [OWN].into_iter().chain(names).collect::<Vec<_>>().join(", ")
+        };
+        let program = found.ok_or_else(|| format!("{name:?}, expected one of: {}", known()))?;
+        Ok(Some(Localizer::Program(program.clone())))
+    }
+}
 
 /// A recipe while its factors are set, one by one.
 #[derive(Debug, Clone)]
@@ -61,6 +90,7 @@ impl Draft {
                 seed,
             },
             run: RunRecipe {
+                localizer: None,
                 preset: Preset::Default,
                 filter: FilterSettings::default(),
                 odometry_noise: OdometryNoise::default(),
@@ -76,19 +106,15 @@ impl Draft {
         })
     }
 
-    /// Sets a factor. `named` are refinements that the study defines.
+    /// Sets a factor.
     ///
     /// # Errors
     /// What was expected, where the value is none for the factor or there is no such factor.
-    pub fn set(
-        &mut self,
-        key: &str,
-        value: &Json,
-        named: &[(String, Refinement)],
-    ) -> Result<(), String> {
+    pub fn set(&mut self, key: &str, value: &Json, defined: &Definitions) -> Result<(), String> {
         match key {
+            LOCALIZER => self.run.localizer = defined.localizer(text(value)?)?,
             "split" => self.map.split = Some(parsed(value, "same, alternate or blocks")?),
-            "map" => self.map.kind = NamedKind::parse(text(value)?, named)?,
+            "map" => self.map.kind = NamedKind::parse(text(value)?, &defined.refinements)?,
             "size" => {
                 self.percent = Some(match value {
                     Json::String(name) => {
@@ -214,7 +240,31 @@ impl Draft {
         if self.run.start == Start::Anywhere && self.run.length.is_none() {
             return Err("start is anywhere, expected length: the scans of a run".to_owned());
         }
+        if let Some(program) = self.run.program() {
+            check_map(program, &self.map.kind)?;
+        }
         Ok((self.map, self.run))
+    }
+}
+
+/// Whether a program can be given a map of this kind.
+fn check_map(program: &Program, kind: &NamedKind) -> Result<(), String> {
+    let (program, formats) = (&program.name, &program.formats);
+    match kind.kind {
+        MapKind::Ndt { .. } | MapKind::Segments => Err(format!(
+            "localizer {program}: expected a map of points or cells, not {}",
+            kind.name
+        )),
+        MapKind::All | MapKind::Sampled { .. }
+            if formats.map == MapFormat::Grid && formats.resolution.is_none() =>
+        {
+            Err(format!(
+                "localizer {program}: {} is a map of points; [localizer.{program}] needs resolution: the edge of \
+                 the cells of its grid (m)",
+                kind.name
+            ))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,5 +1,6 @@
 //! The settings that rows differ in, by the columns of a table.
 
+use crate::recipe::localizer::LOCALIZER;
 use crate::table::{Row, Value};
 
 /// The columns in which rows of the same settings differ: they tell draws and runs apart.
@@ -40,7 +41,7 @@ impl Setting {
 
     /// Whether a preset can decide it.
     pub fn is_of_filter(&self) -> bool {
-        !self.of_map && self.name != PRESET && self.name != NOISE
+        !self.of_map && ![PRESET, NOISE, LOCALIZER].contains(&self.name.as_str())
     }
 }
 

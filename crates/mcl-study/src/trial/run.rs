@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 
+use crate::localizer::program::Programs;
 use crate::measure::{MapContext, MapMeasure, Measures, OfDimension, RunContext};
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
@@ -10,7 +11,7 @@ use crate::trial::division::{Division, StudyData};
 use crate::trial::map::Dimension;
 use crate::trial::maps::Maps;
 use crate::trial::stopwatch::Stopwatch;
-use crate::trial::tracking::{TrackedRun, track};
+use crate::trial::tracking::{TrackedRun, Tracker, track};
 
 /// A map and the runs on it; without runs the map alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +61,7 @@ pub fn run_trial<const D: usize>(
     maps: &Maps<'_, D>,
     data: &StudyData,
     measures: &Measures,
+    programs: &Programs,
     watch: &mut Stopwatch,
     mut see_run: impl FnMut(&RunRecipe, &TrackedRun) -> Result<()>,
 ) -> Result<Vec<Cells>>
@@ -84,11 +86,16 @@ where
     let (division, map) = Division::plane(&division, &map)
         .with_context(|| format!("{}: robots are localized in the plane only", log.name))?;
     let MapRecipe { seed, split, .. } = trial.map;
-    for run in &trial.runs {
-        let distances = map.distances(&run.filter.with_max_range(log.max_range)?)?;
-        watch.lap("distance fields");
-        let tracked = track(run, seed, split, log, division, &distances)?;
-        watch.lap("filter");
+    for (run, identity) in trial.runs.iter().zip(trial.identities(measures)?) {
+        let tracked = if let Some(program) = run.program() {
+            let tracker = Tracker::Program(program, map, programs, &identity);
+            track(run, seed, split, log, division, &tracker)?
+        } else {
+            let distances = map.distances(&run.filter.with_max_range(log.max_range)?)?;
+            watch.lap("distance fields");
+            track(run, seed, split, log, division, &Tracker::Own(&distances))?
+        };
+        watch.lap(if run.program().is_some() { "programs" } else { "filter" });
         let mut cells = of_map.clone();
         cells.extend(run.cells()?);
         let context = RunContext {

@@ -2,27 +2,66 @@
 
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Seed};
-use mcl_filter::{Bridge, MapDistances, Replay, Run, localize};
+use mcl_filter::{Bridge, MapDistances, Replay, StepReport, localize};
 use mcl_metrics::{PoseError, pose_errors};
 
 use crate::data::source::LogSource;
+use crate::localizer::input::Input;
+use crate::localizer::process::Ended;
+use crate::localizer::program::{ProgramRun, Programs};
+use crate::recipe::localizer::Program;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
 use crate::trial::course::Course;
 use crate::trial::division::Division;
+use crate::trial::map::StudyMap;
+use crate::trial::stopwatch::now;
 
 /// A run with its errors.
 pub struct TrackedRun {
-    /// What the filter estimated and reported.
-    pub run: Run,
+    /// Estimated pose of the laser in the map's frame, per scan, where there is one.
+    pub map_from_laser: Vec<Option<Pose2>>,
+    /// What the own filter reported, per scan; empty for programs of others.
+    reports: Vec<StepReport>,
     /// Errors of the estimates, per scan.
-    pub errors: Vec<PoseError>,
+    pub errors: Vec<Option<PoseError>>,
+    /// How the localizer ended.
+    pub ended: Ended,
+    /// Processor time of the localizer (s).
+    pub processor_s: f64,
+    /// Peak memory of a program of others (MB).
+    pub peak_memory_mb: Option<f64>,
     /// The localized scans in the order in which the robot saw them, as places in the log.
     pub scans: Vec<usize>,
     /// Reference poses of the laser in the map's frame, per scan.
     pub reference: Vec<Pose2>,
     /// Place of the first scan after the robot was carried off.
     pub carried_off: Option<usize>,
+}
+
+/// The translation error (m) that stands for a scan without estimate: the robot is lost there.
+const LOST: f64 = 1e9;
+
+impl TrackedRun {
+    /// What the own filter reported, per scan; empty for programs of others.
+    pub fn reports(&self) -> &[StepReport] {
+        &self.reports
+    }
+
+    /// The translation error of each scan (m); one without estimate is far above what counts as lost.
+    pub fn translations(&self) -> Vec<f64> {
+        let translation =
+            |error: &Option<PoseError>| error.map_or(LOST, |error| error.translation());
+        self.errors.iter().map(translation).collect()
+    }
+}
+
+/// What localizes a robot.
+pub enum Tracker<'a> {
+    /// The own filter, with distances from the map.
+    Own(&'a MapDistances),
+    /// A program of others on the map, for the row of an identity.
+    Program(&'a Program, &'a StudyMap<2>, &'a Programs, &'a str),
 }
 
 /// The steps of a log that its odometry says nothing of, which the filter bridges.
@@ -45,31 +84,75 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     })
 }
 
-/// Localizes the robot on a map. Noise, disturbances and filter are seeded by the study's seed, the data set, the
+/// The seed of what is drawn for a run: it belongs to the study's seed, the data set, the split and the run's number.
+pub fn seed_of(
+    purpose: &str,
+    seed: u64,
+    split: Option<Split>,
+    log: &LogSource,
+    run: &RunRecipe,
+) -> Seed {
+    Seed::new(seed)
+        .derive(purpose)
+        .derive(&log.name)
+        .derive(split.unwrap_or(Split::Same).seed_name())
+        .derive_index(u64::from(run.run))
+}
+
+/// Localizes the robot on a map. Noise, disturbances and localizer are seeded by the study's seed, the data set, the
 /// split and the run's number, never by the map.
 ///
 /// # Errors
-/// When the filter cannot run on this log, or the recipe asks for more than the log has.
+/// When the localizer cannot run on this log, or the recipe asks for more than the log has.
 pub fn track(
     recipe: &RunRecipe,
     seed: u64,
     split: Option<Split>,
     log: &LogSource,
     division: &Division<2>,
-    distances: &MapDistances,
+    tracker: &Tracker<'_>,
 ) -> Result<TrackedRun> {
-    let seed = |purpose: &str| {
-        Seed::new(seed)
-            .derive(purpose)
-            .derive(&log.name)
-            .derive(split.unwrap_or(Split::Same).seed_name())
-            .derive_index(u64::from(recipe.run))
-    };
-    let settings = recipe.filter.with_max_range(log.max_range)?;
+    let seed = |purpose: &str| seed_of(purpose, seed, split, log, recipe);
     let course = Course::of(recipe, log, division, seed)?;
-    let start = course.reference.first().copied();
-    let run = localize(&course.replay(), distances, &settings, start, seed("filter"))?;
+    let (ran, reports) = match tracker {
+        Tracker::Own(distances) => {
+            let settings = recipe.filter.with_max_range(log.max_range)?;
+            let start = course.reference.first().copied();
+            let since = now();
+            let run = localize(&course.replay(), distances, &settings, start, seed("filter"))?;
+            let ran = ProgramRun {
+                ended: Ended::Ok,
+                map_from_laser: run.map_from_laser.into_iter().map(Some).collect(),
+                processor_s: now().saturating_sub(since).as_secs_f64(),
+                peak_memory_mb: None,
+            };
+            (ran, run.reports)
+        }
+        Tracker::Program(program, map, programs, identity) => {
+            let input = Input::of(&course, recipe, log, seed("localizer"))?;
+            (programs.run(program, &input, map, (division, log), identity)?, Vec::new())
+        }
+    };
+    let ProgramRun { ended, map_from_laser, processor_s, peak_memory_mb } = ran;
     let Course { scans, reference, carried_off, .. } = course;
-    let errors = pose_errors(&reference, &run.map_from_laser)?;
-    Ok(TrackedRun { run, errors, scans, reference, carried_off })
+    let covered = reference.iter().zip(&map_from_laser);
+    let (of_covered, estimates): (Vec<Pose2>, Vec<Pose2>) =
+        covered.filter_map(|(reference, pose)| Some((*reference, (*pose)?))).unzip();
+    let known = match estimates.is_empty() {
+        true => Vec::new(),
+        false => pose_errors(&of_covered, &estimates)?,
+    };
+    let mut known = known.into_iter();
+    let errors = map_from_laser.iter().map(|pose| pose.and_then(|_| known.next())).collect();
+    Ok(TrackedRun {
+        map_from_laser,
+        reports,
+        errors,
+        ended,
+        processor_s,
+        peak_memory_mb,
+        scans,
+        reference,
+        carried_off,
+    })
 }

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 
+use crate::recipe::localizer::LOCALIZER;
 use crate::store::results::Results;
 use crate::study::settings::{PRESET, text_of};
 use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
@@ -217,7 +218,7 @@ impl Drawing<'_, '_> {
             let text = text_of(values);
             match setting {
                 _ if values.iter().all(Value::is_empty) => None,
-                "map" | "dataset" | PRESET => Some(text),
+                "map" | "dataset" | LOCALIZER | PRESET => Some(text),
                 "size_percent" => Some(format!("{text} %")),
                 "particles" => Some(format!("{text} particles")),
                 _ if values == &[Value::Bool(true)] => Some(name_and_unit(setting).0),

@@ -8,6 +8,8 @@ use anyhow::{Context, Result};
 use mcl_filter::MotionKind;
 use mcl_metrics::{Blocked, BlockedRate};
 
+use crate::recipe::localizer::{LOCALIZER, OWN};
+use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
@@ -24,6 +26,8 @@ pub struct Groups<'r> {
     pub all: Vec<Group<'r>>,
     /// Names in the order of the study's file.
     names: Vec<&'r str>,
+    /// Whether a setting, by its place, is one of the own filter that no program has.
+    of_filter: Vec<bool>,
 }
 
 /// Rows of the same settings.
@@ -74,7 +78,18 @@ impl<'r> Groups<'r> {
         let same = |a: &Member<'_>, b: &Member<'_>| order(&a.values, &b.values).is_eq();
         let all = members.chunk_by(same).enumerate();
         let all = all.map(|(place, members)| Group::of(place, members, &settings)).collect();
-        Ok(Groups { results, settings, all, names })
+        let own = RunRecipe::setting_names()?;
+        let is_own = |setting: &Setting| {
+            let is_of = |own: &String| {
+                setting
+                    .name
+                    .strip_prefix(own.as_str())
+                    .is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
+            };
+            setting.name == PRESET || own.iter().any(is_of)
+        };
+        let of_filter = settings.iter().map(is_own).collect();
+        Ok(Groups { results, settings, all, names, of_filter })
     }
 
     /// The order of settings: by the first in which they differ, names as the study's file lists them.
@@ -151,7 +166,8 @@ impl<'r> Groups<'r> {
 
     /// Whether a setting makes a difference to a group: offsets do to grids only, sizes not to maps of all
     /// points, settings of runs not to maps on which nothing is localized, noise to its motion model only, and
-    /// parts not where the whole has no such part or is not there.
+    /// parts not where the whole has no such part or is not there. Settings of the own filter make none to programs of
+    /// others.
     pub fn matters(&self, group: &Group<'_>, place: usize) -> bool {
         let Setting { name, of_map, .. } = &self.settings[place];
         let has_value = |place: usize| group.values(place).iter().any(|value| !value.is_empty());
@@ -159,11 +175,16 @@ impl<'r> Groups<'r> {
             "offset" => has_value(place),
             name if SIZE.contains(&name) => !self.has_all_points(group),
             _ if *of_map => true,
+            _ if self.of_filter[place] && !has_value(place) && self.is_of_program(group) => false,
             "alpha" | "turning_in_place" => !self.moves_by(group, MotionKind::Gaussian),
             "position_noise" | "heading_noise" => !self.moves_by(group, MotionKind::Book),
             name if is_part(name) && !has_value(place) => false,
             _ => (0..self.settings.len()).any(|run| !self.settings[run].of_map && has_value(run)),
         }
+    }
+
+    fn is_of_program(&self, group: &Group<'_>) -> bool {
+        self.place(LOCALIZER).is_some_and(|place| !matches!(&*group.text(place), "" | OWN))
     }
 
     fn moves_by(&self, group: &Group<'_>, motion: MotionKind) -> bool {

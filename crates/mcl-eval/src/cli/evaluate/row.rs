@@ -1,12 +1,13 @@
 //! The figures of one estimate.
 
 use anyhow::{Context, Result, bail};
+use mcl_core::text::counted;
 use mcl_core::{Pose2, Stamp, Trajectory};
 use mcl_metrics::{
     Alignment, Delta, DivergenceSettings, LossSettings, LostEpisode, Matched, MetricsError,
-    OffsetFound, PairsFrom, PoseError, RpeSettings, Summary, TimeDifference, WeightedPoseError,
-    associate, ate, coverage, diverged, find_offset, inside_ellipsoid_95, interpolate,
-    lost_episodes, nees, pose_errors, rpe, shifted,
+    OffsetFound, PairsFrom, PoseError, RpeSettings, Side, Summary, TimeDifference,
+    WeightedPoseError, associate, ate, coverage, diverged, find_offset, inside_ellipsoid_95,
+    interpolate, lost_episodes, nees, pose_errors, rpe, shifted,
 };
 use serde::Serialize;
 
@@ -332,6 +333,23 @@ fn tell_matched(
             1e3 * apart.max_s
         );
     }
+    let samples = match matched.sampled {
+        Side::Reference => reference.len(),
+        Side::Estimate => estimate.len(),
+    };
+    let unmatched = matched.unmatched_samples();
+    let is_matched = unmatched as f64 <= (1.0 - WHOLE) * samples as f64;
+    if !is_matched {
+        tell!(
+            "warning: {label}: {} of {} match none of the other side in time: the errors are those of {}",
+            unmatched,
+            match matched.sampled {
+                Side::Reference => format!("the reference's {}", counted(samples, "pose")),
+                Side::Estimate => format!("its {}", counted(samples, "pose")),
+            },
+            counted(matched.estimate.len(), "pair")
+        );
+    }
     let repeats = |trajectory: &Trajectory| {
         let mut stamps = trajectory.stamps().to_vec();
         stamps.sort_unstable();
@@ -339,10 +357,10 @@ fn tell_matched(
     };
     let (repeated, repeated_reference) = (repeats(estimate), repeats(reference));
     if repeated == 0 && repeated_reference == 0 || has_same_stamps(reference, estimate) {
-        return true;
+        return is_matched;
     }
     tell!(
-        "warning: {label}: {repeated} of its {} stamps, and {repeated_reference} of the reference's {}, repeat another one: poses of one stamp are paired in their order, which may be wrong by as much time as the stamps do not tell",
+        "warning: {label}: stamps cannot tell its poses apart: {repeated} of its {}, and {repeated_reference} of the reference's {}, repeat another one. Poses of one stamp are paired in their order, which may be wrong by as much time as the stamps leave open",
         estimate.len(),
         reference.len()
     );

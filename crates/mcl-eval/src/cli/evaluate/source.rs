@@ -172,6 +172,10 @@ fn read(
 /// By the content: a line of a log begins with the name of its kind.
 fn format_of(file: &str) -> Result<Format> {
     let path = Path::new(file);
+    // What was opened for writing and got no pose.
+    if path.metadata().is_ok_and(|file| file.is_file() && file.len() == 0) {
+        return Ok(Format::Poses);
+    }
     if path.is_dir() || (path.is_file() && is_bag(path)?) {
         return Ok(Format::Bag(path.to_owned()));
     }
@@ -218,6 +222,10 @@ fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
         found.notes.iter().for_each(|note| tell!("note: {file}: {note}"));
     }
     let mut source = Source::new(file, None, found.trajectory);
+    if !args.positions {
+        found.doubts.iter().for_each(|doubt| tell!("warning: {file}: {doubt}"));
+        source.is_complete = found.doubts.is_empty();
+    }
     source.has_headings = found.has_headings;
     if let Some(robot_from_laser) = mount_of_run(Path::new(file)) {
         source.whose = Some(Whose::Laser);

@@ -9,21 +9,33 @@ use crate::cli::errors::{Figures, figures_table, table_line};
 
 /// At most so many estimates are shown with all their figures.
 const MOST_IN_FULL: usize = 6;
+/// At most so many runs of groups have a line each.
+const MOST_RUNS: usize = 12;
 
-/// What is printed: details of each estimate where they are few, then `tables`.
+/// What is printed: `tables`, then details of each estimate where they are few.
 pub fn text(rows: &[&Row], tables: &[Table]) -> String {
     let mut parts = Vec::new();
-    if rows.len() <= MOST_IN_FULL && rows.iter().all(|row| row.group.is_none()) {
-        parts.extend(rows.iter().map(|row| row_text(row)));
-    }
     if rows.len() > 1 {
         parts.extend(tables.iter().map(Table::text));
+    }
+    if rows.len() <= MOST_IN_FULL && rows.iter().all(|row| row.group.is_none()) {
+        parts.extend(rows.iter().map(|row| row_text(row)));
     }
     parts.join("\n")
 }
 
-/// A line per estimate; rmse but for the weighted error, whose mean is the paper's.
+/// A line per estimate; rmse but for the weighted error, whose mean is the paper's. Of many runs of groups only those
+/// to which something happened.
 pub fn of_estimates(rows: &[&Row]) -> Table {
+    let is_plain = |row: &&&Row| {
+        let figures = row.figures.as_ref();
+        row.group.is_some() && figures.is_some_and(|figures| figures.with_missing.lost_share < 0.01)
+    };
+    let plain = rows.iter().filter(is_plain).count();
+    let (rows, omitted): (Vec<&Row>, usize) = match rows.len() > MOST_RUNS && plain > 0 {
+        true => (rows.iter().filter(|row| !is_plain(row)).copied().collect(), plain),
+        false => (rows.to_vec(), 0),
+    };
     let first = rows.iter().find_map(|row| row.figures.as_ref());
     let relative: Vec<(f64, &str)> = first
         .map(|figures| figures.rpe.iter().map(|rpe| (rpe.delta, rpe.unit)).collect())
@@ -59,9 +71,17 @@ pub fn of_estimates(rows: &[&Row]) -> Table {
         title: String::new(),
         head,
         rows: rows.iter().map(line).collect(),
-        remark: "mean weighted error; rmse of the others, RPE in m; lost: share of the reference's time in which the \
-                 robot was lost or the estimate is missing"
-            .to_owned(),
+        remark: format!(
+            "mean weighted error; rmse of the others, RPE in m; lost: share of the reference's time in which the robot \
+             was lost or the estimate is missing{}",
+            match omitted {
+                0 => String::new(),
+                omitted => format!(
+                    "; {} of groups that covered all and never got lost are not listed, --table FILE.csv has them",
+                    counted(omitted, "run")
+                ),
+            }
+        ),
     }
 }
 
