@@ -289,12 +289,8 @@ impl Prepared {
         let limits = range_limits(scans);
         let is_placed = !spans.odometry.is_empty() || !spans.reference.is_empty();
         for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
-            let goes_on = scans.get(index + 1).is_some_and(|next| {
-                let has_poses = next.map_from_laser.is_some() && scan.map_from_laser.is_some();
-                next.odometry.is_some() || has_poses
-            });
             let mut scan = Cow::Borrowed(scan);
-            if is_placed && !goes_on && scan.sweep.time_increment != 0.0 {
+            if is_placed && scan.sweep.time_increment != 0.0 && !is_followed(scans, index) {
                 scan.to_mut().sweep.time_increment = 0.0;
             }
             let stamp = scan.stamp.unwrap_or(zero);
@@ -317,6 +313,19 @@ impl Prepared {
         }
         Ok(())
     }
+}
+
+/// Whether poses follow a scan without a gap until its last beam was measured.
+fn is_followed(scans: &[LaserScan], index: usize) -> bool {
+    let scan = &scans[index];
+    let takes = scan.sweep.time_increment * scan.geometry.beams.saturating_sub(1) as f64;
+    let steps = scans[index..].windows(2).map_while(|pair| {
+        let has_poses = pair.iter().all(|scan| scan.map_from_laser.is_some());
+        let next = pair[1].stamp.zip(scan.stamp)?;
+        (pair[1].odometry.is_some() || has_poses).then_some(next)
+    });
+    let mut times = steps.map(|(next, start)| next.seconds_since(start));
+    times.any(|later| later >= takes)
 }
 
 /// Where the robot was at a scan, in all ways that a bag says so.
