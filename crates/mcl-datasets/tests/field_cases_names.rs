@@ -36,7 +36,9 @@ fn estimates_of_other_programs_are_no_ground_truth() {
         let told = format!("could take {topic} (an estimate)");
         assert!(log.notes.iter().any(|note| note.contains(&told)), "{topic}: {:?}", log.notes);
     }
-    for topic in ["/ground_truth/pose", "/vrpn_client_node/robot/pose", "/mocap/pose", "/gt"] {
+    for topic in
+        ["/ground_truth/pose", "/vrpn_client_node/robot/pose", "/mocap/pose", "/gt", "/GroundTruth"]
+    {
         let log = with_poses_on(topic);
         assert_exact(&log);
         assert_eq!(log.assumptions, [""; 0], "{topic}");

@@ -319,6 +319,34 @@ fn steps_of_unknown_odometry_are_counted_bridged_or_refused() {
     assert!(found["commands"]["localize"].as_str().unwrap().contains("38 of 39"), "{found}");
 }
 
+/// Maps, errors and bounds are of the scans that have a reference, and how many these are is said.
+#[test]
+fn a_reference_with_a_gap_is_used_where_it_is() {
+    let lab = Lab::new();
+    lab.points(&["whole.mcap"]);
+    lab.ends(&["localize", "whole.mcap", "--map", "points.csv", "-o", "out"], 0);
+    let poses = fs::read_to_string(lab.path("out/reference.tum")).unwrap();
+    let rows = poses.lines().enumerate().filter(|(row, _)| !(15..25).contains(row));
+    let gap: String = rows.map(|(_, row)| format!("{row}\n")).collect();
+    fs::write(lab.path("gap.tum"), gap).unwrap();
+    let with = ["--reference", "gap.tum", "--reference-frame", "laser", "--json"];
+    let call = |first: &[&'static str]| [first, &with].concat();
+    let (stdout, _) = lab.ends(&call(&["inspect", "whole.mcap"]), 3);
+    let found: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!((&found["has_reference"], &found["reference_scans"]), (&true.into(), &30.into()));
+    assert!(found["bounds"].is_array(), "{found}");
+    let (stdout, stderr) = lab.ends(&call(&["localize", "whole.mcap", "--map", "points.csv"]), 3);
+    let found: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(found["reference_scans"], 30);
+    assert!(found["translation"]["max"].as_f64().unwrap() < 0.5, "{found}");
+    assert!(stderr.contains("10 scans lie in gaps of the reference"), "{stderr}");
+    // Without odometry, the reason is that there is none in the log.
+    let (_, stderr) =
+        lab.ends(&["map", "whole.mcap", "--reference", "none", "--init", "all", "-o", "m.csv"], 1);
+    assert!(stderr.contains("--reference-topic could take /reference"), "{stderr}");
+    assert!(!stderr.contains("raw log"), "{stderr}");
+}
+
 /// The scans of a second laser, on request.
 #[test]
 fn records_of_a_second_laser_are_read_on_request() {
@@ -326,7 +354,9 @@ fn records_of_a_second_laser_are_read_on_request() {
     let text = fs::read_to_string(lab.path("office.log")).unwrap();
     let front = lab.json(&["inspect", "office.log"], 0);
     fs::write(lab.path("rear.log"), text.replace("FLASER", "RLASER")).unwrap();
-    let (_, stderr) = lab.ends(&["inspect", "rear.log"], 1);
+    let (stdout, stderr) = lab.ends(&["inspect", "rear.log"], 3);
+    assert!(stdout.contains("ODOM 80, PARAM 1, RLASER 40"), "{stdout}");
+    lab.ends(&["map", "rear.log", "--init", "all", "-o", "rear.csv"], 1);
     assert!(stderr.contains("RLASER 40") && stderr.contains("--scan-topic RLASER"), "{stderr}");
     let rear = lab.json(&["inspect", "rear.log", "--scan-topic", "RLASER"], 0);
     assert_eq!((&rear["points"], &rear["bounds"]), (&front["points"], &front["bounds"]));

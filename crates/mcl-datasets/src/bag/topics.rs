@@ -16,7 +16,7 @@ const ESTIMATORS: [&str; 13] = [
     "amcl",
     "mcl2",
     "slam",
-    "ndt",
+    "ndt_",
     "ekf",
     "ukf",
     "localiz",
@@ -27,9 +27,18 @@ const ESTIMATORS: [&str; 13] = [
     "rtabmap",
     "cartographer",
 ];
-/// What is in the names of systems that watch a robot from outside.
-const WATCHERS: [&str; 7] =
-    ["mocap", "motion_capture", "vrpn", "vicon", "optitrack", "natnet", "qualisys"];
+/// What is in the names of ground truths however they are written, and of systems that watch a robot from outside.
+const WATCHERS: [&str; 9] = [
+    "groundtruth",
+    "ground_truth",
+    "mocap",
+    "motion_capture",
+    "vrpn",
+    "vicon",
+    "optitrack",
+    "natnet",
+    "qualisys",
+];
 /// Last part of the names of topics that hold ground truth.
 const REFERENCE: [&str; 10] = [
     "reference",

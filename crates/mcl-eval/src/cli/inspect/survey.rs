@@ -42,10 +42,10 @@ struct Unread {
     problem: String,
 }
 
-/// Kinds of records by which a text is a CARMEN log.
-const RECORDS: [&str; 6] = ["ODOM", "PARAM", "LASER", "TRUEPOS", "SYNC", "NEFF"];
+/// Kinds of records that are read on request.
+const RECORDS: [&str; 2] = ["RLASER", "ROBOTLASER2"];
 
-/// A CARMEN log that no scans can be read from.
+/// A CARMEN log whose scans are not read unless they are asked for.
 #[derive(Serialize)]
 struct UnreadCarmen {
     lines: usize,
@@ -123,7 +123,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
             UnreadCarmen { lines: *lines, records: kinds.clone(), problem: told_once(&error) };
         print(args.json, &unread, |unread| {
             format!(
-                "{name}: a CARMEN log, but no scan can be read from it as it is\n  lines         {}\n  records       {}\n",
+                "{name}: a CARMEN log, but its scans are read on request alone\n  lines         {}\n  records       {}\n",
                 unread.lines,
                 printable(&unread.records)
             )
@@ -133,7 +133,11 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     }
     let file = input_files([name]).into_iter().find(|path: &PathBuf| path.exists());
     let found = file.and_then(|path| survey(&path, &args.data.options().read).ok().flatten());
-    let Some(found) = found else { return Err(error) };
+    // Of a damaged one without messages there is nothing to show.
+    let is_shown = |found: &Survey| {
+        found.truncated.is_none() || found.topics.iter().any(|topic| topic.messages > 0)
+    };
+    let Some(found) = found.filter(is_shown) else { return Err(error) };
     let unread = Unread { survey: Surveyed::of(&found), problem: told_once(&error) };
     print(args.json, &unread, |unread| {
         let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
