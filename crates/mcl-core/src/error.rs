@@ -29,10 +29,7 @@ pub enum CoreError {
         limit: f64,
     },
     /// A scan has no reference pose, so its endpoints cannot be projected into the map's frame.
-    #[error(
-        "scan {scan} has no reference pose: a map needs the pose of every scan \
-         (this looks like a raw log; use a corrected one)"
-    )]
+    #[error("scan {scan} has no reference pose: a map needs the pose of every scan")]
     NoReference {
         /// Index of the scan in log order, from 0.
         scan: usize,

@@ -10,4 +10,5 @@ pub mod log;
 mod mount;
 mod packed;
 pub mod registry;
+mod room;
 pub mod simulator;

@@ -2,8 +2,9 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
+use crate::container::chunk::is_out_of_memory;
 use bzip2::bufread::MultiBzDecoder;
-use flate2::bufread::MultiGzDecoder;
+use flate2::bufread::GzDecoder;
 use liblzma::read::XzDecoder;
 use liblzma::stream::{CONCATENATED, Stream};
 
@@ -60,7 +61,7 @@ impl<'a> Unpacked<'a> {
         let packing = Packing::of(file.fill_buf()?);
         let mut rest: Box<dyn BufRead + 'a> = match packing {
             None => Box::new(file),
-            Some(Packing::Gzip) => unpacking(MultiGzDecoder::new(file)),
+            Some(Packing::Gzip) => unpacking(Gzip(Some(GzDecoder::new(file)))),
             Some(Packing::Bzip2) => unpacking(MultiBzDecoder::new(file)),
             Some(Packing::Xz) => {
                 let stream = Stream::new_stream_decoder(XZ_MEMORY, CONCATENATED)
@@ -118,6 +119,36 @@ fn unpacking<'a>(decoder: impl Read + 'a) -> Box<dyn BufRead + 'a> {
     Box::new(BufReader::with_capacity(SNIFFED_BYTES, Decoder(decoder)))
 }
 
+/// The members of a gzip file one after the other. Zeros after the last one are padding, as tapes and block devices
+/// leave it.
+struct Gzip<R>(Option<GzDecoder<R>>);
+
+impl<R: BufRead> Read for Gzip<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let Some(member) = &mut self.0 else { return Ok(0) };
+            let length = member.read(buffer)?;
+            if length > 0 || buffer.is_empty() {
+                return Ok(length);
+            }
+            let Some(mut rest) = self.0.take().map(GzDecoder::into_inner) else { return Ok(0) };
+            loop {
+                let there = rest.fill_buf()?;
+                let zeros = there.iter().take_while(|&&byte| byte == 0).count();
+                if there.is_empty() {
+                    return Ok(0);
+                }
+                let is_padding = zeros == there.len();
+                rest.consume(zeros);
+                if !is_padding {
+                    break;
+                }
+            }
+            self.0 = Some(GzDecoder::new(rest));
+        }
+    }
+}
+
 /// A decompressor whose errors can be told from the system's: each library has its own kinds.
 struct Decoder<R>(R);
 
@@ -126,6 +157,7 @@ impl<R: Read> Read for Decoder<R> {
         self.0.read(buffer).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::Interrupted => error,
             _ if error.raw_os_error().is_some() => error,
+            _ if is_out_of_memory(&error) => io::Error::new(io::ErrorKind::OutOfMemory, error),
             _ => io::Error::new(io::ErrorKind::InvalidData, error),
         })
     }
@@ -198,6 +230,21 @@ mod tests {
         assert_eq!(Packing::of(b"BZhora 5"), None);
         let plain = Unpacked::new(&b"BZ"[..]).unwrap();
         assert!(!plain.is_packed && plain.head() == b"BZ");
+    }
+
+    #[test]
+    fn zeros_after_a_gzip_file_are_padding() {
+        let whole = packed(Packing::Gzip, &noise());
+        for padding in [1, 511, 200_000] {
+            let mut found = Vec::new();
+            let padded = [&*whole, &*vec![0; padding]].concat();
+            Unpacked::new(&*padded).unwrap().read_to_end(&mut found).unwrap();
+            assert!(found == noise());
+        }
+        let mut found = Vec::new();
+        let more = [&*whole, &[0; 7], b"more"].concat();
+        let error = Unpacked::new(&*more).unwrap().read_to_end(&mut found).unwrap_err();
+        assert!(damage(&error).is_some() && found == noise(), "{error:?}");
     }
 
     #[test]

@@ -19,7 +19,10 @@ fn round_trip(recording: &Recording) -> Recording {
     let bytes = written(recording);
     assert_eq!(bytes, written(recording), "the same bytes each time");
     let log = bag::read(&*bytes, &ReadOptions::default()).unwrap();
-    assert!(log.report.is_complete(), "{}", log.report);
+    // Stamps are what they were.
+    let of_stamps = |doubt: &String| doubt.contains("share their stamp");
+    assert!(log.report.doubts.iter().all(of_stamps), "{}", log.report);
+    assert_eq!((log.report.skipped, &log.report.truncated), (0, &None), "{}", log.report);
     log.recording
 }
 
@@ -176,10 +179,18 @@ fn what_a_bag_cannot_hold_is_refused_with_the_scan() {
         let found = error(&|recording| recording.scans[1].stamp = stamp);
         assert!(matches!(found, WriteBagError::Stamp { scan: 1, .. }), "{found}");
     }
-    let found = error(&|recording| recording.scans[2].odometry = None);
-    assert!(matches!(found, WriteBagError::Gap { scan: 2, .. }), "{found}");
-    let found = error(&|recording| recording.scans[1].map_from_laser = None);
-    assert!(found.to_string().contains("scan 1 has no reference pose"), "{found}");
+    // What is filled in by readers of other bags is listed in MCAP.
+    let gap = |scan: usize, change: &dyn Fn(&mut LaserScan)| {
+        let mut recording = base.clone();
+        change(&mut recording.scans[scan]);
+        assert_same(&round_trip(&recording), &recording, 1e-12);
+        let error = bag::write_as(&recording, Format::Ros1, Cursor::new(Vec::new())).unwrap_err();
+        assert!(matches!(error, WriteBagError::Gap { scan: found, .. } if found == scan));
+        error.to_string()
+    };
+    gap(2, &|scan| scan.odometry = None);
+    let found = gap(1, &|scan| scan.map_from_laser = None);
+    assert!(found.contains("scan 1 has no reference pose"), "{found}");
     let found = error(&|recording| recording.scans.clear());
     assert!(matches!(found, WriteBagError::NoScan));
     let found = error(&|recording| recording.scans[3].ranges.clear());
@@ -213,13 +224,26 @@ fn the_bag_names_its_frames_and_describes_its_messages() {
 
 /// Found by fuzzing: of two scans of one time, only the first with odometry, both came back with it.
 #[test]
-fn a_scan_without_odometry_at_the_time_of_one_with_it_is_refused() {
+fn a_scan_without_odometry_at_the_time_of_one_with_it_is_listed_or_refused() {
     let at = [0, 1_000, 2_000, 2_000];
     let scans = at.iter().enumerate().map(|(k, &at)| scan(Some(at), k as f64)).collect();
     let mut recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
     recording.scans[0].odometry = None;
     recording.scans[3].odometry = None;
-    let found = bag::write(&recording, Cursor::new(Vec::new())).unwrap_err();
+    let refused = |recording: &Recording| {
+        assert_same(&round_trip(recording), recording, 1e-12);
+        bag::write_as(recording, Format::Database, Cursor::new(Vec::new())).unwrap_err()
+    };
+    // Stamps of 0 go into MCAP only, too.
+    let later = |recording: &Recording| {
+        let mut later = recording.clone();
+        for scan in &mut later.scans {
+            let stamp = scan.stamp.unwrap().nanoseconds();
+            scan.stamp = Some(Stamp::from_nanoseconds(stamp + 1_000));
+        }
+        later
+    };
+    let found = refused(&later(&recording));
     assert!(matches!(found, WriteBagError::Gap { scan: 3, what: "odometry" }), "{found}");
     // Later, nothing is filled in.
     recording.scans[3].stamp = Some(Stamp::from_nanoseconds(3_000));
@@ -227,9 +251,49 @@ fn a_scan_without_odometry_at_the_time_of_one_with_it_is_refused() {
     // Back in time, between two scans with a reference pose.
     recording.scans[3].stamp = Some(Stamp::from_nanoseconds(500));
     recording.scans[3].map_from_laser = None;
-    let found = bag::write(&recording, Cursor::new(Vec::new())).unwrap_err();
+    let found = refused(&later(&recording));
     assert!(matches!(found, WriteBagError::Gap { scan: 3, .. }), "{found}");
 }
+
+/// As in Örebro, where most steps are unknown and all stamps are one; and as behind a gap of the reference.
+#[test]
+fn unknown_steps_stay_unknown() {
+    let stamps: [fn(i64) -> i64; 2] = [|k| k * 1_000_000, |_| 7];
+    for stamp in stamps {
+        let scans = (0..40).map(|k| scan(Some(stamp(k)), 0.1 * k as f64)).collect();
+        let mut recording = Recording { scans, robot_from_laser: Pose2::new(0.2, 0.0, 0.1) };
+        for (k, scan) in recording.scans.iter_mut().enumerate() {
+            scan.odometry = scan.odometry.filter(|_| k % 7 == 3 || k % 7 == 4);
+        }
+        assert_same(&round_trip(&recording), &recording, 1e-12);
+        if stamp(1) != stamp(2) {
+            for scan in &mut recording.scans[10..20] {
+                scan.map_from_laser = None;
+            }
+            assert_same(&round_trip(&recording), &recording, 1e-12);
+        }
+    }
+}
+
+/// Nothing follows them by which all of their beams could be placed, so readings would be lost.
+#[test]
+fn the_last_scans_are_written_as_measured_at_once() {
+    let scans = (0..9).map(|k| scan(Some(k * SECOND / 5), 1.0 + 0.1 * k as f64)).collect();
+    let mut recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+    recording.scans[0].odometry = None;
+    for scan in &mut recording.scans {
+        scan.sweep.time_increment = 0.125;
+    }
+    let log = bag::read(&*written(&recording), &ReadOptions::default()).unwrap();
+    let usable = |recording: &Recording| -> Vec<usize> {
+        recording.scans.iter().map(|scan| scan.usable_beams(100.0)).collect()
+    };
+    assert_eq!(usable(&log.recording), usable(&recording));
+    assert!(log.report.is_complete() && log.assumptions == [""; 0], "{:?}", log.assumptions);
+    assert!(log.notes.iter().any(|note| note.contains("beams of 7 scans are placed")));
+}
+
+const SECOND: i64 = 1_000_000_000;
 
 /// Found while writing its fuzz target: the written bag held messages that its reader skips.
 #[test]

@@ -84,10 +84,86 @@ fn a_gap_of_nothing_but_the_restart_says_nothing_of_the_motion() {
 #[test]
 fn scans_of_one_stamp_are_told() {
     let text: String = (0..6).map(|k| scan(pose(f64::from(k), 0.0, 0.0), "1.01893e+09")).collect();
-    let told = read(&text).assumptions.join("\n");
-    assert!(told.contains("6 scans have 1 different stamps"), "{told}");
-    let different: String = (0..6).map(|k| scan(pose(f64::from(k), 0.0, 0.0), k)).collect();
-    assert!(read(&different).assumptions.is_empty());
+    let told = read(&text).report.doubts.join("\n");
+    assert!(
+        told.contains("6 of 6 scans share their stamp") && told.contains("1 different"),
+        "{told}"
+    );
+    let at = |k: usize| pose(k as f64, 0.0, 0.0);
+    let different: String = (0..40).map(|k| scan(at(k), k)).collect();
+    let log = read(&different);
+    assert!(log.assumptions.is_empty() && log.report.is_complete());
+    // Every stamp twice.
+    let pairs: String = (0..20).map(|k| scan(at(k), k / 2)).collect();
+    assert!(read(&pairs).report.doubts[0].contains("20 of 20 scans"));
+    // A few are only to be known.
+    let few: String = (0..40).map(|k| scan(at(k), if k == 7 { 6 } else { k })).collect();
+    let log = read(&few);
+    assert!(log.assumptions[0].contains("2 of 40 scans share") && log.report.is_complete());
+}
+
+#[test]
+fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
+    let record = |angles: &str| {
+        let readings = ["1.5"; 181].join(" ");
+        let text = format!(
+            "ROBOTLASER1 0 {angles} 81.9 0.01 0 181 {readings} 0 0 0 0 0 0 0 0 0 0 0 0 7 host 7\n"
+        );
+        carmen::read(text.as_bytes(), "", ReferencePoses::Recorded)
+    };
+    // The last beam is counted or not, and a field that is not set says nothing.
+    for fov in ["3.141593", "3.159046", "0", "-3.141593"] {
+        let log = record(&format!("-1.570796 {fov} 0.017453")).unwrap();
+        assert!(log.report.is_complete(), "{fov}: {}", log.report);
+    }
+    let log = record("-1.570796 3.141593 0.008727").unwrap();
+    let told = &log.report.doubts[0];
+    for part in ["in 1 of 1", "line 1: 181 readings", "0.008727", "1.5709 rad", "fov is 3.1416"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let refused = record("-90 180 1").unwrap_err().to_string();
+    assert!(refused.contains("28.6 turns") && refused.contains("are these degrees?"), "{refused}");
+}
+
+#[test]
+fn one_parameter_alone_says_the_directions_and_those_of_other_scans_are_told() {
+    let scan = |beams: usize| flaser(&vec![1.0; beams], ORIGIN, ORIGIN, 1);
+    let fov = |angle: &str| format!("PARAM laser_front_laser_fov {angle}\n");
+    let resolution = |angle: &str| format!("PARAM laser_front_laser_resolution {angle}\n");
+    let half = f64::to_radians(135.0);
+    assert_angles(&(fov("4.712389") + &scan(541)), -half, half);
+    assert_angles(&(resolution("0.5") + &scan(541)), -half, half);
+    assert_angles(&(fov("6.283185") + &scan(720)), -PI, PI - TAU / 720.0);
+    for text in [fov("4.712389") + &scan(541), resolution("1.0") + &scan(181)] {
+        assert!(read(&text).report.is_complete());
+    }
+    // What the number implies stays.
+    for (parameters, beams) in [
+        (fov("3.14159") + &resolution("0.25"), 181),
+        (resolution("0.5"), 181),
+        (fov("4.712389"), 361),
+    ] {
+        let text = parameters + &scan(beams);
+        assert_eq!(angles(&text), angles(&scan(beams)));
+        let told = read(&text).report.doubts.join("\n");
+        assert!(told.contains(&format!("contradict FLASER records of {beams} beams")), "{told}");
+    }
+}
+
+/// Its pose is not that of the origin.
+#[test]
+fn a_scan_before_any_odometry_has_no_pose() {
+    let scans: String = (0..4).map(|k| raw_laser(k, 2.5)).collect();
+    let log = carmen::read(scans.as_bytes(), "", ReferencePoses::Recorded).unwrap();
+    assert!(!log.recording.has_reference() && !log.recording.has_odometry());
+    assert_eq!(log.reference, None);
+    assert!(log.assumptions[0].contains("which 4 of 4 do not have"), "{:?}", log.assumptions);
+    let at = |k: usize| pose(1.0 + k as f64, 0.0, 0.0);
+    let later: String = (2..5).map(|k| odom(at(k)) + &raw_laser(k, 2.5)).collect();
+    let text = raw_laser(0, 2.5) + &raw_laser(1, 2.5) + &later;
+    let log = carmen::read(text.as_bytes(), "", ReferencePoses::Auto).unwrap();
+    let known: Vec<bool> = increments(&log).iter().map(Option::is_some).collect();
+    assert_eq!(known, [false, false, false, true, true]);
 }
 
 fn raw_laser(stamp: usize, reading: f64) -> String {

@@ -181,6 +181,7 @@ fn a_reference_from_elsewhere_is_of_the_frame_that_is_said() {
     let camera = Pose2::new(0.1, -0.2, 1.0);
     entries.push(edge("/tf_static", 0.0, ["base_link", "camera"], camera));
     let track = |mount: Pose2, frame: Option<&str>| ReferenceTrack {
+        doubt: None,
         name: "truth.tum".to_owned(),
         trajectory: (0..=1000)
             .map(|k| f64::from(k) * 0.01)

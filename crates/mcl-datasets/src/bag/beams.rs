@@ -1,11 +1,13 @@
 //! Beams where the laser was when it measured them, and in the plane of the robot.
 
+use std::f64::consts::TAU;
+
 use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range, math};
 
 use super::messages::ScanMessage;
 use super::moment::Moment;
 use super::motion::Mount;
-use super::track::{Placed, PoseTrack};
+use super::track::{Occurrence, Placed, PoseTrack};
 
 /// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
 const SWEEP_JITTER: f64 = 1.5;
@@ -63,6 +65,15 @@ fn place(
 /// Seconds from the first beam of a scan to its last.
 pub(super) fn takes(scan: &ScanMessage) -> f64 {
     scan.time_increment * (scan.ranges.len() - 1) as f64
+}
+
+/// Whether a scan takes, by the time between its beams, more than twice the time or less than half of what it takes by the
+/// time of a turn.
+pub(super) fn contradicts_scan_time(scan: &ScanMessage) -> bool {
+    let ScanGeometry { angle_step, beams, .. } = scan.geometry;
+    let turned = (angle_step * (beams - 1) as f64).abs() / TAU;
+    let (takes, turn) = (takes(scan), scan.scan_time);
+    takes > 0.0 && turn > 0.0 && (takes > 2.0 * turn || takes < 0.5 * turn * turned.min(1.0))
 }
 
 /// The longest time (s) that a scan takes; what is in doubt where that cannot be, as the next comes sooner.
@@ -181,7 +192,7 @@ pub(super) struct Moved<'a> {
 impl<'a> Moved<'a> {
     pub fn of(
         moment: Moment,
-        occurrence: usize,
+        occurrence: Occurrence,
         time_increment: f64,
         tracks: [(Option<&'a PoseTrack>, Mount); 2],
     ) -> Option<Self> {
@@ -199,7 +210,7 @@ impl<'a> Moved<'a> {
             return Some(Pose2::IDENTITY);
         }
         let moment = Moment { at: self.moment.at.saturating_add(later), ..self.moment };
-        match self.poses.at(moment, 0) {
+        match self.poses.at(moment, Occurrence::ONLY) {
             Placed::At(robot) => Some(self.start.between(&self.mount.laser(robot))),
             _ => None,
         }

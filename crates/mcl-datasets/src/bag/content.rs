@@ -11,13 +11,15 @@ use super::layout::{SchemaError, plain_name};
 use super::messages::{MessageError, OdometryMessage, ScanMessage, malformed};
 use super::schema::MessageSchema;
 use super::types;
-use super::writer::{METADATA_NAME, UNSTAMPED_KEY};
+use super::writer::{METADATA_NAME, NO_ODOMETRY_KEY, NO_REFERENCE_KEY, UNSTAMPED_KEY};
 use crate::container::chunk::{Compression, inflate};
 use crate::container::item::{Channel, Input, Item, Message, SchemaText, Wanted};
 use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
 use crate::packed::ZSTD_MAGIC;
+use crate::room::{HEAP_BYTES, Room};
+use mcl_core::{LaserScan, memory};
 
 /// Memory that the messages kept of a bag may take, in bytes: some 700,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 4 << 30;
@@ -235,13 +237,13 @@ pub(super) enum Body {
 
 impl Kept {
     /// Memory that it takes; empty ones count, too.
-    fn bytes(&self) -> u64 {
+    fn bytes(&self) -> usize {
         let of_body = match &self.body {
             Body::Encoded(data) => data.len(),
             Body::Scan(scan) => size_of::<ScanMessage>() + size_of_val(&*scan.ranges),
             Body::Odometry(_) => size_of::<OdometryMessage>(),
         };
-        (of_body + size_of::<Kept>()) as u64
+        of_body + size_of::<Kept>() + 2 * HEAP_BYTES
     }
 }
 
@@ -286,10 +288,13 @@ pub(crate) struct Content {
     /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
     /// stamps of 0 are times otherwise.
     pub unstamped: Option<BTreeSet<u32>>,
+    /// Those of scans that have no odometry, and no reference pose, though others about them have, in such bags.
+    pub without_odometry: BTreeSet<u32>,
+    pub without_reference: BTreeSet<u32>,
     /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
     /// file may have 65,535.
     by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
-    kept_bytes: u64,
+    room: Room,
 }
 
 impl Content {
@@ -322,10 +327,14 @@ impl Content {
                 Ok(Wanted::Counted)
             }
             Item::Metadata(METADATA_NAME, entries) => {
-                let unstamped = entries.iter().find(|(key, _)| *key == UNSTAMPED_KEY);
-                let list = unstamped.map_or("", |(_, list)| list);
-                let numbers = list.split_ascii_whitespace().filter_map(|n| n.parse::<u32>().ok());
-                self.unstamped.get_or_insert_default().extend(numbers);
+                let listed = |wanted: &str| -> BTreeSet<u32> {
+                    let found = entries.iter().find(|(key, _)| *key == wanted);
+                    let list = found.map_or("", |(_, list)| list);
+                    list.split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect()
+                };
+                self.unstamped.get_or_insert_default().extend(listed(UNSTAMPED_KEY));
+                self.without_odometry.extend(listed(NO_ODOMETRY_KEY));
+                self.without_reference.extend(listed(NO_REFERENCE_KEY));
                 Ok(Wanted::Shown)
             }
             Item::Note(note) => {
@@ -405,10 +414,13 @@ impl Content {
             position: message.position,
             body: decoded.unwrap_or_else(|| Body::Encoded(data.into_owned())),
         };
-        self.kept_bytes += kept.bytes();
-        if self.kept_bytes > MAX_KEPT_BYTES {
+        // Values of messages become those of a log one by one, but beside them.
+        let values = self.messages.len() * (size_of::<ScanMessage>() + size_of::<LaserScan>());
+        self.room.take(kept.bytes(), 2 * values)?;
+        if self.room.kept() > MAX_KEPT_BYTES {
             return Err(StreamProblem::TooMuch(MAX_KEPT_BYTES));
         }
+        memory::reserve(&mut self.messages, 1, "messages")?;
         self.messages.push(kept);
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Why a bag cannot be read.
 
-use mcl_core::Stamp;
+use mcl_core::{OutOfMemory, Stamp};
 
 use super::layout::SchemaError;
 use crate::container::folder::FolderError;
@@ -12,6 +12,9 @@ pub enum BagError {
     /// The bytes are no container, or damaged.
     #[error(transparent)]
     Stream(#[from] StreamError),
+    /// The scans take more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
     /// There is no scan.
     #[error(
         "no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}{}",
@@ -77,6 +80,16 @@ pub enum BagError {
         found: String,
         /// The types that would do.
         expected: &'static str,
+    },
+    /// A frame asked for is not there.
+    #[error("no frame {frame:?} in the bag ({option}); frames: {frames}")]
+    NoFrame {
+        /// The frame asked for.
+        frame: String,
+        /// The option that asked.
+        option: &'static str,
+        /// The frames of the bag.
+        frames: String,
     },
     /// Two frames asked for that do not move in each other.
     #[error(

@@ -3,10 +3,12 @@
 use std::f64::consts::TAU;
 
 use mcl_core::{Pose2, ScanGeometry, math};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use sha2::{Digest, Sha256};
 
 use super::cdr::{CdrError, View};
 use super::layout::SchemaError;
+use crate::log::plane::PoseInSpace;
 
 /// Largest position accepted, in metres; beyond any place on Earth.
 pub(super) const MAX_POSITION: f64 = 1e9;
@@ -89,6 +91,8 @@ pub(super) struct ScanMessage {
     pub last_angle: f64,
     /// Time from one beam to the next, in seconds.
     pub time_increment: f64,
+    /// Time of a turn of the scanner, in seconds; 0 where it is not said.
+    pub scan_time: f64,
 }
 
 impl ScanMessage {
@@ -150,7 +154,19 @@ impl ScanMessage {
         // Descriptions that lack these two are read all the same.
         let last_angle = view.number("angle_max").unwrap_or(last);
         let time_increment = view.number("time_increment").unwrap_or(0.0);
-        Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment })
+        let scan_time = view.number("scan_time").unwrap_or(0.0);
+        Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment, scan_time })
+    }
+
+    /// SHA-256 of what it says of its beams.
+    pub fn digest(&self) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        let ScanGeometry { start_angle, angle_step, .. } = self.geometry;
+        let fields = [start_angle, angle_step, self.last_angle, self.time_increment];
+        for value in fields.iter().chain(&self.ranges) {
+            hash.update(value.to_bits().to_le_bytes());
+        }
+        hash.finalize().into()
     }
 
     /// How far the direction of the last beam that follows from the others is from the one that the message
@@ -175,6 +191,8 @@ pub(super) struct PoseMessage {
     pub child: Option<String>,
     /// Projected onto the plane.
     pub pose: Pose2,
+    /// What that leaves out.
+    pub in_space: PoseInSpace,
     /// Of x, y and heading, along the axes of the header's frame; `None` where the message has none, or zeros.
     pub covariance: Option<Covariance>,
 }
@@ -183,11 +201,15 @@ pub(super) struct PoseMessage {
 pub(super) type Covariance = [[f64; 3]; 3];
 
 impl PoseMessage {
+    fn at(header: Header, pose: &Isometry3<f64>) -> Self {
+        let in_space = in_space_of(pose);
+        PoseMessage { header, child: None, pose: planar(pose), in_space, covariance: None }
+    }
+
     /// The pose of the one frame of a transform in the other: `geometry_msgs/TransformStamped`.
     pub fn of(transform: TransformMessage) -> Self {
         let TransformMessage { header, child, parent_from_child } = transform;
-        let pose = planar(&parent_from_child);
-        PoseMessage { header, child: Some(child), pose, covariance: None }
+        PoseMessage { child: Some(child), ..PoseMessage::at(header, &parent_from_child) }
     }
 
     pub fn of_odometry(odometry: OdometryMessage) -> Self {
@@ -196,15 +218,14 @@ impl PoseMessage {
     }
 
     pub fn pose(view: &View<'_>) -> Result<Self, MessageError> {
-        let pose = planar(&pose(&view.message("pose")?)?);
-        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance: None })
+        Ok(PoseMessage::at(header(view)?, &pose(&view.message("pose")?)?))
     }
 
     pub fn pose_with_covariance(view: &View<'_>) -> Result<Self, MessageError> {
         let with_covariance = view.message("pose")?;
-        let pose = planar(&pose(&with_covariance.message("pose")?)?);
+        let pose = pose(&with_covariance.message("pose")?)?;
         let covariance = covariance(&with_covariance);
-        Ok(PoseMessage { header: header(view)?, child: None, pose, covariance })
+        Ok(PoseMessage { covariance, ..PoseMessage::at(header(view)?, &pose) })
     }
 }
 
@@ -330,6 +351,13 @@ fn isometry(
         Translation3::new(x, y, z),
         UnitQuaternion::from_quaternion(quaternion),
     ))
+}
+
+/// What is lost of a pose that is seen from above.
+pub(super) fn in_space_of(pose: &Isometry3<f64>) -> PoseInSpace {
+    let up = (pose.rotation * Vector3::z()).z;
+    let tilt_degrees = math::acos(up.clamp(-1.0, 1.0)).to_degrees();
+    PoseInSpace { position: pose.translation.vector.into(), tilt_degrees }
 }
 
 /// The pose seen from above: position and yaw, the direction of the x axis.

@@ -12,11 +12,13 @@
 //!   two heights make a scan. Odometry: `nav_msgs/Odometry`, the only topic or `/odom`. Reference:
 //!   `geometry_msgs/PoseStamped` or `PoseWithCovarianceStamped`, the only topic or the one named as ground
 //!   truth (`/reference`, `/ground_truth`, …), but for goals, initial poses and what is named as the
-//!   estimate of another program (`/amcl_pose`, …); `Odometry`, `TransformStamped` and `nav_msgs/Path` if
+//!   estimate of another program (`/amcl_pose`, `/robot1/pose`, …); `Odometry`, `TransformStamped` and `nav_msgs/Path` if
 //!   they are named as ground truth or asked for, and two frames of transforms (`/tf:map.base_link`). Where
 //!   that leaves several odometries or references, none is taken, and the report says so.
 //! * **Stamps** are those of the headers, or the time of logging where a header's is zero. A jump back by
-//!   more than a second begins a new stretch of time, and nothing leads from one into the other.
+//!   more than a second, or by more than the usual interval of a topic to where it was before, begins a new
+//!   stretch of time, and nothing leads from one into the other. Stamps that several scans or poses share pair
+//!   them only where there are as many of each; a message that comes twice counts once.
 //! * **Readings** nearer than `range_min` are −∞, and from `range_max` on +∞ (REP 117), so never points;
 //!   limits that are equal or in the wrong order are none. A scanner that turns clockwise has a
 //!   negative `angle_increment`, and keeps it. Scans of more than a turn are malformed.
@@ -82,6 +84,7 @@ mod messages;
 pub(crate) mod moment;
 mod motion;
 mod msg_text;
+pub(crate) mod pairing;
 pub mod planar;
 mod point_cloud;
 pub(crate) mod poses;

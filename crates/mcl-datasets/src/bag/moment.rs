@@ -3,12 +3,15 @@
 //! A bag that is recorded while another is played in a loop, or while a simulator is reset, goes over the
 //! same time again. What lies before such a jump and what lies after it are taken apart.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 
 use mcl_core::Stamp;
+use mcl_core::text::counted;
 
-/// A jump back by more (ns) begins a new stretch; stamps of one topic step back by less, when its messages
-/// are out of order.
+/// A jump back by more (ns) begins a new stretch. One by less does where messages of one sender follow each other
+/// evenly, if it is longer than their usual interval and leads to where there were some before: messages that are
+/// out of order fill a hole, or stand alone.
 const RESET: i64 = 1_000_000_000;
 
 /// A time in a stretch; in the order of stretches, then of time.
@@ -17,6 +20,42 @@ pub(crate) struct Moment {
     pub stretch: usize,
     /// Nanoseconds.
     pub at: i64,
+}
+
+impl Moment {
+    /// A time of a log of one stretch.
+    pub const fn only(stamp: Stamp) -> Self {
+        Moment { stretch: 0, at: stamp.nanoseconds() }
+    }
+}
+
+/// When a message was.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Told<'a> {
+    /// Its place in the bag.
+    pub place: usize,
+    /// What it tells of: its stamps alone follow each other.
+    pub of: &'a str,
+    pub at: i64,
+    /// Whether such messages follow each other evenly, as those of one sender.
+    pub is_even: bool,
+}
+
+/// Where a message was if there was one at about a time: those that fill a hole are an interval away from all others.
+pub(super) fn near(at: i64, usual: i64) -> RangeInclusive<i64> {
+    let reach = usual / 4 * 3;
+    at.saturating_sub(reach)..=at.saturating_add(reach)
+}
+
+/// The median of the steps forward; the largest number where there are none.
+pub(super) fn usual_interval(times: &[i64]) -> i64 {
+    let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let mut steps: Vec<i64> = steps.filter(|&step| step > 0).collect();
+    let middle = steps.len() / 2;
+    if steps.is_empty() {
+        return i64::MAX;
+    }
+    *steps.select_nth_unstable(middle).1
 }
 
 /// Where in the bag's order its stretches begin.
@@ -29,25 +68,44 @@ pub(super) struct Stretches {
 }
 
 impl Stretches {
-    /// Finds the jumps among messages: the place of each in the bag, what it tells of (its stamps alone
-    /// follow each other), and its time.
-    pub fn of<'a>(messages: impl Iterator<Item = (usize, &'a str, i64)>) -> Self {
-        let mut messages: Vec<_> = messages.collect();
-        messages.sort_by_key(|&(place, ..)| place);
+    /// Finds the jumps among messages.
+    pub fn of<'a>(messages: impl Iterator<Item = Told<'a>>) -> Self {
+        let mut messages: Vec<Told<'a>> = messages.collect();
+        messages.sort_by_key(|told| told.place);
+        let mut in_order: BTreeMap<&str, Vec<i64>> = BTreeMap::new();
+        for told in messages.iter().filter(|told| told.is_even) {
+            in_order.entry(told.of).or_default().push(told.at);
+        }
+        let usual: BTreeMap<&str, i64> =
+            in_order.iter().map(|(of, times)| (*of, usual_interval(times))).collect();
         let mut found = Stretches::default();
-        let mut latest: BTreeMap<&str, i64> = BTreeMap::new();
-        for (place, of, at) in messages {
-            let last = *latest.entry(of).or_insert(at);
-            if last.saturating_sub(at) > RESET {
+        let mut next: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut earlier: BTreeMap<&str, BTreeSet<i64>> = BTreeMap::new();
+        for Told { place, of, at, is_even } in messages {
+            let last = earlier.get(of).and_then(|times| times.last()).copied().unwrap_or(at);
+            let back = last.saturating_sub(at);
+            let follows = is_even.then(|| {
+                let next = next.entry(of).or_default();
+                *next += 1;
+                in_order[of].get(*next).copied()
+            });
+            let goes_over_again = || {
+                let usual = usual.get(of).copied().unwrap_or(i64::MAX);
+                let was_there = earlier
+                    .get(of)
+                    .is_some_and(|times| times.range(near(at, usual)).next().is_some());
+                let goes_on = follows.flatten().is_some_and(|next| at < next && next <= last);
+                back > usual && was_there && goes_on
+            };
+            if back > RESET || goes_over_again() {
                 found.starts.push(place);
-                let is_larger = |(from, to, _): &(i64, i64, String)| last - at > from - to;
+                let is_larger = |(from, to, _): &(i64, i64, String)| back > from - to;
                 if found.largest.as_ref().is_none_or(is_larger) {
                     found.largest = Some((last, at, of.to_owned()));
                 }
-                latest.clear();
+                earlier.clear();
             }
-            let last = latest.entry(of).or_insert(at);
-            *last = at.max(*last);
+            earlier.entry(of).or_default().insert(at);
         }
         found
     }
@@ -60,10 +118,9 @@ impl Stretches {
     pub fn doubt(&self) -> Option<String> {
         let (from, to, of) = self.largest.as_ref()?;
         let (from, to) = (Stamp::from_nanoseconds(*from), Stamp::from_nanoseconds(*to));
-        let count = self.starts.len();
-        let s = if count == 1 { "" } else { "s" };
+        let times = counted(self.starts.len(), "time");
         Some(format!(
-            "time jumps back {count} time{s}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is taken apart; was a bag played in a loop, or a simulator reset?",
+            "time jumps back {times}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is taken apart; was a bag played in a loop, or a simulator reset?",
             from.seconds_since(to)
         ))
     }
@@ -75,20 +132,25 @@ mod tests {
 
     const S: i64 = 1_000_000_000;
 
+    fn told(messages: &[(&str, f64)], is_even: bool) -> Stretches {
+        Stretches::of(messages.iter().enumerate().map(|(place, &(of, seconds))| Told {
+            place,
+            of,
+            at: (seconds * S as f64).round() as i64,
+            is_even,
+        }))
+    }
+
     #[test]
     fn only_what_jumps_far_begins_anew() {
         // Two topics with clocks of their own, one with a small step back.
-        let steady = [
-            (0, "a", 5 * S),
-            (1, "b", 900 * S),
-            (2, "a", 4 * S),
-            (3, "a", 6 * S),
-            (4, "b", 901 * S),
-        ];
-        let found = Stretches::of(steady.into_iter());
-        assert_eq!((found.doubt(), found.moment(4, 7)), (None, Moment { stretch: 0, at: 7 }));
-        let reset = [(0, "a", 5 * S), (1, "b", 6 * S), (2, "a", 2 * S), (3, "b", 3 * S)];
-        let found = Stretches::of(reset.into_iter());
+        let steady = [("a", 5.0), ("b", 900.0), ("a", 4.0), ("a", 6.0), ("b", 901.0)];
+        for is_even in [false, true] {
+            let found = told(&steady, is_even);
+            assert_eq!((found.doubt(), found.moment(4, 7)), (None, Moment { stretch: 0, at: 7 }));
+        }
+        let reset = [("a", 5.0), ("b", 6.0), ("a", 2.0), ("b", 3.0)];
+        let found = told(&reset, false);
         assert_eq!(found.starts, [2], "one jump, however many topics make it");
         assert_eq!((found.moment(1, 9).stretch, found.moment(2, 0).stretch), (0, 1));
         let told = found.doubt().unwrap();
@@ -96,5 +158,23 @@ mod tests {
             told.contains("1 time, a by 3.000 s from 5.000000000 s to 2.000000000 s"),
             "{told}"
         );
+    }
+
+    #[test]
+    fn a_short_jump_is_told_from_messages_out_of_order() {
+        let even = |times: &[f64]| {
+            let messages: Vec<_> = times.iter().map(|&at| ("a", at)).collect();
+            told(&messages, true).starts
+        };
+        let (before, after) = ([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], [0.35, 0.45, 0.55, 0.65]);
+        assert_eq!(even(&[before.as_slice(), &after].concat()), [6], "by 1.5 intervals");
+        assert_eq!(even(&[0.0, 0.1, 0.2, 0.3, 0.1, 0.2, 0.3]), [4], "over the same times");
+        assert_eq!(even(&[0.0, 0.1, 0.3, 0.2, 0.4, 0.5]), [0; 0], "two changed places");
+        assert_eq!(even(&[0.0, 0.1, 0.4, 0.5, 0.2, 0.3, 0.6]), [0; 0], "a packet that was late");
+        assert_eq!(even(&[0.0, 0.1, 0.2, 0.3, 0.1, 0.4, 0.5]), [0; 0], "one that comes twice");
+        assert_eq!(even(&[0.5, 0.4, 0.3, 0.2, 0.1]), [0; 0], "written from the end");
+        let twice: Vec<f64> =
+            (0..20).flat_map(|k| [0.1 * f64::from(k), 0.1 * f64::from(k) - 0.3]).collect();
+        assert_eq!(even(&twice), [0; 0], "two senders, the one late");
     }
 }

@@ -42,12 +42,30 @@ struct Edge {
     spread: (f64, f64),
 }
 
+/// The mount that is asked for, at a height.
+pub(super) fn in_space(laser: LaserPose, z: f64) -> Isometry3<f64> {
+    let LaserPose { robot_from_laser: Pose2 { x, y, theta }, roll } = laser;
+    let rotation = UnitQuaternion::from_euler_angles(roll, 0.0, theta);
+    Isometry3::from_parts(Translation3::new(x, y, z), rotation)
+}
+
 /// The tree of frames over time.
 #[derive(Debug, Default)]
 pub(super) struct Motion {
     edges: BTreeMap<String, Edge>,
+    /// Those of frames that move in several parents, by the child: all but the one in `edges`.
+    others: Vec<(String, Edge)>,
     /// Children that two topics tell different things of.
-    conflicts: BTreeSet<String>,
+    conflicts: BTreeMap<String, Conflict>,
+}
+
+/// What two topics tell differently of a frame.
+#[derive(Debug)]
+struct Conflict {
+    topics: [String; 2],
+    parents: [String; 2],
+    /// In one parent, how far they are apart: metres and degrees.
+    apart: (f64, f64),
 }
 
 /// The frames from one up to its root.
@@ -108,9 +126,7 @@ impl Mount {
 
     /// The one that is asked for.
     pub fn asked(laser: LaserPose) -> Self {
-        let LaserPose { robot_from_laser: Pose2 { x, y, theta }, roll } = laser;
-        let rotation = UnitQuaternion::from_euler_angles(roll, 0.0, theta);
-        let mount = Mount::of(&Isometry3::from_parts(Translation3::new(x, y, 0.0), rotation));
+        let mount = Mount::of(&in_space(laser, 0.0));
         Mount { robot_from_laser: laser.robot_from_laser, ..mount }
     }
 
@@ -124,6 +140,11 @@ impl Mount {
             });
         }
         Ok(self)
+    }
+
+    /// That of scans that are level and seen from above already.
+    pub fn level(self) -> Self {
+        Mount { robot_from_laser: self.robot_from_laser, ..Mount::IDENTITY }
     }
 
     /// The pose of the laser on a robot.
@@ -154,34 +175,59 @@ impl Mount {
 
 impl Motion {
     /// Adds a transform at a time. One on `/tf_static` stands above those on `/tf`, and the last one of a
-    /// frame counts; under a new parent, a frame begins anew.
+    /// frame counts; a frame that moves in several parents has a track in each.
     pub fn insert(&mut self, message: TransformMessage, at: Moment, is_static: bool, topic: &str) {
         let TransformMessage { header, child, parent_from_child } = message;
         let sample = (at, parent_from_child);
+        let parent = header.frame;
         if let Some(known) = self.edges.get_mut(&child) {
-            let differs = known.parent != header.frame
-                || is_static
-                    && known.samples.last().is_some_and(|(_, last)| !is_close(last, &sample.1));
-            if known.topic != topic && differs {
-                self.conflicts.insert(child.clone());
+            if known.topic != topic
+                && let Some(found) = known.conflict(&parent, &parent_from_child, is_static, topic)
+            {
+                let worst = self.conflicts.get(&child);
+                if worst.is_none_or(|worst| {
+                    found.apart.0 + found.apart.1 > worst.apart.0 + worst.apart.1
+                }) {
+                    self.conflicts.insert(child.clone(), found);
+                }
             }
-            if known.is_static && !is_static {
+            if !is_static && known.parent == parent {
+                if !known.is_static {
+                    known.samples.push(sample);
+                }
                 return;
             }
-            if !is_static && known.parent == header.frame {
-                known.samples.push(sample);
+            let mut others = self.others.iter_mut();
+            if !is_static
+                && let Some((_, other)) =
+                    others.find(|(of, other)| *of == child && other.parent == parent)
+            {
+                other.samples.push(sample);
                 return;
             }
         }
         let edge = Edge {
-            parent: header.frame,
+            parent,
             samples: vec![sample],
             is_static,
             topic: topic.to_owned(),
             longest: i64::MAX,
             spread: (0.0, 0.0),
         };
-        self.edges.insert(child, edge);
+        match self.edges.get_mut(&child) {
+            Some(known) if known.is_static && !is_static => self.others.push((child, edge)),
+            Some(known) if !known.is_static => {
+                let before = std::mem::replace(known, edge);
+                self.others.push((child, before));
+            }
+            _ => drop(self.edges.insert(child, edge)),
+        }
+    }
+
+    /// The transforms by their children, all parents of a frame.
+    fn all(&self) -> impl Iterator<Item = (&str, &Edge)> {
+        let others = self.others.iter().map(|(child, edge)| (child.as_str(), edge));
+        self.edges.iter().map(|(child, edge)| (child.as_str(), edge)).chain(others)
     }
 
     pub fn contains(&self, child: &str) -> bool {
@@ -190,24 +236,74 @@ impl Motion {
 
     /// Whether a frame is one of the tree.
     pub fn knows(&self, frame: &str) -> bool {
-        self.contains(frame) || self.edges.values().any(|edge| edge.parent == frame)
+        self.contains(frame) || self.all().any(|(_, edge)| edge.parent == frame)
     }
 
-    /// What two topics tell differently.
-    pub fn doubt(&self) -> Option<String> {
-        let children: Vec<&str> = self.conflicts.iter().map(String::as_str).take(10).collect();
-        (!children.is_empty()).then(|| {
-            format!(
-                "transforms: two topics tell different things of {}; the last one counts",
-                children.join(", ")
-            )
-        })
+    /// What contradicts itself.
+    pub fn doubts(&self) -> Vec<String> {
+        let mut doubts = Vec::new();
+        let told: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
+            let Conflict { topics: [first, second], parents: [one, other], apart } = found;
+            match one == other {
+                true => format!(
+                    "{child} ({second} has it {:.3} m and {:.1}° from where {first} has it in {one:?})",
+                    apart.0, apart.1
+                ),
+                false => format!("{child} (in {one:?} by {first}, in {other:?} by {second})"),
+            }
+        }).collect();
+        if !told.is_empty() {
+            doubts.push(format!(
+                "transforms: two topics tell different things of {}; what is on a topic of static transforms counts, else the last one",
+                told.join(", ")
+            ));
+        }
+        doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|told| {
+            format!("transforms: {told} (--odom-frame NAME takes the odometry from another one)")
+        }));
+        doubts
+    }
+
+    /// What is to be known of frames that move in several parents.
+    pub fn notes(&self) -> Vec<String> {
+        self.several_parents(Edge::is_of_odometry)
+            .map(|told| format!("transforms: {told}"))
+            .collect()
+    }
+
+    /// Frames that move in several parents, of those whose track that is taken is wanted.
+    fn several_parents(&self, wanted: impl Fn(&Edge) -> bool) -> impl Iterator<Item = String> {
+        let mut parents: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for (child, edge) in self.others.iter().filter(|(_, edge)| edge.is_moving()) {
+            parents.entry(child).or_default().push(format!("{:?}", edge.parent));
+        }
+        let told = |(child, others): (&str, Vec<String>)| {
+            let edge = self.edges.get(child).filter(|edge| edge.is_moving() && wanted(edge))?;
+            Some(format!(
+                "{child:?} moves in {:?} and in {} as well on {}; the first is taken where none is asked for",
+                edge.parent,
+                others.join(", "),
+                edge.topic
+            ))
+        };
+        parents.into_iter().filter_map(told).take(10).collect::<Vec<_>>().into_iter()
     }
 
     /// Puts all samples in order of time; before anything is asked. `longest` is the longest time to be
     /// interpolated over (ns), where it is asked for.
     pub fn sort(&mut self, longest: Option<i64>) {
-        for edge in self.edges.values_mut() {
+        // Of several parents, the odometry is what a robot moves in.
+        for (child, other) in &mut self.others {
+            if let Some(edge) = self.edges.get_mut(child)
+                && !edge.is_static
+                && other.is_of_odometry()
+                && !edge.is_of_odometry()
+            {
+                std::mem::swap(edge, other);
+            }
+        }
+        let others = self.others.iter_mut().map(|(_, edge)| edge);
+        for edge in self.edges.values_mut().chain(others) {
             edge.samples.sort_by_key(|&(at, _)| at);
             edge.longest = longest_interval(edge.samples.iter().map(|&(at, _)| at), longest);
             let Some(&(_, first)) = edge.samples.first() else { continue };
@@ -221,9 +317,18 @@ impl Motion {
 
     /// The frames above `frame`.
     pub fn chain<'a>(&'a self, frame: &'a str) -> Chain<'a> {
+        self.chain_by(frame, None)
+    }
+
+    /// [`Motion::chain`], by this transform of a child in place of the one that is taken.
+    fn chain_by<'a>(&'a self, frame: &'a str, by: Option<&'a (String, Edge)>) -> Chain<'a> {
         let mut chain = Chain { edges: Vec::new(), root: frame };
         let mut seen = BTreeSet::new();
-        while let Some(edge) = self.edges.get(chain.root)
+        let edge = |child: &str| match by {
+            Some((of, edge)) if of == child => Some(edge),
+            _ => self.edges.get(child),
+        };
+        while let Some(edge) = edge(chain.root)
             && seen.insert(chain.root)
         {
             chain.edges.push((chain.root, edge));
@@ -235,12 +340,22 @@ impl Motion {
     /// Whether a frame stands still in the world: by its name, or because others move in it.
     pub fn is_fixed(&self, frame: &str) -> bool {
         FIXED_FRAMES.contains(&frame)
-            || self.edges.values().any(|edge| !edge.is_static && edge.parent == frame)
+            || self.all().any(|(_, edge)| !edge.is_static && edge.parent == frame)
     }
 
     /// How two frames hang together; `None` when no transforms lead from one to the other.
     pub fn link<'a>(&'a self, parent: &'a str, child: &'a str) -> Option<Link<'a>> {
-        let (mut up_parent, mut up_child) = (self.chain(parent), self.chain(child));
+        let by_others = || self.others.iter().find_map(|by| self.link_by(parent, child, Some(by)));
+        self.link_by(parent, child, None).or_else(by_others)
+    }
+
+    fn link_by<'a>(
+        &'a self,
+        parent: &'a str,
+        child: &'a str,
+        by: Option<&'a (String, Edge)>,
+    ) -> Option<Link<'a>> {
+        let (mut up_parent, mut up_child) = (self.chain_by(parent, by), self.chain_by(child, by));
         let frames = |chain: &Chain<'a>| -> Vec<&'a str> {
             let below = chain.edges.iter().map(|&(frame, _)| frame);
             below.chain(std::iter::once(chain.root)).collect()
@@ -289,6 +404,15 @@ impl Motion {
     /// # Errors
     /// When the transforms between them change, or tilt the laser out of the plane.
     pub fn mount(&self, base: &str, laser: &str) -> Result<Option<Mount>, BagError> {
+        let mount = self.any_mount(base, laser)?;
+        mount.map(|mount| mount.checked(base, laser)).transpose()
+    }
+
+    /// [`Motion::mount`], however far it is tilted.
+    ///
+    /// # Errors
+    /// When the transforms between them change.
+    pub fn any_mount(&self, base: &str, laser: &str) -> Result<Option<Mount>, BagError> {
         if base == laser {
             return Ok(Some(Mount::IDENTITY));
         }
@@ -297,8 +421,7 @@ impl Motion {
             let (parent, child) = (edge.parent.clone(), (*child).to_owned());
             return Err(BagError::MovingLaser { parent, child });
         }
-        let Some(first) = link.first() else { return Ok(None) };
-        Mount::of(&first).checked(base, laser).map(Some)
+        Ok(link.first().map(|first| Mount::of(&first)))
     }
 
     /// How a frame sits on the robot in space, at first; the identity where that is not known.
@@ -308,7 +431,7 @@ impl Motion {
 
     /// Mounts of all frames that are fixed to a frame, seen from above, by name.
     pub fn mounts(&self, base: &str) -> BTreeMap<String, Pose2> {
-        let parents = self.edges.values().map(|edge| edge.parent.as_str());
+        let parents = self.all().map(|(_, edge)| edge.parent.as_str());
         let names: BTreeSet<&str> = self.edges.keys().map(String::as_str).chain(parents).collect();
         let mount = |name: &str| {
             let link = self.link(base, name)?;
@@ -321,7 +444,7 @@ impl Motion {
 
     /// The names of all frames, at most a hundred.
     pub fn frames(&self) -> String {
-        let parents = self.edges.values().map(|edge| edge.parent.as_str());
+        let parents = self.all().map(|(_, edge)| edge.parent.as_str());
         let names: BTreeSet<&str> = self.edges.keys().map(String::as_str).chain(parents).collect();
         names.into_iter().take(100).collect::<Vec<_>>().join(", ")
     }
@@ -329,29 +452,40 @@ impl Motion {
     /// The planar poses of `child` in `parent` over time; `None` when no transforms that change lead from
     /// one to the other.
     pub fn poses(&self, parent: &str, child: &str) -> Option<Vec<(Moment, Pose2)>> {
+        let poses = self.poses_in_space(parent, child)?;
+        Some(poses.iter().map(|(at, pose)| (*at, planar(pose))).collect())
+    }
+
+    /// [`Motion::poses`] in space.
+    pub fn poses_in_space(
+        &self,
+        parent: &str,
+        child: &str,
+    ) -> Option<Vec<(Moment, Isometry3<f64>)>> {
         let link = self.link(parent, child)?;
         let changing = link.edges().filter(|(_, edge)| !edge.is_static);
         let mut moments: Vec<Moment> =
             changing.flat_map(|(_, edge)| edge.samples.iter().map(|&(at, _)| at)).collect();
         if let ([], [(_, only)]) = (link.parent.as_slice(), link.child.as_slice()) {
             // As they are, several of one time too.
-            let samples = only.samples.iter().map(|(at, pose)| (*at, planar(pose)));
-            return (!only.is_static).then(|| samples.collect());
+            return (!only.is_static).then(|| only.samples.clone());
         }
         moments.sort_unstable();
         moments.dedup();
-        let pose = |at: Moment| Some((at, planar(&link.at(at)?)));
-        let poses: Vec<_> = moments.into_iter().filter_map(pose).collect();
+        let poses: Vec<_> = moments.into_iter().filter_map(|at| Some((at, link.at(at)?))).collect();
         (!poses.is_empty()).then_some(poses)
     }
 
     /// [`Motion::pairs`] of the frames that move and that no other moves in.
     pub fn moving_pairs(&self) -> Vec<String> {
-        let moving = || self.edges.iter().filter(|(_, edge)| !edge.is_static);
+        let moving = || self.all().filter(|(_, edge)| !edge.is_static);
         let is_lowest = |child: &str| moving().all(|(_, edge)| edge.parent != child);
         moving()
             .filter(|(child, _)| is_lowest(child))
-            .flat_map(|(child, _)| self.pairs(child))
+            .map(|(child, _)| child)
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .flat_map(|child| self.pairs(child))
             .collect()
     }
 
@@ -360,7 +494,13 @@ impl Motion {
         let chain = self.chain(frame);
         let moves = chain.edges.iter().skip_while(|(_, edge)| edge.is_static);
         let topic = |edge: &Edge| format!("{}:{}.{frame}", edge.topic, edge.parent);
-        moves.filter(|(_, edge)| !edge.is_of_odometry()).map(|(_, edge)| topic(edge)).collect()
+        let mut pairs: Vec<String> =
+            moves.filter(|(_, edge)| !edge.is_of_odometry()).map(|(_, edge)| topic(edge)).collect();
+        let above = |child: &str| chain.edges.iter().any(|(known, _)| *known == child);
+        let others = self.others.iter().filter(|(child, _)| above(child));
+        pairs
+            .extend(others.filter(|(_, edge)| !edge.is_of_odometry()).map(|(_, edge)| topic(edge)));
+        pairs
     }
 }
 
@@ -429,6 +569,29 @@ impl Link<'_> {
 }
 
 impl Edge {
+    /// What another topic tells differently of its child.
+    fn conflict(
+        &self,
+        parent: &str,
+        parent_from_child: &Isometry3<f64>,
+        is_static: bool,
+        topic: &str,
+    ) -> Option<Conflict> {
+        let (_, last) = self.samples.last()?;
+        let is_elsewhere = self.parent != parent;
+        let is_fixed = self.is_static || is_static;
+        if !is_elsewhere && (!is_fixed || is_close(last, parent_from_child)) {
+            return None;
+        }
+        let metres = (last.translation.vector - parent_from_child.translation.vector).norm();
+        let degrees = last.rotation.angle_to(&parent_from_child.rotation).to_degrees();
+        Some(Conflict {
+            topics: [self.topic.clone(), topic.to_owned()],
+            parents: [self.parent.clone(), parent.to_owned()],
+            apart: if is_elsewhere { (0.0, 0.0) } else { (metres, degrees) },
+        })
+    }
+
     /// Whether its parent is named after odometry: `odom`, `robot1/odom`, `odom_combined`.
     fn is_of_odometry(&self) -> bool {
         let name = self.parent.rsplit('/').next();

@@ -11,6 +11,7 @@ use super::messages::{Covariance, PoseMessage, ScanMessage, planar};
 use super::moment::{Moment, Stretches};
 use super::motion::Motion;
 use super::topics::{Pair, PoseRole, PosesAt, pose_topic, transform_topics};
+use crate::log::plane::out_of_plane;
 use crate::log::report::ReadReport;
 
 /// Which poses of a bag are wanted.
@@ -56,6 +57,8 @@ pub struct PoseTopic {
     pub frame_from_laser: Option<Pose2>,
     /// Mounts of all frames that are fixed to `frame`, by name.
     pub mounts: BTreeMap<String, Pose2>,
+    /// What is to be said of poses that do not lie in the plane; of a topic of poses.
+    pub out_of_plane: Option<String>,
     /// What was not used.
     pub report: ReadReport,
 }
@@ -169,6 +172,7 @@ pub(crate) fn poses(
         frame,
         frame_from_laser,
         mounts,
+        out_of_plane: out_of_plane(messages.iter().map(|logged| logged.value.in_space)),
         report,
     })
 }

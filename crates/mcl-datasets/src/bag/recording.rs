@@ -1,22 +1,27 @@
 //! From the messages of a bag to a recording.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
-use mcl_core::{LaserScan, Pose2, Recording, Stamp};
+use mcl_core::text::counted;
+use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
 use super::beams::{self, Moved, Swept};
 use super::content::{Content, Kind, Purpose};
 use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
 use super::error::BagError;
-use super::messages::{PoseMessage, ScanMessage};
-use super::moment::{Moment, Stretches};
-use super::motion::{Motion, Mount};
+use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
+use super::moment::{Moment, Stretches, Told};
+use super::motion::{Motion, Mount, in_space};
+use super::pairing::{
+    Told as Lost, Track, goes_over_again, occurrences, shared_stamps, stretches_of_file,
+};
 use super::slice;
 use super::survey::Survey;
 use super::topics::{Chosen, Pair, choose, possible_references, transform_topics};
-use super::track::{Placed, PoseTrack};
+use super::track::{Occurrence, PoseTrack};
 use crate::log::content::{Log, LogKind};
 use crate::log::options::{ReadOptions, ReferenceTrack};
+use crate::log::plane::out_of_plane;
 use crate::log::report::ReadReport;
 
 /// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
@@ -33,8 +38,13 @@ pub(crate) fn content(options: &ReadOptions) -> Content {
 /// Makes a recording of a bag's content.
 pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let messages = std::mem::take(&mut content.messages);
-    let Chosen { scan: scan_topic, odometry: odometry_topic, reference: reference_topic, doubts } =
-        choose(&content, options)?;
+    let Chosen {
+        scan: scan_topic,
+        odometry: odometry_topic,
+        reference: reference_topic,
+        doubts,
+        assumptions,
+    } = choose(&content, options)?;
     let mut decoder = Decoder::new(&content, messages);
     let whole = match options.slice {
         Some(_) => None,
@@ -66,23 +76,36 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
             motion.sort(None);
             let place = |lidar: &str| {
                 let base = robot_frame(&motion, child.as_deref(), lidar, options).0;
-                motion.mount_in_space(&base, lidar)
+                let found = motion.mount_in_space(&base, lidar);
+                match options.laser_pose {
+                    // Nothing else says how high the scanner is.
+                    Some(asked) => in_space(asked, found.translation.z),
+                    None => found,
+                }
             };
             decoder.scans(scan_topic, |view| slice::scan(view, place, heights))?
         }
     };
+    let mut scans = scans;
+    let repeated = if content.unstamped.is_none() { drop_repeated(&mut scans) } else { 0 };
     // A recording that was written as a bag is in the order of its scans, whatever their stamps.
     let stretches = match content.unstamped {
         Some(_) => Stretches::default(),
-        None => stretches(&scans, scan_topic, &odometry, odometry_topic, &transforms),
+        None => {
+            let poses = [(odometry_topic, &*odometry), (reference_topic, &*reference)];
+            stretches(&scans, scan_topic, poses, &transforms)
+        }
     };
     let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);
     let mut motion = tree(&transforms, &stretches);
     motion.sort(longest);
-    let Decoder { mut report, notes, .. } = decoder;
+    let Decoder { mut report, mut notes, .. } = decoder;
+    notes.extend(motion.notes());
     report.doubts.extend(doubts);
     report.doubts.extend(stretches.doubt());
-    report.doubts.extend(motion.doubt());
+    report.doubts.extend(motion.doubts());
+    let moment = |scan: &Logged<ScanMessage>| stretches.moment(scan.place, scan_time(scan));
+    let moments: Vec<Moment> = scans.iter().map(moment).collect();
     let mut assembly = Assembly {
         content: &content,
         options,
@@ -91,9 +114,11 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         stretches,
         motion,
         longest,
+        occurrences: occurrences(&moments),
+        moments,
         report,
         notes,
-        assumptions: Vec::new(),
+        assumptions,
     };
     if !left_out.is_empty() {
         assembly.notes.push(format!(
@@ -101,30 +126,61 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
             left_out.join(", ")
         ));
     }
+    if repeated > 0 {
+        assembly.assumptions.push(format!(
+            "{scan_topic}: {repeated} of {} messages repeat another byte for byte, with the same stamp; each counts once (was the topic recorded twice?)",
+            repeated + assembly.scans.len()
+        ));
+    }
     assembly.check_scans();
     assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
 }
 
-/// Where the time of a bag jumps back. Poses of a path repeat earlier ones, so they do not count.
+/// Leaves out the scans that say again what another of the same stamp says, and returns their number.
+fn drop_repeated(scans: &mut Vec<Logged<ScanMessage>>) -> usize {
+    let before = scans.len();
+    let mut counts: HashMap<i64, usize> = HashMap::new();
+    scans.iter().for_each(|scan| *counts.entry(scan.value.header.stamp).or_default() += 1);
+    let mut known: HashSet<(i64, [u8; 32])> = HashSet::new();
+    scans.retain(|scan| {
+        let stamp = scan.value.header.stamp;
+        stamp <= 0 || counts[&stamp] == 1 || known.insert((stamp, scan.value.digest()))
+    });
+    before - scans.len()
+}
+
+/// Where the time of a bag jumps back.
 fn stretches(
     scans: &[Logged<ScanMessage>],
     scan_topic: &str,
-    odometry: &[Logged<PoseMessage>],
-    odometry_topic: Option<&str>,
+    poses: [(Option<&str>, &[Logged<PoseMessage>]); 2],
     transforms: &[ToldTransform<'_>],
 ) -> Stretches {
-    let of_scans = scans
-        .iter()
-        .map(|scan| (scan.place, scan_topic, time(scan.value.header.stamp, scan.log_time)));
-    let of_odometry = odometry.iter().map(|pose| {
-        let at = time(pose.value.header.stamp, pose.log_time);
-        (pose.place, odometry_topic.unwrap_or_default(), at)
+    let of_scans = scans.iter().map(|scan| Told {
+        place: scan.place,
+        of: scan_topic,
+        at: time(scan.value.header.stamp, scan.log_time),
+        is_even: true,
     });
-    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| {
-        let at = time(told.transform.value.header.stamp, told.transform.log_time);
-        (told.transform.place, told.transform.value.child.as_str(), at)
+    // The poses of a path are all of one place, and repeat earlier ones.
+    let is_path =
+        |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
+    let of_poses =
+        poses.into_iter().filter(|(_, poses)| !is_path(poses)).flat_map(|(topic, poses)| {
+            poses.iter().map(move |pose| Told {
+                place: pose.place,
+                of: topic.unwrap_or_default(),
+                at: time(pose.value.header.stamp, pose.log_time),
+                is_even: true,
+            })
+        });
+    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| Told {
+        place: told.transform.place,
+        of: told.transform.value.child.as_str(),
+        at: time(told.transform.value.header.stamp, told.transform.log_time),
+        is_even: false,
     });
-    Stretches::of(of_scans.chain(of_odometry).chain(of_transforms))
+    Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
 }
 
 /// The robot's frame, and what had to be guessed about it: the one asked for; that of the odometry, if the
@@ -160,34 +216,6 @@ fn robot_frame(
     }
 }
 
-/// Poses over time, and what they are called.
-struct Track {
-    poses: PoseTrack,
-    what: &'static str,
-    /// Scans outside of the track and in gaps of it, and the longest of these (ns).
-    outside: usize,
-    in_gaps: usize,
-    longest_gap: i64,
-}
-
-impl Track {
-    fn new(poses: PoseTrack, what: &'static str) -> Self {
-        Track { poses, what, outside: 0, in_gaps: 0, longest_gap: 0 }
-    }
-
-    fn at(&mut self, moment: Moment, occurrence: usize) -> Option<Pose2> {
-        match self.poses.at(moment, occurrence) {
-            Placed::At(pose) => return Some(pose),
-            Placed::Outside => self.outside += 1,
-            Placed::InGap(gap) => {
-                self.in_gaps += 1;
-                self.longest_gap = self.longest_gap.max(gap);
-            }
-        }
-        None
-    }
-}
-
 struct Assembly<'a> {
     content: &'a Content,
     options: &'a ReadOptions,
@@ -196,6 +224,9 @@ struct Assembly<'a> {
     stretches: Stretches,
     motion: Motion,
     longest: Option<i64>,
+    /// When the scans were, and which of several of one time each is.
+    moments: Vec<Moment>,
+    occurrences: Vec<Occurrence>,
     report: ReadReport,
     notes: Vec<String>,
     assumptions: Vec<String>,
@@ -213,10 +244,20 @@ impl Assembly<'_> {
         let (base, doubt) = robot_frame(&self.motion, child.as_deref(), &laser, self.options);
         self.report.doubts.extend(doubt);
         let odometry_topic = odometry.as_ref().map(|(topic, _)| *topic);
+        let child_frame = child.as_deref().unwrap_or(&base);
+        self.check_frame(self.options.odometry_frame.as_deref(), "--odom-frame", |frame| {
+            let of_topic = odometry.as_ref().and_then(|(_, poses)| poses.first());
+            of_topic.is_some_and(|pose| pose.value.header.frame == frame)
+        })?;
+        let of_poses = reference.first().and_then(|pose| pose.value.child.as_deref());
+        self.check_frame(self.options.reference_frame.as_deref(), "--reference-frame", |frame| {
+            ["robot", "laser", &base, &laser, child_frame].contains(&frame)
+                || of_poses == Some(frame)
+        })?;
         let mut odometry = self.odometry(odometry, &base, &laser);
         self.notes.push(format!("scans: {}, frame {laser:?}", self.scan_topic));
         let mount = self.mount(&base, &laser)?;
-        let moments = self.moments();
+        let moments = self.moments.clone();
         let sweeps = self.sweeps(&moments);
         let Reference { track: mut reference, name, frame } =
             self.reference(reference_topic, &reference, &base, odometry_topic)?;
@@ -235,8 +276,13 @@ impl Assembly<'_> {
                 "the laser sways on {base:?}: where it is, is taken at the time of each scan"
             ));
         }
-        let occurrences = occurrences(&moments);
-        let mut scans: Vec<LaserScan> = Vec::with_capacity(self.scans.len());
+        let occurrences = self.occurrences.clone();
+        let mut scans: Vec<LaserScan> = memory::with_room(self.scans.len(), "scans")?;
+        let is_tilted = mount.is_tilted() || sways;
+        if is_tilted || sweeps && !self.options.no_deskew {
+            let readings: usize = self.scans.iter().map(|scan| scan.value.ranges.len()).sum();
+            memory::check_room(readings, size_of::<f64>(), "directions of beams")?;
+        }
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
         let mut swept = Swept::default();
@@ -254,7 +300,10 @@ impl Assembly<'_> {
             };
             self.report.unusable_stamps += usize::from(stamp.is_none());
             let then = match self.motion.link(&base, &laser).filter(|_| sways) {
-                Some(link) => link.mount_at(moment).unwrap_or(mount),
+                Some(link) => match (link.mount_at(moment), self.options.slice) {
+                    (Some(then), Some(_)) => then.level(),
+                    (then, _) => then.unwrap_or(mount),
+                },
                 None => mount,
             };
             let at = |track: &mut Option<Track>, mount: Mount| {
@@ -263,8 +312,12 @@ impl Assembly<'_> {
             };
             let odometry_pose = at(&mut odometry, then);
             let of_reference = reference_mount.unwrap_or(then);
-            let map_from_laser = at(&mut reference, of_reference);
+            let map_from_laser = match self.content.without_reference.contains(&logged.sequence) {
+                true => None,
+                false => at(&mut reference, of_reference),
+            };
             let increment = match (before, odometry_pose) {
+                _ if self.content.without_odometry.contains(&logged.sequence) => None,
                 (Some((last, before)), Some(pose)) if last.stretch == moment.stretch => {
                     Some(before.between(&pose))
                 }
@@ -272,7 +325,7 @@ impl Assembly<'_> {
             };
             before = odometry_pose.map(|pose| (moment, pose));
             let tracks = [(&odometry, then), (&reference, of_reference)]
-                .map(|(track, mount)| (track.as_ref().map(|track| &track.poses), mount));
+                .map(|(track, mount)| (track.as_ref().and_then(Track::poses), mount));
             let increment_s = if sweeps { logged.value.time_increment } else { 0.0 };
             let moved = match self.options.no_deskew || increment_s == 0.0 {
                 true => None,
@@ -295,7 +348,9 @@ impl Assembly<'_> {
             ));
         }
         for track in [odometry, reference].into_iter().flatten() {
-            self.say_missing(&track);
+            let Lost { doubts, assumptions } = track.told(&moments);
+            self.report.doubts.extend(doubts);
+            self.assumptions.extend(assumptions);
         }
         Ok(Log {
             recording: Recording { scans, robot_from_laser: mount.robot_from_laser },
@@ -304,16 +359,15 @@ impl Assembly<'_> {
             front_laser_offset: None,
             reference: used,
             notes: self.notes,
-            survey: Some(Survey::of(self.content, self.options)),
+            survey: Some(
+                Survey::of(self.content, self.options).with_pairs(self.motion.pairs(&base)),
+            ),
             assumptions: self.assumptions,
         })
     }
 
-    fn moments(&self) -> Vec<Moment> {
-        let moment = |scan: &Logged<ScanMessage>| {
-            self.stretches.moment(scan.place, time(scan.value.header.stamp, scan.log_time))
-        };
-        self.scans.iter().map(moment).collect()
+    fn track(&self, poses: PoseTrack, what: &'static str) -> Track {
+        Track::new(poses, what, &self.moments, &self.occurrences)
     }
 
     /// What of the scans contradicts itself or is left out.
@@ -339,6 +393,28 @@ impl Assembly<'_> {
                 geometry.angle(geometry.beams - 1),
                 scan.last_angle,
             ));
+        }
+        let off: Vec<usize> = (0..self.scans.len())
+            .filter(|&scan| beams::contradicts_scan_time(&self.scans[scan].value))
+            .collect();
+        if let Some(&first) = off.first() {
+            let scan = &self.scans[first].value;
+            self.report.doubts.push(format!(
+                "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
+                off.len(),
+                counted(self.scans.len(), "scan"),
+                scan.time_increment,
+                scan.ranges.len(),
+                beams::takes(scan),
+                scan.scan_time
+            ));
+        }
+        // The stamps of a recording that was written as a bag are those of its log.
+        let is_ours = self.content.unstamped.is_some();
+        if let Some((told, are_many)) = shared_stamps(self.moments.iter().copied()) {
+            let list =
+                if is_ours && !are_many { &mut self.assumptions } else { &mut self.report.doubts };
+            list.push(format!("{topic}: {told}"));
         }
         let at_max: usize = self.scans.iter().map(|scan| scan.value.at_max).sum();
         if at_max > 0 {
@@ -367,15 +443,14 @@ impl Assembly<'_> {
                 "odometry: {topic}, {} messages, frame {frame:?} to {child:?}",
                 poses.len()
             ));
+            self.say_unstamped(WHAT, &poses);
             let track = PoseTrack::new(self.samples(&poses), self.longest)?;
             let on_tf = (!child.is_empty()).then(|| self.motion.poses(frame, &child)).flatten();
-            return Some(Track::new(
-                match on_tf {
-                    Some(on_tf) => track.extended_by(&on_tf),
-                    None => track,
-                },
-                WHAT,
-            ));
+            let track = match on_tf {
+                Some(on_tf) => track.extended_by(&on_tf),
+                None => track,
+            };
+            return Some(self.track(track, WHAT));
         }
         let asked = self.options.odometry_frame.clone();
         // What moves in the map is where a localizer or a reference has it.
@@ -395,7 +470,18 @@ impl Assembly<'_> {
             "odometry: no topic of nav_msgs/msg/Odometry; {} transforms from {frame:?} to {base:?} on /tf",
             samples.len()
         ));
-        PoseTrack::new(samples, self.longest).map(|track| Track::new(track, WHAT))
+        PoseTrack::new(samples, self.longest).map(|track| self.track(track, WHAT))
+    }
+
+    /// In bags of this suite's writer, stamps of 0 are times.
+    fn say_unstamped(&mut self, what: &str, poses: &[Logged<PoseMessage>]) {
+        let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
+        if without > 0 && self.content.unstamped.is_none() {
+            self.assumptions.push(format!(
+                "{what}: {without} of {} have no stamp in their header; the time they were logged is taken",
+                counted(poses.len(), "message")
+            ));
+        }
     }
 
     fn samples(&self, poses: &[Logged<PoseMessage>]) -> Vec<(Moment, Pose2)> {
@@ -409,11 +495,11 @@ impl Assembly<'_> {
     fn mount(&mut self, base: &str, laser: &str) -> Result<Mount, BagError> {
         if let Some(asked) = self.options.laser_pose {
             self.notes.push(format!("laser on {base:?}: as asked for"));
-            let mount = Mount::asked(asked).checked(base, laser)?;
+            let mount = self.of_scans(Mount::asked(asked), base, laser)?;
             self.say_tilt(base, mount);
             return Ok(mount);
         }
-        let Some(mount) = self.motion.mount(base, laser)? else {
+        let Some(mount) = self.motion.any_mount(base, laser)? else {
             let why = match self.motion.contains(laser) {
                 true => "no transforms lead from one to the other",
                 false => "no transform says where it is",
@@ -425,6 +511,7 @@ impl Assembly<'_> {
         };
         let Pose2 { x, y, theta } = mount.robot_from_laser;
         let turned = if mount.is_upside_down { ", upside down" } else { "" };
+        let mount = self.of_scans(mount, base, laser)?;
         self.notes.push(format!(
             "laser on {base:?}: x {x:.3} m, y {y:.3} m, turned by {:.1}°{turned}",
             theta.to_degrees()
@@ -433,8 +520,16 @@ impl Assembly<'_> {
         Ok(mount)
     }
 
+    /// A slice is level, however its scanner is mounted; else the laser must scan the plane.
+    fn of_scans(&self, mount: Mount, base: &str, laser: &str) -> Result<Mount, BagError> {
+        match self.options.slice {
+            Some(_) => Ok(mount.level()),
+            None => mount.checked(base, laser),
+        }
+    }
+
     fn say_tilt(&mut self, base: &str, mount: Mount) {
-        if mount.is_tilted() && self.options.slice.is_none() {
+        if mount.is_tilted() {
             self.assumptions.push(format!(
                 "laser on {base:?}: tilted by {:.1}°, so the ends of its beams are projected into the plane",
                 mount.tilt_degrees
@@ -470,17 +565,37 @@ impl Assembly<'_> {
         base: &str,
         odometry_topic: Option<&str>,
     ) -> Result<Reference, BagError> {
-        if let Some(ReferenceTrack { name, trajectory, frame }) = &self.options.reference_track {
-            // Its file knows of no stretches: it may tell of any.
-            let stretches: BTreeSet<usize> = self.moments().iter().map(|at| at.stretch).collect();
-            let sample = |stretch: usize| {
-                let moment = move |at: Stamp| Moment { stretch, at: at.nanoseconds() };
-                trajectory.iter().map(move |(at, pose)| (moment(at), pose))
+        if let Some(track) = &self.options.reference_track {
+            let ReferenceTrack { name, trajectory, frame, doubt } = track;
+            let doubt = doubt.as_ref().map(|doubt| format!("reference: {name}: {doubt}"));
+            self.report.doubts.extend(doubt);
+            let times: Vec<i64> = trajectory.stamps().iter().map(|at| at.nanoseconds()).collect();
+            let of_file = stretches_of_file(&times);
+            let there: BTreeSet<usize> = self.moments.iter().map(|at| at.stretch).collect();
+            let in_file = of_file.last().map_or(0, |last| last + 1);
+            let poses: Vec<(i64, Pose2)> =
+                trajectory.iter().map(|(at, pose)| (at.nanoseconds(), pose)).collect();
+            let in_stretch =
+                |stretch: usize, &(at, pose): &(i64, Pose2)| (Moment { stretch, at }, pose);
+            let samples: Vec<(Moment, Pose2)> = match in_file {
+                // It may tell of any.
+                0 | 1 => there
+                    .iter()
+                    .flat_map(|&stretch| poses.iter().map(move |pose| in_stretch(stretch, pose)))
+                    .collect(),
+                _ if in_file == there.len() => {
+                    let in_bag: Vec<usize> = there.into_iter().collect();
+                    let pairs = poses.iter().zip(&of_file);
+                    pairs.map(|(pose, &of)| in_stretch(in_bag[of], pose)).collect()
+                }
+                _ => {
+                    self.report.doubts.push(goes_over_again(name, in_file, there.len()));
+                    return Ok(Reference::default());
+                }
             };
-            let samples = stretches.into_iter().flat_map(sample).collect();
             let track = PoseTrack::new(samples, self.longest);
             let name = format!("{name}, {} poses", trajectory.len());
-            let track = track.map(|track| Track::new(track, REFERENCE));
+            let track = track.map(|track| self.track(track, REFERENCE));
             return Ok(Reference { track, name, frame: frame.clone() });
         }
         let Some(topic) = topic else {
@@ -496,26 +611,51 @@ impl Assembly<'_> {
         };
         let pair = Pair::of(topic).filter(|_| poses.is_empty());
         let frames = pair.and_then(|pair| pair.frames(|frame| self.motion.knows(frame)));
-        let (samples, child) = match (pair, frames) {
-            (None, _) => {
-                (self.samples(poses), poses.first().and_then(|pose| pose.value.child.clone()))
-            }
-            (Some(_), Some((parent, child))) => match self.motion.poses(parent, child) {
-                Some(samples) => (samples, Some(child.to_owned())),
+        let (samples, child, doubt) = match (pair, frames) {
+            (None, _) => (
+                self.samples(poses),
+                poses.first().and_then(|pose| pose.value.child.clone()),
+                out_of_plane(poses.iter().map(|pose| pose.value.in_space)),
+            ),
+            (Some(_), Some((parent, child))) => match self.motion.poses_in_space(parent, child) {
+                Some(poses) => {
+                    let doubt = out_of_plane(poses.iter().map(|(_, pose)| in_space_of(pose)));
+                    let planar = poses.iter().map(|(at, pose)| (*at, planar(pose)));
+                    (planar.collect(), Some(child.to_owned()), doubt)
+                }
                 None => return Err(self.no_pair(topic)),
             },
             (Some(_), None) => return Err(self.no_pair(topic)),
         };
+        self.report.doubts.extend(doubt.map(|doubt| format!("reference: {topic}: {doubt}")));
         let count = samples.len();
         let Some(track) = PoseTrack::new(samples, self.longest) else {
             self.assumptions.push(format!("reference: {topic} has no readable message"));
             return Ok(Reference::default());
         };
+        self.say_unstamped(REFERENCE, poses);
         Ok(Reference {
-            track: Some(Track::new(track, REFERENCE)),
+            track: Some(self.track(track, REFERENCE)),
             name: format!("{topic}, {count} messages"),
             frame: child.filter(|child| !child.is_empty()),
         })
+    }
+
+    /// A frame that is asked for has to be there: in the tree, or `elsewhere`.
+    fn check_frame(
+        &self,
+        asked: Option<&str>,
+        option: &'static str,
+        elsewhere: impl Fn(&str) -> bool,
+    ) -> Result<(), BagError> {
+        match asked.filter(|frame| !self.motion.knows(frame) && !elsewhere(frame)) {
+            Some(frame) => Err(BagError::NoFrame {
+                frame: frame.to_owned(),
+                option,
+                frames: self.motion.frames(),
+            }),
+            None => Ok(()),
+        }
     }
 
     fn no_pair(&self, topic: &str) -> BagError {
@@ -543,7 +683,8 @@ impl Assembly<'_> {
         if frame == laser {
             return Ok((Some(Mount::IDENTITY), frame));
         }
-        let found = self.motion.mount(&frame, laser)?;
+        let found = self.motion.any_mount(&frame, laser)?;
+        let found = found.map(|mount| self.of_scans(mount, &frame, laser)).transpose()?;
         if found.is_none() {
             self.report.doubts.push(format!(
                 "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken to be those of {base:?} (--reference-frame robot, laser or NAME says otherwise)"
@@ -560,7 +701,7 @@ impl Assembly<'_> {
         reference: &str,
         moments: &[Moment],
     ) -> Result<(), BagError> {
-        let (start, end) = track.poses.span();
+        let (start, end) = track.span();
         let times = || moments.iter().map(|moment| moment.at);
         let scan_start = times().min().unwrap_or_default();
         let scan_end = times().max().unwrap_or_default();
@@ -576,42 +717,14 @@ impl Assembly<'_> {
             scan_end: Stamp::from_nanoseconds(scan_end),
         })
     }
-
-    fn say_missing(&mut self, track: &Track) {
-        let Track { what, outside, in_gaps, longest_gap, .. } = *track;
-        let scans = |count: usize, lie: [&str; 2]| match count {
-            1 => format!("1 scan {}", lie[0]),
-            _ => format!("{count} scans {}", lie[1]),
-        };
-        if outside == self.scans.len() {
-            let (start, end) = track.poses.span();
-            let times = self.moments();
-            let times = || times.iter().map(|moment| moment.at);
-            let told = |at: Option<i64>| Stamp::from_nanoseconds(at.unwrap_or_default());
-            self.report.doubts.push(format!(
-                "{what}: it lasts from {} s to {} s, the scans from {} s to {} s, so no scan has any; were they stamped by different clocks?",
-                told(Some(start)),
-                told(Some(end)),
-                told(times().min()),
-                told(times().max()),
-            ));
-        } else if outside > 0 {
-            self.assumptions.push(format!(
-                "{} before the first or after the last {what} message: nothing is extrapolated, so no {what} there",
-                scans(outside, ["lies", "lie"])
-            ));
-        }
-        if in_gaps > 0 {
-            self.assumptions.push(format!(
-                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over so long, so no {what} there",
-                scans(in_gaps, ["lies", "lie"]),
-                longest_gap as f64 / NANOSECONDS
-            ));
-        }
-    }
 }
 
 const REFERENCE: &str = "reference";
+
+/// When a scan was.
+fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
+    time(scan.value.header.stamp, scan.log_time)
+}
 
 /// The reference of a recording.
 #[derive(Default)]
@@ -619,15 +732,4 @@ struct Reference {
     track: Option<Track>,
     name: String,
     frame: Option<String>,
-}
-
-/// How often each time has been there before.
-fn occurrences(times: &[Moment]) -> Vec<usize> {
-    let mut seen: BTreeMap<Moment, usize> = BTreeMap::new();
-    let mut occurrence = |&time: &Moment| {
-        let count = seen.entry(time).or_default();
-        *count += 1;
-        *count - 1
-    };
-    times.iter().map(&mut occurrence).collect()
 }

@@ -81,7 +81,7 @@ pub enum WriteBagError {
     },
     /// Scans in the middle of the recording lack what those around them have.
     #[error(
-        "scan {scan} has no {what}, but scans before and after it or at its time have: a bag would fill the gap by interpolation"
+        "scan {scan} has no {what}, but scans before and after it or at its time have: of bags only those of this suite in MCAP (.mcap) can say so, others would fill the gap by interpolation"
     )]
     Gap {
         /// Index of the scan, from 0.

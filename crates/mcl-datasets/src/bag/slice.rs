@@ -40,5 +40,6 @@ pub(super) fn scan(
     }
     let last_angle = geometry.angle(BEAMS - 1);
     let header = cloud.header;
-    Ok(ScanMessage { header, geometry, ranges, at_max: 0, last_angle, time_increment: 0.0 })
+    let (time_increment, scan_time) = (0.0, 0.0);
+    Ok(ScanMessage { header, geometry, ranges, at_max: 0, last_angle, time_increment, scan_time })
 }

@@ -74,6 +74,17 @@ impl Survey {
     }
 }
 
+impl Survey {
+    /// With pairs of frames that could be the reference.
+    pub(crate) fn with_pairs(mut self, mut pairs: Vec<String>) -> Self {
+        for choice in self.choices.iter_mut().filter(|choice| choice.what == "reference") {
+            pairs.retain(|pair| choice.taken.as_ref() != Some(pair));
+            choice.others.append(&mut pairs);
+        }
+        self
+    }
+}
+
 fn stamp(log_time: u64) -> Stamp {
     Stamp::from_nanoseconds(i64::try_from(log_time).unwrap_or(i64::MAX))
 }

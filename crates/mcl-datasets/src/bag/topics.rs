@@ -9,19 +9,29 @@ const SCAN_TYPES: &str = "sensor_msgs/msg/LaserScan or sensor_msgs/msg/MultiEcho
 const GOALS: [&str; 6] =
     ["goal_pose", "goal", "current_goal", "initialpose", "clicked_pose", "target_pose"];
 /// Last part of the names of pose topics that hold what another program takes to be the robot's pose.
-const ESTIMATES: [&str; 9] = [
-    "amcl_pose",
-    "mcl_pose",
-    "slam_toolbox/pose",
-    "slam_out_pose",
-    "tracked_pose",
-    "estimated_pose",
-    "pose_estimate",
-    "localization_pose",
-    "poseupdate",
+const ESTIMATES: [&str; 7] =
+    ["pose", "robot_pose", "current_pose", "global_pose", "mcl_pose", "tracked_pose", "poseupdate"];
+/// What is in the names of programs that estimate poses, and of their topics.
+const ESTIMATORS: [&str; 13] = [
+    "amcl",
+    "mcl2",
+    "slam",
+    "ndt",
+    "ekf",
+    "ukf",
+    "localiz",
+    "localis",
+    "estimat",
+    "inferred",
+    "filtered",
+    "rtabmap",
+    "cartographer",
 ];
+/// What is in the names of systems that watch a robot from outside.
+const WATCHERS: [&str; 7] =
+    ["mocap", "motion_capture", "vrpn", "vicon", "optitrack", "natnet", "qualisys"];
 /// Last part of the names of topics that hold ground truth.
-const REFERENCE: [&str; 8] = [
+const REFERENCE: [&str; 10] = [
     "reference",
     "ground_truth",
     "groundtruth",
@@ -30,6 +40,8 @@ const REFERENCE: [&str; 8] = [
     "ground_truth_odom",
     "base_pose_ground_truth",
     "gt_pose",
+    "ground_truth/state",
+    "gt",
 ];
 
 const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, PoseWithCovarianceStamped or TransformStamped, nav_msgs/msg/Odometry or Path, or two frames of transforms (/tf:map.base_link)";
@@ -81,6 +93,8 @@ pub(super) struct Chosen<'a> {
     pub reference: Option<&'a str>,
     /// What could be meant by several topics, and was left out.
     pub doubts: Vec<String>,
+    /// What was taken without being told by a name.
+    pub assumptions: Vec<String>,
 }
 
 /// Chooses the topics. A topic that is asked for must be there with messages of the right type. Else:
@@ -144,7 +158,13 @@ pub(super) fn choose<'a>(
             Some(found.ok_or_else(|| BagError::NoReference { topics: content.list() })?)
         }
     };
-    Ok(Chosen { scan, odometry, reference: found, doubts })
+    let mut assumptions = Vec::new();
+    if let Some(topic) = found.filter(|topic| asked.reference.is_none() && !is_truth(topic)) {
+        assumptions.push(format!(
+            "reference: {topic} is the only topic of poses, and by its name neither a ground truth nor an estimate; it is taken for the truth (--reference none, --reference-topic or --reference FILE says otherwise)"
+        ));
+    }
+    Ok(Chosen { scan, odometry, reference: found, doubts, assumptions })
 }
 
 /// A pair of frames as a topic of poses: `/tf:map.base_link`.
@@ -248,9 +268,19 @@ fn reference_topic<'a>(
     }
 }
 
+/// Whether a topic has the name of a ground truth, or that of a system that watches a robot from outside.
+fn is_truth(name: &str) -> bool {
+    is_named(name, &REFERENCE) || contains(name, &WATCHERS)
+}
+
 /// Whether a topic has the name of poses that another program estimated.
 fn is_estimate(name: &str) -> bool {
-    name == "/pose" || is_named(name, &ESTIMATES)
+    !is_truth(name) && (is_named(name, &ESTIMATES) || contains(name, &ESTIMATORS))
+}
+
+fn contains(name: &str, parts: &[&str]) -> bool {
+    let name = name.to_ascii_lowercase();
+    parts.iter().any(|part| name.contains(part))
 }
 
 /// Topics of poses that could serve as a reference if asked for, but the odometry.

@@ -1,6 +1,6 @@
 //! Poses over time, and where between them a scan was taken.
 
-use mcl_core::Pose2;
+use mcl_core::{Pose2, math};
 
 use super::moment::Moment;
 
@@ -8,10 +8,30 @@ use super::moment::Moment;
 const USUAL_INTERVALS: i64 = 5;
 const SHORT: i64 = 200_000_000;
 
+/// Poses of one stamp that are closer (metres, radians) are one, but for the noise of who wrote them.
+const ALIKE: (f64, f64) = (0.01, 0.01);
+
+/// Which of several of one time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Occurrence {
+    /// From 0.
+    pub index: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+impl Occurrence {
+    /// The only one.
+    pub const ONLY: Occurrence = Occurrence { index: 0, of: 1 };
+}
+
 /// Stamped poses in order of time; those of one time in the order of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PoseTrack {
     samples: Vec<(Moment, Pose2)>,
+    /// Samples of times that others tell different poses of, and how far these are apart: metres and radians.
+    shared: usize,
+    apart: (f64, f64),
     /// The longest time between two samples that is interpolated over, in nanoseconds.
     longest: i64,
 }
@@ -21,6 +41,8 @@ pub(crate) struct PoseTrack {
 pub(crate) enum Placed {
     /// The pose there.
     At(Pose2),
+    /// Several poses have this stamp, or that of a neighbour, or several ask for that of one stamp.
+    Unclear,
     /// Before the first or after the last sample of its stretch.
     Outside,
     /// Between two samples too far apart, in nanoseconds.
@@ -56,7 +78,43 @@ impl PoseTrack {
     pub fn new(mut samples: Vec<(Moment, Pose2)>, longest: Option<i64>) -> Option<Self> {
         samples.sort_by_key(|&(moment, _)| moment);
         let longest = longest_interval(samples.iter().map(|&(moment, _)| moment), longest);
-        (!samples.is_empty()).then_some(PoseTrack { samples, longest })
+        (!samples.is_empty()).then(|| PoseTrack::of(samples, longest))
+    }
+
+    fn of(samples: Vec<(Moment, Pose2)>, longest: i64) -> Self {
+        let (mut shared, mut apart) = (0, (0.0_f64, 0.0_f64));
+        for group in samples.chunk_by(|a, b| a.0 == b.0).filter(|group| !are_alike(group)) {
+            shared += group.len();
+            let [metres, radians] = spread(group);
+            apart = (apart.0.max(metres), apart.1.max(radians));
+        }
+        PoseTrack { samples, shared, apart, longest }
+    }
+
+    /// Number of poses.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// How many of them have a stamp that others tell different poses of.
+    pub fn shared(&self) -> usize {
+        self.shared
+    }
+
+    /// How far poses of one stamp are apart, in metres and degrees.
+    pub fn apart(&self) -> (f64, f64) {
+        (self.apart.0, self.apart.1.to_degrees())
+    }
+
+    /// How many have this time.
+    pub fn count(&self, moment: Moment) -> usize {
+        self.group(moment).len()
+    }
+
+    fn group(&self, moment: Moment) -> &[(Moment, Pose2)] {
+        let start = self.samples.partition_point(|&(other, _)| other < moment);
+        let end = self.samples.partition_point(|&(other, _)| other <= moment);
+        &self.samples[start..end]
     }
 
     /// Earliest and latest time.
@@ -81,18 +139,22 @@ impl PoseTrack {
         let mut samples: Vec<_> = beyond.copied().collect();
         samples.extend(self.samples.iter().copied());
         samples.sort_by_key(|&(moment, _)| moment);
-        PoseTrack { samples, longest: self.longest }
+        PoseTrack::of(samples, self.longest)
     }
 
     /// The pose at a time: that of the sample with this very stamp, else between the two neighbours
-    /// (on the line between the positions, on the shorter arc between the headings). Of several samples
-    /// of one stamp, the `occurrence`-th (from 0, at most the last).
-    pub fn at(&self, moment: Moment, occurrence: usize) -> Placed {
-        let start = self.samples.partition_point(|&(other, _)| other < moment);
-        let end = self.samples.partition_point(|&(other, _)| other <= moment);
-        if start < end {
-            return Placed::At(self.samples[(start + occurrence).min(end - 1)].1);
+    /// (on the line between the positions, on the shorter arc between the headings). Several of one time that ask
+    /// get its samples one after the other, if there are as many.
+    pub fn at(&self, moment: Moment, occurrence: Occurrence) -> Placed {
+        let group = self.group(moment);
+        match group.get(occurrence.index) {
+            Some((_, pose)) if occurrence.of == group.len() => return Placed::At(*pose),
+            _ if occurrence.of > 1 => return Placed::Unclear,
+            Some((_, pose)) if are_alike(group) => return Placed::At(*pose),
+            Some(_) => return Placed::Unclear,
+            None => {}
         }
+        let start = self.samples.partition_point(|&(other, _)| other < moment);
         let of_stretch = |sample: &&(Moment, Pose2)| sample.0.stretch == moment.stretch;
         let before = start.checked_sub(1).and_then(|index| self.samples.get(index));
         let after = self.samples.get(start);
@@ -105,9 +167,28 @@ impl PoseTrack {
         if gap > i128::from(self.longest) {
             return Placed::InGap(i64::try_from(gap).unwrap_or(i64::MAX));
         }
+        if !are_alike(self.group(*before)) || !are_alike(self.group(*after)) {
+            return Placed::Unclear;
+        }
         let part = (i128::from(moment.at) - i128::from(before.at)) as f64 / gap as f64;
         Placed::At(from.interpolate(to, part))
     }
+}
+
+/// How far poses are from the first, at most: metres and radians.
+fn spread(samples: &[(Moment, Pose2)]) -> [f64; 2] {
+    let mut spread = [0.0_f64; 2];
+    for (_, pose) in samples {
+        let apart = samples[0].1.between(pose);
+        let metres = math::hypot(apart.x, apart.y);
+        spread = [spread[0].max(metres), spread[1].max(apart.theta.abs())];
+    }
+    spread
+}
+
+fn are_alike(samples: &[(Moment, Pose2)]) -> bool {
+    let [metres, radians] = if samples.len() > 1 { spread(samples) } else { [0.0; 2] };
+    metres <= ALIKE.0 && radians <= ALIKE.1
 }
 
 #[cfg(test)]
@@ -120,7 +201,7 @@ mod tests {
     }
 
     fn pose(track: &PoseTrack, moment: Moment) -> Pose2 {
-        match track.at(moment, 0) {
+        match track.at(moment, Occurrence::ONLY) {
             Placed::At(pose) => pose,
             other => panic!("{other:?}"),
         }
@@ -137,7 +218,10 @@ mod tests {
         assert_eq!((found.x, found.y), (0.25, 0.5));
         assert!(found.theta.abs() - PI < 1e-15 && (found.theta - PI).abs() < 1e-12, "{found:?}");
         assert_eq!(pose(&track, at(100)).x, 1.0);
-        assert_eq!((track.at(at(-1), 0), track.at(at(101), 0)), (Placed::Outside, Placed::Outside));
+        assert_eq!(
+            (track.at(at(-1), Occurrence::ONLY), track.at(at(101), Occurrence::ONLY)),
+            (Placed::Outside, Placed::Outside)
+        );
         let other = [(at(50), Pose2::IDENTITY), (at(200), Pose2::new(3.0, 2.0, 0.0))];
         let longer = track.extended_by(&other);
         assert_eq!(longer.span(), (0, 200));
@@ -145,12 +229,23 @@ mod tests {
     }
 
     #[test]
-    fn poses_of_one_stamp_stay_in_order() {
+    fn poses_of_one_stamp_go_to_as_many_in_order_and_to_no_other_number() {
         let x = |x| Pose2::new(x, 0.0, 0.0);
-        let track =
-            PoseTrack::new(vec![(at(5), x(1.0)), (at(9), x(2.0)), (at(5), x(3.0))], None).unwrap();
-        let found: Vec<Placed> = (0..3).map(|k| track.at(at(5), k)).collect();
-        assert_eq!(found, [1.0, 3.0, 3.0].map(|value| Placed::At(x(value))));
+        let samples = vec![(at(5), x(1.0)), (at(9), x(2.0)), (at(5), x(3.0)), (at(1), x(0.0))];
+        let track = PoseTrack::new(samples, None).unwrap();
+        assert_eq!((track.len(), track.shared(), track.apart().0), (4, 2, 2.0));
+        let found: Vec<Placed> =
+            (0..2).map(|index| track.at(at(5), Occurrence { index, of: 2 })).collect();
+        assert_eq!(found, [1.0, 3.0].map(|value| Placed::At(x(value))));
+        for of in [1, 3] {
+            assert_eq!(track.at(at(5), Occurrence { index: 0, of }), Placed::Unclear);
+        }
+        assert_eq!(track.at(at(9), Occurrence { index: 1, of: 2 }), Placed::Unclear);
+        // Nor between two of which one is not clear.
+        assert_eq!(track.at(at(7), Occurrence::ONLY), Placed::Unclear);
+        let noise = vec![(at(5), x(1.0)), (at(5), x(1.005)), (at(9), x(2.0))];
+        let track = PoseTrack::new(noise, None).unwrap();
+        assert_eq!(track.at(at(5), Occurrence::ONLY), Placed::At(x(1.0)));
     }
 
     #[test]
@@ -161,11 +256,11 @@ mod tests {
         samples.push((Moment { stretch: 1, at: 2 * S }, Pose2::IDENTITY));
         samples.push((Moment { stretch: 1, at: 3 * S }, Pose2::IDENTITY));
         let track = PoseTrack::new(samples.clone(), None).unwrap();
-        assert_eq!(track.at(at(7 * S), 0), Placed::InGap(9_500_000_000));
-        assert!(matches!(track.at(at(S / 4), 0), Placed::At(_)));
-        assert_eq!(track.at(Moment { stretch: 1, at: S }, 0), Placed::Outside);
-        assert_eq!(track.at(at(15 * S), 0), Placed::Outside);
+        assert_eq!(track.at(at(7 * S), Occurrence::ONLY), Placed::InGap(9_500_000_000));
+        assert!(matches!(track.at(at(S / 4), Occurrence::ONLY), Placed::At(_)));
+        assert_eq!(track.at(Moment { stretch: 1, at: S }, Occurrence::ONLY), Placed::Outside);
+        assert_eq!(track.at(at(15 * S), Occurrence::ONLY), Placed::Outside);
         let track = PoseTrack::new(samples, Some(10 * S)).unwrap();
-        assert!(matches!(track.at(at(7 * S), 0), Placed::At(_)), "as asked for");
+        assert!(matches!(track.at(at(7 * S), Occurrence::ONLY), Placed::At(_)), "as asked for");
     }
 }

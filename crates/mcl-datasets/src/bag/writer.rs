@@ -1,5 +1,6 @@
 //! Writing a recording as a ROS 2 bag.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 use std::ops::Range;
@@ -21,6 +22,9 @@ pub(super) const METADATA_NAME: &str = "mcl-eval";
 /// Its key: sequence numbers of the scans on `/scan` that have no stamp, parted by blanks. In a bag
 /// that has the record, a stamp of 0 of any other scan is a time.
 pub(super) const UNSTAMPED_KEY: &str = "scans_without_stamp";
+/// Keys for scans that have no odometry, or no reference pose, where others about them have.
+pub(super) const NO_ODOMETRY_KEY: &str = "scans_without_odometry";
+pub(super) const NO_REFERENCE_KEY: &str = "scans_without_reference";
 /// Unpacked bytes of a chunk. Small, because a file that is cut off loses most of its last chunk.
 const CHUNK_BYTES: u64 = 64 << 10;
 const ODOMETRY_FRAME: &str = "odom";
@@ -71,7 +75,7 @@ pub enum Format {
 }
 
 /// [`write`](fn@write), in any of the formats. Scans that have no stamp, or of which stamps step back by more than
-/// a second, go into MCAP only.
+/// a second, and those that lack odometry or reference poses which others about them have, go into MCAP only.
 ///
 /// # Errors
 /// As [`write`](fn@write).
@@ -82,6 +86,9 @@ pub fn write_as<W: Write + Seek>(
 ) -> Result<W, WriteBagError> {
     let prepared = Prepared::of(recording)?;
     if format != Format::Mcap {
+        if let Some(gap) = prepared.gap {
+            return Err(gap);
+        }
         let times: Vec<i64> = recording.scans.iter().map(in_order).collect();
         let is_unordered = |&scan: &usize| {
             times[scan] <= 0 || scan > 0 && times[scan - 1].saturating_sub(times[scan]) > SECOND
@@ -93,13 +100,20 @@ pub fn write_as<W: Write + Seek>(
     match format {
         Format::Mcap => {
             let mut bag = BagWriter::new(sink)?;
-            let unstamped = recording.scans.iter().enumerate();
-            let unstamped: Vec<String> = unstamped
-                .filter(|(_, scan)| scan.stamp.is_none())
-                .map(|(index, _)| index.to_string())
-                .collect();
-            let list = BTreeMap::from([(UNSTAMPED_KEY.to_owned(), unstamped.join(" "))]);
-            bag.metadata(METADATA_NAME, list)?;
+            let listed = |is_listed: fn(&LaserScan) -> bool| {
+                let scans = recording.scans.iter().enumerate();
+                let numbers = scans.filter(|(_, scan)| is_listed(scan));
+                numbers.map(|(index, _)| index.to_string()).collect::<Vec<_>>().join(" ")
+            };
+            let mut lists =
+                BTreeMap::from([(UNSTAMPED_KEY.to_owned(), listed(|scan| scan.stamp.is_none()))]);
+            if prepared.gap.is_some() {
+                let odometry = listed(|scan| scan.odometry.is_none());
+                let reference = listed(|scan| scan.map_from_laser.is_none());
+                lists.insert(NO_ODOMETRY_KEY.to_owned(), odometry);
+                lists.insert(NO_REFERENCE_KEY.to_owned(), reference);
+            }
+            bag.metadata(METADATA_NAME, lists)?;
             prepared.write(recording, &mut bag)?;
             bag.finish()
         }
@@ -214,6 +228,10 @@ impl<W: Write + Seek> BagWriter<W> {
 /// where stamps step back or are missing. A scan without stamp has stamp 0 and is listed in the
 /// metadata record `mcl-eval`.
 ///
+/// Where the odometry says nothing of a step, it begins anew at the origin, and the record lists the scan; so for scans
+/// without reference pose among others that have one. The times between the beams of a scan that no pose follows are
+/// left out: nothing would say where they were measured.
+///
 /// What the format cannot hold: readings and directions of beams are 32-bit floats; headings pass
 /// through quaternions (10⁻¹⁵ rad), and odometry through poses in one frame (10⁻¹² m within some
 /// hundred metres of its origin).
@@ -228,18 +246,25 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
 /// A recording that has been checked.
 struct Prepared {
     spans: Spans,
+    /// The first scan that lacks what those about it have.
+    gap: Option<WriteBagError>,
     placed: Vec<Placed>,
 }
 
 impl Prepared {
     fn of(recording: &Recording) -> Result<Self, WriteBagError> {
-        let spans = check(recording)?;
+        let mut spans = check(recording)?;
+        // As many poses as scans, so that those of one stamp find each other.
+        let gap = spans.gap(&recording.scans);
+        if !spans.odometry.is_empty() && gap.is_some() {
+            spans.odometry = 0..recording.scans.len();
+        }
         let placed = place(recording, &spans)?;
-        Ok(Prepared { spans, placed })
+        Ok(Prepared { spans, placed, gap })
     }
 
     fn write(self, recording: &Recording, bag: &mut dyn Sink) -> Result<(), WriteBagError> {
-        let Prepared { spans, placed } = self;
+        let Prepared { spans, placed, .. } = self;
         let scans = &recording.scans;
         let scan_topic = bag.topic("/scan", &LASER_SCAN, Delivery::Live)?;
         let odom_topic = match spans.odometry.is_empty() {
@@ -262,7 +287,12 @@ impl Prepared {
         let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
         bag.message(static_topic, log_time, transforms(first, &mounted))?;
         let limits = range_limits(scans);
-        for (scan, placed) in scans.iter().zip(placed) {
+        let is_placed = !spans.odometry.is_empty() || !spans.reference.is_empty();
+        for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
+            let mut scan = Cow::Borrowed(scan);
+            if is_placed && scan.sweep.time_increment != 0.0 && !is_followed(scans, index) {
+                scan.to_mut().sweep.time_increment = 0.0;
+            }
             let stamp = scan.stamp.unwrap_or(zero);
             log_time = log_time.max(stamp.nanoseconds() as u64);
             let Placed { odometry, reference, edges } = placed;
@@ -279,10 +309,23 @@ impl Prepared {
             if let (Some(topic), Some(pose)) = (reference_topic, reference) {
                 bag.message(topic, log_time, pose_stamped(stamp, MAP_FRAME, pose))?;
             }
-            bag.message(scan_topic, log_time, laser_scan(scan, stamp, LASER_FRAME, limits))?;
+            bag.message(scan_topic, log_time, laser_scan(&scan, stamp, LASER_FRAME, limits))?;
         }
         Ok(())
     }
+}
+
+/// Whether poses follow a scan without a gap until its last beam was measured.
+fn is_followed(scans: &[LaserScan], index: usize) -> bool {
+    let scan = &scans[index];
+    let takes = scan.sweep.time_increment * scan.geometry.beams.saturating_sub(1) as f64;
+    let steps = scans[index..].windows(2).map_while(|pair| {
+        let has_poses = pair.iter().all(|scan| scan.map_from_laser.is_some());
+        let next = pair[1].stamp.zip(scan.stamp)?;
+        (pair[1].odometry.is_some() || has_poses).then_some(next)
+    });
+    let mut times = steps.map(|(next, start)| next.seconds_since(start));
+    times.any(|later| later >= takes)
 }
 
 /// Where the robot was at a scan, in all ways that a bag says so.
@@ -309,10 +352,11 @@ fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagEr
     let mut robot = Pose2::IDENTITY;
     let mut placed = Vec::with_capacity(recording.scans.len());
     for (index, scan) in recording.scans.iter().enumerate() {
-        if index > spans.odometry.start
-            && let Some(increment) = scan.odometry
-        {
-            robot = robot.compose(&mount.robot_increment(increment));
+        if index > spans.odometry.start {
+            robot = match scan.odometry {
+                Some(increment) => robot.compose(&mount.robot_increment(increment)),
+                None => Pose2::IDENTITY,
+            };
         }
         let odometry = spans.odometry.contains(&index).then_some(robot);
         let reference = scan.map_from_laser.map(|laser| mount.robot_pose(laser));
@@ -344,7 +388,7 @@ fn range_limits(scans: &[LaserScan]) -> (f32, f32) {
     (min, if max > 0.0 { max * 1.001 + f32::MIN_POSITIVE } else { max })
 }
 
-/// The scans with a pose by odometry, and those with a reference pose; each without gaps.
+/// From the first to the last scan with a pose by odometry, and with a reference pose.
 struct Spans {
     odometry: Range<usize>,
     reference: Range<usize>,
@@ -391,15 +435,31 @@ fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
     if let Some(scan) = scans.iter().position(|scan| scan.sweep.directions.is_some()) {
         return Err(WriteBagError::Uneven { scan });
     }
-    let steps = span(scans, "odometry", |index, scan| index > 0 && scan.odometry.is_some())?;
-    let reference = span(scans, "reference pose", |_, scan| scan.map_from_laser.is_some())?;
+    let steps = span(scans, |index, scan| index > 0 && scan.odometry.is_some());
+    let reference = span(scans, |_, scan| scan.map_from_laser.is_some());
     // A step connects its scan with the one before.
     let start = steps.start.saturating_sub(1);
     let odometry = if steps.is_empty() { 0..0 } else { start..steps.end };
-    let times = times(scans);
-    check_outside(&times, &odometry, "odometry")?;
-    check_outside(&times, &reference, "reference pose")?;
     Ok(Spans { odometry, reference })
+}
+
+impl Spans {
+    /// The first scan that lacks what those about it have, and would have it by interpolation.
+    fn gap(&self, scans: &[LaserScan]) -> Option<WriteBagError> {
+        const ODOMETRY: &str = "odometry";
+        const REFERENCE: &str = "reference pose";
+        let gap = |scan, what| WriteBagError::Gap { scan, what };
+        let mut steps = self.odometry.clone().skip(1);
+        let mut poses = self.reference.clone();
+        let times = times(scans);
+        (steps.find(|&scan| scans[scan].odometry.is_none()).map(|scan| gap(scan, ODOMETRY)))
+            .or_else(|| {
+                let found = poses.find(|&scan| scans[scan].map_from_laser.is_none());
+                found.map(|scan| gap(scan, REFERENCE))
+            })
+            .or_else(|| check_outside(&times, &self.odometry, ODOMETRY).err())
+            .or_else(|| check_outside(&times, &self.reference, REFERENCE).err())
+    }
 }
 
 /// When readers take the scans to be: at their stamps, or when they are logged if those are 0.
@@ -431,17 +491,9 @@ fn check_outside(
     }
 }
 
-/// From the first to the last scan that has something, which all between must have.
-fn span(
-    scans: &[LaserScan],
-    what: &'static str,
-    has: impl Fn(usize, &LaserScan) -> bool,
-) -> Result<Range<usize>, WriteBagError> {
+/// From the first to the last scan that has something.
+fn span(scans: &[LaserScan], has: impl Fn(usize, &LaserScan) -> bool) -> Range<usize> {
     let mut with = scans.iter().enumerate().filter(|(index, scan)| has(*index, scan));
-    let Some((first, _)) = with.next() else { return Ok(0..0) };
-    let last = with.next_back().map_or(first, |(last, _)| last);
-    match (first..=last).find(|&index| !has(index, &scans[index])) {
-        Some(scan) => Err(WriteBagError::Gap { scan, what }),
-        None => Ok(first..last + 1),
-    }
+    let Some((first, _)) = with.next() else { return 0..0 };
+    first..with.next_back().map_or(first, |(last, _)| last) + 1
 }

@@ -12,6 +12,8 @@ pub(super) struct LoggedScan {
     pub scan: LaserScan,
     pub laser: Pose2,
     pub robot: Pose2,
+    /// Whether the two poses are said, in the record or before it.
+    pub has_pose: bool,
     /// Where a simulated robot really was, by a `TRUEPOS` record before it.
     pub truth: Option<Pose2>,
     pub gap: Gap,
@@ -62,7 +64,7 @@ pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, 
         .map(|(logged, odometry)| LaserScan {
             map_from_laser: match has_truth {
                 true => logged.truth.map(|robot| robot.compose(&robot_from_laser)),
-                false => has_reference.then_some(logged.laser),
+                false => (has_reference && logged.has_pose).then_some(logged.laser),
             },
             odometry,
             ..logged.scan
@@ -143,6 +145,9 @@ struct Odometry {
 impl Odometry {
     /// Pose of the laser at `scan` in its frame at the scan before.
     fn increment(&self, before: &LoggedScan, scan: &LoggedScan) -> Option<Pose2> {
+        if !before.has_pose || !scan.has_pose {
+            return None;
+        }
         let robot_increment = match self.kind {
             LogKind::GfsCorrected if self.restarts => scan.gap.restarted,
             LogKind::GfsCorrected => Some(before.gap.last?.between(&scan.gap.last?)),

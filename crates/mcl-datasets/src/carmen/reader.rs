@@ -3,15 +3,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, BufRead, Read};
 
-use mcl_core::{LaserScan, Pose2, ScanGeometry};
+use mcl_core::{LaserScan, OutOfMemory, Pose2, ScanGeometry, memory};
 
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
 use super::record::{self, Record, RecordKind, ScanRecord};
+use crate::bag::moment::Moment;
+use crate::bag::pairing::shared_stamps;
 use crate::log::content::{Log, LogKind};
 use crate::log::options::ReferencePoses;
 use crate::log::report::ReadReport;
 use crate::packed::damage;
+use crate::room::{HEAP_BYTES, Room};
 
 /// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a file
 /// that is no text at all could fill the memory.
@@ -23,6 +26,9 @@ pub enum CarmenError {
     /// Reading failed.
     #[error("cannot be read: {0}")]
     Io(io::Error),
+    /// The scans take more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
     /// A line longer than any record.
     #[error("line {line} is longer than {MAX_LINE_BYTES} bytes, expected a CARMEN record per line")]
     LineTooLong {
@@ -31,7 +37,8 @@ pub enum CarmenError {
     },
     /// No scan could be read.
     #[error(
-        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those)\n{report}"
+        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those){}",
+        match report.to_string() { text if text.is_empty() => text, text => format!("\n{text}") }
     )]
     NoScan {
         /// Number of lines.
@@ -102,7 +109,7 @@ pub fn read_scans(
             Ok(_) if line.len() > MAX_LINE_BYTES => {
                 return Err(CarmenError::LineTooLong { line: pass.lines + 1 });
             }
-            Ok(_) => pass.line(&line),
+            Ok(_) => pass.line(&line)?,
             Err(error) => match damage(&error) {
                 Some(reason) => {
                     let reason = format!("{reason} after line {}", pass.lines);
@@ -118,6 +125,12 @@ pub fn read_scans(
 
 /// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
 const COUNTED_KINDS: usize = 20;
+
+/// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
+/// beam twice or not.
+const STEPS_OFF: f64 = 1.5;
+
+const SCANS: &str = "scans";
 
 const NO_RECORDS: &str = "no records";
 
@@ -160,6 +173,8 @@ impl Kinds {
 #[derive(Default)]
 struct Pass {
     lines: usize,
+    /// What the scans take.
+    room: Room,
     /// The only kind of scan records that is read.
     asked: Option<ScanKind>,
     scans: Vec<LoggedScan>,
@@ -180,8 +195,13 @@ struct Pass {
     /// Angle covered and angle between two beams by the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
-    /// Numbers of beams whose directions CARMEN's rule for any number gave.
+    /// Numbers of beams whose directions CARMEN's rule for any number gave, and those that the parameters
+    /// contradict.
     ruled: BTreeSet<usize>,
+    contradicted: BTreeSet<usize>,
+    /// Scans whose fields say different angles that the beams cover, and what is to be said of the worst.
+    off: usize,
+    farthest_off: Option<(f64, String)>,
     not_numbers: usize,
     kinds: Kinds,
     ignored_kinds: Kinds,
@@ -190,7 +210,7 @@ struct Pass {
 }
 
 impl Pass {
-    fn line(&mut self, text: &[u8]) {
+    fn line(&mut self, text: &[u8]) -> Result<(), OutOfMemory> {
         let renamed;
         let mut line = text;
         const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -214,7 +234,7 @@ impl Pass {
                 }
                 None if kind.is_scan() => {
                     self.ignore(line);
-                    return;
+                    return Ok(());
                 }
                 None => {}
             }
@@ -223,7 +243,7 @@ impl Pass {
         let is_again = self.scan_kind.is_some_and(|read| read != kind);
         if is_again && (is_scan || kind == RecordKind::RawLaser1) {
             self.ignore(line);
-            return;
+            return Ok(());
         }
         match record::parse(line) {
             Ok(Record::Scan(mut scan)) => {
@@ -233,14 +253,16 @@ impl Pass {
                 }
                 self.raw_scans = Vec::new();
                 self.report.ignored += std::mem::take(&mut self.raw_records);
-                let scan = self.logged(scan);
+                let scan = self.logged(scan)?;
+                memory::reserve(&mut self.scans, 1, SCANS)?;
                 self.scans.push(scan);
             }
             Ok(Record::RawScan(mut scan)) => {
                 scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
                 let offset = self.front_laser_offset.unwrap_or(0.0);
                 scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
-                let scan = self.logged(scan);
+                let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan)? };
+                memory::reserve(&mut self.raw_scans, 1, SCANS)?;
                 self.raw_scans.push(scan);
                 self.raw_records += 1;
             }
@@ -274,6 +296,7 @@ impl Pass {
                 self.report.skip(malformed.at_line(self.lines));
             }
         }
+        Ok(())
     }
 
     fn ignore(&mut self, line: &[u8]) {
@@ -281,13 +304,32 @@ impl Pass {
         self.ignored_kinds.count(line);
     }
 
-    fn logged(&mut self, scan: ScanRecord) -> LoggedScan {
+    fn logged(&mut self, scan: ScanRecord) -> Result<LoggedScan, OutOfMemory> {
+        self.room.take(
+            size_of_val(&*scan.ranges) + HEAP_BYTES,
+            self.scans.len() * size_of::<LoggedScan>(),
+        )?;
         self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
+        let steps = scan.fov.map_or(0.0, |fov| record::steps_off(&scan.geometry, fov));
+        if steps > STEPS_OFF {
+            self.off += 1;
+            if self.farthest_off.as_ref().is_none_or(|(worst, _)| steps > *worst) {
+                let ScanGeometry { beams, angle_step, .. } = scan.geometry;
+                let told = format!(
+                    "line {}: {beams} readings by resolution {angle_step:.6} cover {:.4} rad, fov is {:.4}",
+                    self.lines,
+                    angle_step.abs() * (beams - 1) as f64,
+                    scan.fov.unwrap_or_default()
+                );
+                self.farthest_off = Some((steps, told));
+            }
+        }
         let gap = self.odometry.scan(scan.robot);
-        LoggedScan {
+        Ok(LoggedScan {
             laser: scan.laser,
             robot: scan.robot,
             truth: self.last_truth.take(),
+            has_pose: true,
             gap,
             scan: LaserScan {
                 stamp: scan.stamp,
@@ -297,17 +339,30 @@ impl Pass {
                 odometry: None,
                 sweep: Default::default(),
             },
-        }
+        })
     }
 
     /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
     /// beams, else those that its number implies.
     fn flaser_geometry(&mut self, implied: ScanGeometry) -> ScanGeometry {
         let beams = implied.beams;
-        let by_parameters = self
-            .fov
-            .zip(self.resolution)
-            .and_then(|(fov, step)| record::parameter_geometry(beams, fov, step));
+        let by_parameters = record::parameter_geometry(beams, self.fov, self.resolution);
+        let contradicts = |geometry: &ScanGeometry| {
+            let other = ScanGeometry {
+                angle_step: self.resolution.unwrap_or(geometry.angle_step),
+                ..*geometry
+            };
+            let fov = self.fov.unwrap_or_else(|| {
+                (geometry.beams.saturating_sub(1) as f64 * geometry.angle_step).abs()
+            });
+            record::steps_off(&other, fov) > STEPS_OFF
+        };
+        if by_parameters.is_none()
+            && self.contradicted.len() < COUNTED_KINDS
+            && contradicts(&implied)
+        {
+            self.contradicted.insert(beams);
+        }
         match by_parameters {
             // Rounded, and so less exact than what the number implies.
             Some(found) if !is_alike(&found, &implied) => found,
@@ -345,29 +400,50 @@ impl Pass {
             }));
         }
         if is_raw {
-            assumptions.push(
-                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken".to_owned(),
-            );
+            let without = self.scans.iter().filter(|scan| !scan.has_pose).count();
+            assumptions.push(format!(
+                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken{}",
+                match without {
+                    0 => String::new(),
+                    without => format!(", which {without} of {} do not have: neither odometry nor a reference pose there", self.scans.len()),
+                }
+            ));
+        }
+        let numbers =
+            |of: &BTreeSet<usize>| of.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        if let Some((_, worst)) = &self.farthest_off {
+            self.report.doubts.push(format!(
+                "scans: in {} of {} the fields of the directions contradict each other ({worst}); resolution is taken",
+                self.off,
+                self.scans.len()
+            ));
+        }
+        if !self.contradicted.is_empty() {
+            let told = |angle: Option<f64>| {
+                angle.map_or("not said".to_owned(), |a| format!("{:.2}°", a.to_degrees()))
+            };
+            self.report.doubts.push(format!(
+                "scans: the parameters (field of view {}, resolution {}) contradict FLASER records of {} beams; the directions that CARMEN takes for such a number are taken",
+                told(self.fov),
+                told(self.resolution),
+                numbers(&self.contradicted)
+            ));
         }
         if !self.ruled.is_empty() {
-            let numbers: Vec<String> = self.ruled.iter().map(usize::to_string).collect();
             assumptions.push(format!(
                 "scans: no parameters say the directions of FLASER records of {} beams; CARMEN's own rule is taken: 100° for 400 and 401 beams, else 180°, evenly",
-                numbers.join(", ")
+                numbers(&self.ruled)
             ));
         }
         if self.not_numbers > 0 {
             notes.push(format!("readings that are no numbers: {}, no returns", self.not_numbers));
         }
-        let stamps: Vec<_> = self.scans.iter().filter_map(|scan| scan.scan.stamp).collect();
+        let stamps = self.scans.iter().filter_map(|scan| scan.scan.stamp);
+        let stamps: Vec<_> = stamps.map(Moment::only).collect();
         self.report.unusable_stamps = self.scans.len() - stamps.len();
-        let different: BTreeSet<_> = stamps.iter().map(|stamp| stamp.nanoseconds()).collect();
-        if 2 * different.len() < stamps.len() {
-            assumptions.push(format!(
-                "stamps: {} scans have {} different stamps, which cannot tell them apart",
-                stamps.len(),
-                different.len()
-            ));
+        if let Some((told, are_many)) = shared_stamps(stamps.into_iter()) {
+            let list = if are_many { &mut self.report.doubts } else { &mut assumptions };
+            list.push(format!("stamps: {told}"));
         }
         let content = Content {
             scans: self.scans,

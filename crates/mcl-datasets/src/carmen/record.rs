@@ -2,7 +2,7 @@
 //!
 //! The definitions follow the comments that CARMEN's logger writes at the head of its logs.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use mcl_core::{Pose2, ScanGeometry, Stamp};
 
@@ -18,6 +18,9 @@ pub(super) const LASER_RESOLUTION_PARAM: &str = "laser_front_laser_resolution";
 /// Parameter that this suite's writer adds, so that its logs need no guess: whether the laser poses
 /// are ground truth (a name of [`ReferencePoses`]).
 pub(super) const REFERENCE_PARAM: &str = "mcl_reference_poses";
+
+/// Largest angle that a scan may cover, in turns.
+const MAX_TURNS: f64 = 1.01;
 
 /// What a line is, by its first word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +79,8 @@ pub struct ScanRecord {
     pub robot: Pose2,
     /// When the scan was taken; `None` for a number that is no time.
     pub stamp: Option<Stamp>,
+    /// The angle (radians) that its beams cover, as the record says it.
+    pub fov: Option<f64>,
 }
 
 /// What one line says.
@@ -150,10 +155,23 @@ fn other_geometry(beams: usize) -> ScanGeometry {
 }
 
 /// Directions of the beams of a `FLASER` record by the parameters of the log: the angle it covers and that
-/// between two beams, in radians. `None` where they are of another number of beams.
-pub(super) fn parameter_geometry(beams: usize, fov: f64, step: f64) -> Option<ScanGeometry> {
-    let steps = fov / step;
+/// between two beams, in radians. `None` where there are none, or they are of another number of beams; one of them
+/// alone tells for numbers that imply no directions themselves.
+pub(super) fn parameter_geometry(
+    beams: usize,
+    fov: Option<f64>,
+    step: Option<f64>,
+) -> Option<ScanGeometry> {
     let (closed, open) = (beams.saturating_sub(1) as f64, beams as f64);
+    let is_turn = |fov: f64| fov >= TAU * (1.0 - 0.5 / open);
+    let (fov, step) = match (fov, step) {
+        (Some(fov), Some(step)) => (fov, step),
+        _ if flaser_geometry(beams).is_some() => return None,
+        (Some(fov), None) => (fov, fov / if is_turn(fov) { open } else { closed }),
+        (None, Some(step)) if closed * step <= MAX_TURNS * TAU => (closed * step, step),
+        _ => return None,
+    };
+    let steps = fov / step;
     // The parameters are rounded.
     let angle_step = if (steps - closed).abs() < 0.5 {
         fov / closed
@@ -164,6 +182,12 @@ pub(super) fn parameter_geometry(beams: usize, fov: f64, step: f64) -> Option<Sc
     };
     let is_angle = angle_step.is_finite() && angle_step > 0.0;
     is_angle.then_some(ScanGeometry { start_angle: -0.5 * fov, angle_step, beams })
+}
+
+/// How far the angle that the beams cover is from the one that is said, in steps between two beams.
+pub(super) fn steps_off(geometry: &ScanGeometry, fov: f64) -> f64 {
+    let covered = geometry.beams.saturating_sub(1) as f64 * geometry.angle_step.abs();
+    (covered - fov.abs()).abs() / geometry.angle_step.abs()
 }
 
 /// `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`, of which the last three may be missing. The
@@ -189,17 +213,17 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
         Err(_) if missing > 0 => check(total).map(|()| None),
         stamp => stamp,
     }?;
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov: None })
 }
 
 /// `RAWLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ stamp host
 /// logger_stamp`
 fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("RAWLASER1", line);
-    let (geometry, ranges) = explicit_scan(&mut fields, 3)?;
+    let (geometry, ranges, fov) = explicit_scan(&mut fields, 3)?;
     let stamp = fields.stamp(Field::Named("stamp"))?;
     let (laser, robot) = (Pose2::IDENTITY, Pose2::IDENTITY);
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov })
 }
 
 /// `ROBOTLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ
@@ -207,12 +231,12 @@ fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
 /// host logger_stamp`
 fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("ROBOTLASER1", line);
-    let (geometry, ranges) = explicit_scan(&mut fields, 14)?;
+    let (geometry, ranges, fov) = explicit_scan(&mut fields, 14)?;
     let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
     let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
     fields.pass(5);
     let stamp = fields.stamp(Field::Named("stamp"))?;
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp })
+    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov })
 }
 
 /// The directions and readings of a record that says its directions, up to its remission values; `after`
@@ -220,10 +244,11 @@ fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
 fn explicit_scan(
     fields: &mut Fields<'_>,
     after: usize,
-) -> Result<(ScanGeometry, Vec<f64>), Malformed> {
+) -> Result<(ScanGeometry, Vec<f64>, Option<f64>), Malformed> {
     fields.pass(1);
     let start_angle = fields.finite(Field::Named("start_angle"))?;
-    fields.pass(1);
+    // Of use only to see whether the others are right; 0 where nothing was set.
+    let fov = fields.number(Field::Named("fov")).ok().filter(|fov| fov.is_finite() && *fov != 0.0);
     let angle_step = fields.finite(Field::Named("resolution"))?;
     fields.pass(3);
     let beams = fields.count(Field::Named("n"))?;
@@ -235,6 +260,12 @@ fn explicit_scan(
     if beams > 1 && angle_step == 0.0 {
         let expected = "the angle between two beams in radians, not 0";
         return Err(fields.malformed(Field::Named("resolution"), "0", expected));
+    }
+    let turns = angle_step.abs() * (beams - 1) as f64 / TAU;
+    if turns > MAX_TURNS {
+        let found = format!("{angle_step}, {beams} times: {turns:.1} turns");
+        let expected = "at most one turn in radians (are these degrees?)";
+        return Err(fields.malformed(Field::Named("resolution"), &found, expected));
     }
     let ranges = readings(fields, beams)?;
     // With a reading too many or too few, another field stands here.
@@ -248,7 +279,7 @@ fn explicit_scan(
     for index in 0..remissions {
         fields.number(Field::Remission(index))?;
     }
-    Ok((ScanGeometry { start_angle, angle_step, beams }, ranges))
+    Ok((ScanGeometry { start_angle, angle_step, beams }, ranges, fov))
 }
 
 /// `PARAM name value …`; other parameters than those that are used may have any form.

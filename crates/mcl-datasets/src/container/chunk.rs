@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::io::{self, Read};
 
 use lz4_flex::frame::FrameDecoder;
+use mcl_core::OutOfMemory;
 
 use super::problem::StreamProblem;
 
@@ -37,19 +38,29 @@ pub(super) fn unpack(
         // The end of the input is the cut, and that is told elsewhere.
         return Ok(bytes);
     }
-    outcome.map_err(|error: io::Error| StreamProblem::Decompression {
-        compression: match compression {
-            Compression::None => "none",
-            Compression::Bzip2 => "bz2",
-            Compression::Lz4 => "lz4",
-            Compression::Zstd => "zstd",
+    outcome.map_err(|error: io::Error| match is_out_of_memory(&error) {
+        true => OutOfMemory { what: "the content of a chunk", bytes: size as usize }.into(),
+        false => StreamProblem::Decompression {
+            compression: match compression {
+                Compression::None => "none",
+                Compression::Bzip2 => "bz2",
+                Compression::Lz4 => "lz4",
+                Compression::Zstd => "zstd",
+            },
+            reason: error.to_string(),
         },
-        reason: error.to_string(),
     })?;
     if bytes.len() as u64 != size {
         return Err(StreamProblem::UnpackedLength { declared: size, found: bytes.len() as u64 });
     }
     Ok(bytes)
+}
+
+/// Whether a decompressor fails because memory was refused: libraries in C have no kind of error for it.
+pub(crate) fn is_out_of_memory(error: &io::Error) -> bool {
+    let told = || error.to_string().to_ascii_lowercase();
+    error.kind() == io::ErrorKind::OutOfMemory
+        || ["not enough memory", "out of memory"].iter().any(|part| told().contains(part))
 }
 
 /// Unpacks up to `limit` bytes; what could be unpacked before an error, too.
@@ -72,4 +83,19 @@ pub(crate) fn inflate(
             .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
     };
     (Cow::Owned(bytes), outcome.map(|_| ()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As libraries say it; `zstd` calls it an allocation error.
+    #[test]
+    fn memory_that_is_refused_is_no_damage() {
+        for text in ["Allocation error : not enough memory", "Out of memory"] {
+            assert!(is_out_of_memory(&io::Error::other(text)), "{text}");
+        }
+        assert!(is_out_of_memory(&io::ErrorKind::OutOfMemory.into()));
+        assert!(!is_out_of_memory(&io::Error::other("Data corruption detected")));
+    }
 }

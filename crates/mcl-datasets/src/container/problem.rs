@@ -1,5 +1,7 @@
 //! What can be wrong with a container.
 
+use mcl_core::OutOfMemory;
+
 use super::position::Position;
 
 /// A field that a record should have and has not, or that is no text.
@@ -30,6 +32,9 @@ pub enum StreamProblem {
     /// The system could not read the file.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
+    /// It takes more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] OutOfMemory),
     /// It begins like no container.
     #[error(
         "the file does not begin with the magic bytes of MCAP, of a ROS 1 bag (#ROSBAG V2.0) or of an SQLite database"

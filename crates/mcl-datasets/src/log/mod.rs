@@ -18,6 +18,7 @@ pub(crate) mod error;
 mod foreign;
 mod open;
 pub(crate) mod options;
+pub(crate) mod plane;
 mod reference;
 pub(crate) mod report;
 
@@ -29,5 +30,6 @@ pub use open::{
 pub use options::{
     LaserPose, ParseReferencePosesError, ReadOptions, ReferencePoses, ReferenceTrack, TopicChoice,
 };
+pub use plane::{PoseInSpace, out_of_plane};
 pub use reference::poses_at;
 pub use report::{Place, ReadReport, SkippedRecord};

@@ -101,6 +101,8 @@ pub struct ReferenceTrack {
     pub name: String,
     /// Stamped poses in the map's frame.
     pub trajectory: Trajectory,
+    /// What of it is in doubt.
+    pub doubt: Option<String>,
     /// The frame whose poses they are, where their file says so; else they are the robot's. `laser` is the
     /// laser.
     pub frame: Option<String>,

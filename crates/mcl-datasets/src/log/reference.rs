@@ -1,31 +1,32 @@
 //! A reference from elsewhere for a log whose own poses stand beside its scans.
 
+use std::collections::BTreeMap;
+
+use mcl_core::text::counted;
 use mcl_core::{Pose2, Stamp, Trajectory};
 
 use crate::bag::moment::Moment;
-use crate::bag::track::{Placed, PoseTrack};
+use crate::bag::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
+use crate::bag::track::{Occurrence, Placed, PoseTrack};
 use crate::log::content::Log;
 use crate::log::options::{ReadOptions, ReferenceTrack};
 
 const NANOSECONDS: f64 = 1e9;
+const REFERENCE: &str = "reference";
 const LASER: &str = "laser";
 /// Names of the robot, and what its frame is usually called.
 const ROBOT: [&str; 3] = ["robot", "base_link", "base_footprint"];
-
-const fn moment(stamp: Stamp) -> Moment {
-    Moment { stretch: 0, at: stamp.nanoseconds() }
-}
 
 /// The pose of a trajectory at each stamp: that of the same stamp, of several the last; else between the two neighbours,
 /// on the line between the positions and on the shorter arc between the headings. Nothing is extrapolated, nor
 /// interpolated over more than five usual intervals of the trajectory (and 0.2 s).
 pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>> {
-    const LAST: usize = u32::MAX as usize;
-    let samples = trajectory.iter().map(|(stamp, pose)| (moment(stamp), pose)).collect();
-    let track = PoseTrack::new(samples, None);
-    let pose = |&stamp: &Stamp| match track.as_ref()?.at(moment(stamp), LAST) {
+    let last: BTreeMap<Moment, Pose2> =
+        trajectory.iter().map(|(stamp, pose)| (Moment::only(stamp), pose)).collect();
+    let track = PoseTrack::new(last.into_iter().collect(), None);
+    let pose = |&stamp: &Stamp| match track.as_ref()?.at(Moment::only(stamp), Occurrence::ONLY) {
         Placed::At(pose) => Some(pose),
-        Placed::Outside | Placed::InGap(_) => None,
+        Placed::Outside | Placed::InGap(_) | Placed::Unclear => None,
     };
     stamps.iter().map(pose).collect()
 }
@@ -43,37 +44,48 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
         ));
     }
     let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);
-    let samples = track.trajectory.iter().map(|(stamp, pose)| (moment(stamp), pose)).collect();
-    let poses = PoseTrack::new(samples, longest);
-    let mut without = 0;
-    for scan in &mut log.recording.scans {
-        let placed = scan.stamp.zip(poses.as_ref()).map(|(at, poses)| poses.at(moment(at), 0));
-        scan.map_from_laser = match placed {
-            Some(Placed::At(pose)) => Some(pose.compose(&mount)),
-            _ => None,
-        };
-        without += usize::from(scan.map_from_laser.is_none());
+    let name = &track.name;
+    log.report
+        .doubts
+        .extend(track.doubt.as_ref().map(|doubt| format!("reference: {name}: {doubt}")));
+    let times: Vec<i64> = track.trajectory.stamps().iter().map(|at| at.nanoseconds()).collect();
+    let stretches = stretches_of_file(&times).last().map_or(0, |last| last + 1);
+    let samples =
+        track.trajectory.iter().map(|(stamp, pose)| (Moment::only(stamp), pose)).collect();
+    let stamps = log.recording.scans.iter().filter_map(|scan| scan.stamp);
+    let moments: Vec<Moment> = stamps.map(Moment::only).collect();
+    let mut numbered = occurrences(&moments).into_iter();
+    let poses = match stretches {
+        0 | 1 => PoseTrack::new(samples, longest),
+        _ => {
+            log.report.doubts.push(goes_over_again(name, stretches, 1));
+            None
+        }
+    };
+    let mut poses =
+        poses.map(|poses| Track::new(poses, REFERENCE, &moments, &occurrences(&moments)));
+    let scans = &mut log.recording.scans;
+    let unstamped = scans.len() - moments.len();
+    for scan in scans {
+        scan.map_from_laser = scan.stamp.and_then(|at| {
+            let occurrence = numbered.next()?;
+            Some(poses.as_mut()?.at(Moment::only(at), occurrence)?.compose(&mount))
+        });
     }
-    let scans = &log.recording.scans;
-    if without == scans.len() {
-        let span = |stamps: &mut dyn Iterator<Item = Stamp>| {
-            let stamps: Vec<Stamp> = stamps.collect();
-            match (stamps.iter().min(), stamps.iter().max()) {
-                (Some(first), Some(last)) => format!("from {first} s to {last} s"),
-                _ => "without stamps".to_owned(),
-            }
-        };
+    if let Some(poses) = &poses {
+        let Told { doubts, assumptions } = poses.told(&moments);
+        log.report.doubts.extend(doubts);
+        log.assumptions.extend(assumptions);
+    }
+    if unstamped > 0 {
         log.report.doubts.push(format!(
-            "reference: {} lasts {}, the scans {}, so no scan has any; were they stamped by different clocks?",
-            track.name,
-            span(&mut track.trajectory.stamps().iter().copied()),
-            span(&mut scans.iter().filter_map(|scan| scan.stamp)),
+            "reference: {} without a stamp, so that no pose of {name} is theirs",
+            counted(unstamped, "scan")
         ));
-    } else if without > 0 {
-        log.assumptions.push(format!(
-            "{without} of {} scans lie before or after the reference or in a gap of it: nothing is extrapolated, so they have none",
-            scans.len()
-        ));
+    }
+    if log.recording.scans.iter().all(|scan| scan.map_from_laser.is_none()) {
+        log.reference = None;
+        return;
     }
     let count = track.trajectory.len();
     log.reference = Some(format!("{}, {count} poses of {whose:?}", track.name));

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use mcl_core::text::counted;
+
 use crate::container::position::Position;
 
 /// Skipped records described in full in a [`ReadReport`]; further ones are only counted.
@@ -41,29 +43,29 @@ impl ReadReport {
     }
 }
 
-/// One line on the totals, then one per described skipped record and per doubt, then why the log
-/// ends early.
+/// One line on the totals that are not zero, then one per described skipped record and per doubt, then why the log
+/// ends early; nothing where there is nothing to say.
 impl fmt::Display for ReadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "ignored records: {}, skipped records: {}, unusable stamps: {}",
-            self.ignored, self.skipped, self.unusable_stamps
-        )?;
-        for record in &self.skipped_details {
-            write!(f, "\n{record}")?;
+        let mut lines: Vec<String> = Vec::new();
+        let totals = [
+            (self.ignored, "ignored record"),
+            (self.skipped, "skipped record"),
+            (self.unusable_stamps, "unusable stamp"),
+        ];
+        let totals = totals.into_iter().filter(|(number, _)| *number > 0);
+        let totals: Vec<String> = totals.map(|(number, what)| counted(number, what)).collect();
+        if !totals.is_empty() {
+            lines.push(totals.join(", "));
         }
+        lines.extend(self.skipped_details.iter().map(SkippedRecord::to_string));
         let more = self.skipped.saturating_sub(self.skipped_details.len());
         if more > 0 {
-            write!(f, "\n… and {more} more")?;
+            lines.push(format!("… and {more} more"));
         }
-        for doubt in &self.doubts {
-            write!(f, "\nin doubt: {doubt}")?;
-        }
-        if let Some(reason) = &self.truncated {
-            write!(f, "\nthe log ends early: {reason}")?;
-        }
-        Ok(())
+        lines.extend(self.doubts.iter().map(|doubt| format!("in doubt: {doubt}")));
+        lines.extend(self.truncated.iter().map(|reason| format!("the log ends early: {reason}")));
+        f.write_str(&lines.join("\n"))
     }
 }
 

@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::InspectArgs;
 use super::output::{print, tell_data_losses, tell_losses, told_once};
-use mcl_core::text::{counted, thousands};
+use mcl_core::text::{counted, printable, thousands};
 use mcl_study::data::cloud_source::{CloudSource, Points};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::trial::tracking::bridge;
@@ -33,7 +33,9 @@ struct Inspection {
     ignored_records: usize,
     skipped_records: usize,
     backward_stamps: usize,
+    /// Whether any scan has a reference pose, and how many have.
     has_reference: bool,
+    reference_scans: usize,
     /// What it is, and whose poses it has; null without one.
     reference: Option<String>,
     has_odometry: bool,
@@ -99,7 +101,7 @@ impl Commands {
         let localize = match (bridge(source), reference) {
             (Err(error), _) => told_once(&error),
             (Ok(bridge), reference) => {
-                let start = match reference {
+                let start = match reference.filter(|_| placed(source)) {
                     Some(_) => "from the first reference pose",
                     None => "with --initial-pose or --initial uniform, without errors",
                 };
@@ -112,8 +114,17 @@ impl Commands {
                 }
             }
         };
-        Commands { map: reference.map_or(none.to_owned(), |name| format!("by {name}")), localize }
+        let map = match placed(source) {
+            true => reference.map_or(none.to_owned(), |name| format!("by {name}")),
+            false => none.to_owned() + &source.reasons("reference"),
+        };
+        Commands { map, localize }
     }
+}
+
+/// Whether any scan has a reference pose.
+fn placed(source: &LogSource) -> bool {
+    source.recording.scans.iter().any(|scan| scan.map_from_laser.is_some())
 }
 
 /// That there is no reference, and how to get one.
@@ -211,7 +222,7 @@ fn cloud_text(found: &CloudInspection, cloud: &CloudSource) -> String {
         axes.map(|((axis, low), high)| format!("{axis} {low:.2} … {high:.2} m")).collect();
     line("bounds", bounds.join(", "));
     for note in &found.bag {
-        line("bag", note.clone());
+        line("bag", printable(note).into_owned());
     }
     text
 }
@@ -229,13 +240,10 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     // What other commands use of a bag.
     let source = whole.covered();
     let covered = &source.recording;
-    let bounds = match covered.has_reference() {
-        true => {
-            let placed = covered.scans.iter().filter_map(|scan| Some((scan, scan.map_from_laser?)));
-            Bounds::around(placed.flat_map(|(scan, pose)| scan.endpoints(pose, source.max_range)))
-        }
-        false => None,
-    };
+    let placed = || covered.scans.iter().filter_map(|scan| Some((scan, scan.map_from_laser?)));
+    let bounds =
+        Bounds::around(placed().flat_map(|(scan, pose)| scan.endpoints(pose, source.max_range)));
+    let reference_scans = placed().count();
     let odometry = OdometryError::of(covered);
     let unknown = covered.scans.iter().skip(1).filter(|scan| scan.odometry.is_none()).count();
     let fitted_motion = match args.fit_motion {
@@ -253,7 +261,8 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
         ignored_records: source.report.ignored,
         skipped_records: source.report.skipped,
         backward_stamps,
-        has_reference: covered.has_reference(),
+        has_reference: reference_scans > 0,
+        reference_scans,
         reference: source.reference.clone(),
         has_odometry: covered.has_odometry(),
         odometry_rmse_m: odometry.map(|error| error.translation_rmse),
@@ -333,12 +342,19 @@ fn text(found: &Inspection) -> String {
     }
     line("path", format!("{:.1} m in {:.0} s", found.path_length_m, found.duration_s));
     for note in &found.bag {
-        line("bag", note.clone());
+        line("bag", printable(note).into_owned());
     }
     if let Some(survey) = &found.survey {
         survey.lines(&mut line);
     }
-    line("reference", found.reference.clone().unwrap_or_else(|| "no".to_owned()));
+    let reference = match (&found.reference, found.reference_scans) {
+        (Some(reference), with) if with < found.scans => {
+            format!("{reference}; {with} of {} scans have one", found.scans)
+        }
+        (Some(reference), _) => reference.clone(),
+        (None, _) => "no".to_owned(),
+    };
+    line("reference", printable(&reference).into_owned());
     line("odometry", odometry(found));
     line(
         "stamps",
@@ -355,8 +371,8 @@ fn text(found: &Inspection) -> String {
             thousands(found.skipped_records)
         ),
     );
-    line("map", found.commands.map.clone());
-    line("localize", found.commands.localize.clone());
+    line("map", printable(&found.commands.map).into_owned());
+    line("localize", printable(&found.commands.localize).into_owned());
     if let Some(fitted) = &found.fitted_motion {
         fitted.lines(&mut line);
     }

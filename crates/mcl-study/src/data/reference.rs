@@ -1,13 +1,13 @@
 //! Reference poses from a file of their own.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use mcl_core::{Pose2, Trajectory};
+use mcl_core::{Pose2, Trajectory, math};
 use mcl_datasets::bag::{PoseRequest, PoseRole};
-use mcl_datasets::log::{ReferenceTrack, is_bag, read_log, read_poses};
+use mcl_datasets::log::{PoseInSpace, ReferenceTrack, is_bag, out_of_plane, read_log, read_poses};
 use mcl_metrics::trajectory_file::{
     self, NonPlanar, ReadSettings, TrajectoryFileError, is_trajectory_file,
 };
@@ -37,6 +37,21 @@ pub fn mount_of_run(path: &Path) -> Option<Pose2> {
     Some(setup.robot_from_laser)
 }
 
+/// The poses of a TUM file in space; rows that are none are passed over, as what reads them refuses those.
+fn in_space(path: &Path) -> Result<impl Iterator<Item = PoseInSpace>> {
+    let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let lines = BufReader::new(file).lines().map_while(|line| line.ok());
+    Ok(lines.filter_map(|line| {
+        let is_between = |c: char| c.is_whitespace() || c == ',';
+        let fields = line.split(is_between).filter(|field| !field.is_empty());
+        let values: Vec<f64> = fields.map_while(|field| field.parse().ok()).collect();
+        let &[_, x, y, z, i, j, k, w] = values.as_slice() else { return None };
+        let up = 1.0 - 2.0 * (i * i + j * j) / (i * i + j * j + k * k + w * w);
+        let tilt_degrees = math::acos(up.clamp(-1.0, 1.0)).to_degrees();
+        Some(PoseInSpace { position: [x, y, z], tilt_degrees })
+    }))
+}
+
 /// Reads the reference from a file of a trajectory, a topic of a bag, or the corrected poses of a CARMEN log.
 ///
 /// # Errors
@@ -50,7 +65,13 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
             bail!("{told}: {} has no message that could be read", found.name);
         }
         let name = format!("{told} {}", found.name);
-        return Ok(ReferenceTrack { name, trajectory: found.trajectory, frame: found.frame });
+        let doubt = found.out_of_plane;
+        return Ok(ReferenceTrack {
+            name,
+            trajectory: found.trajectory,
+            doubt,
+            frame: found.frame,
+        });
     }
     if topic.is_some() {
         bail!("--reference-topic goes with a bag, and {told} is none");
@@ -63,11 +84,11 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
                 &ReadSettings { non_planar, ..ReadSettings::default() },
             )
         };
-        let (found, note) = match read(NonPlanar::Refuse) {
+        let (found, note, doubt) = match read(NonPlanar::Refuse) {
             Err(TrajectoryFileError::Tum(TumError::Field {
                 field: "z" | "qx qy qz qw", ..
-            })) => (read(NonPlanar::Project)?, ", seen from above"),
-            found => (found?, ""),
+            })) => (read(NonPlanar::Project)?, ", seen from above", out_of_plane(in_space(path)?)),
+            found => (found?, "", None),
         };
         if !found.has_headings {
             bail!("{told}: it holds positions only, and a reference needs headings");
@@ -76,6 +97,7 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
         return Ok(ReferenceTrack {
             name: format!("{told}{note}"),
             trajectory: found.trajectory,
+            doubt,
             frame,
         });
     }
@@ -83,5 +105,10 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
     if trajectory.is_empty() {
         bail!("{told}: no reference poses with a stamp in it");
     }
-    Ok(ReferenceTrack { name: told.to_string(), trajectory, frame: Some(LASER.to_owned()) })
+    Ok(ReferenceTrack {
+        name: told.to_string(),
+        trajectory,
+        doubt: None,
+        frame: Some(LASER.to_owned()),
+    })
 }

@@ -280,6 +280,14 @@ impl LogSource {
         self
     }
 
+    /// What the reader of the log says of its odometry or its reference, to follow a sentence that there is none.
+    pub fn reasons(&self, what: &str) -> String {
+        let said = self.report.doubts.iter().chain(&self.assumptions);
+        let told: Vec<&str> =
+            said.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
+        if told.is_empty() { String::new() } else { format!(" ({})", told.join("; ")) }
+    }
+
     /// The log, cut off after this many scans.
     pub fn first_scans(mut self, count: usize) -> Self {
         self.recording.scans.truncate(count);
@@ -293,23 +301,30 @@ impl LogSource {
     /// When the log has no reference poses, or no usable reading.
     pub fn points(&self) -> Result<Vec<mcl_core::Point<2>>> {
         let points = placed(&self.recording).points(self.max_range).with_context(|| {
-            if self.recording.scans.iter().all(|scan| scan.map_from_laser.is_some()) {
-                return self.name.clone();
-            }
             let name = &self.name;
+            if self.recording.scans.iter().any(|scan| scan.map_from_laser.is_some()) {
+                return name.clone();
+            }
+            let reasons = self.reasons("reference");
             let Some(survey) = &self.survey else {
                 return format!(
-                    "{name}: if its laser poses are ground truth all the same, say --reference recorded; --reference FILE takes them from elsewhere"
+                    "{name}: this looks like a raw log{reasons}; if its laser poses are ground truth all the same, say --reference recorded; --reference FILE takes them from elsewhere"
                 );
             };
             let of_reference = survey.choices.iter().find(|choice| choice.what == "reference");
-            let others = of_reference.map_or(String::new(), |choice| choice.others.join(", "));
-            match others.is_empty() {
-                true => format!(
-                    "{name}: the bag has no poses that could be the reference; --reference FILE takes them from elsewhere"
+            let (taken, others) = match of_reference {
+                Some(choice) => (choice.taken.as_deref(), choice.others.join(", ")),
+                None => (None, String::new()),
+            };
+            match (taken, others.is_empty()) {
+                (Some(taken), _) => format!(
+                    "{name}: no scan has a pose by {taken}{reasons}; --reference FILE takes them from elsewhere"
                 ),
-                false => format!(
-                    "{name}: nothing says which poses are ground truth; --reference-topic could take {others} (or two frames of transforms as /tf:map.base_link), and --reference FILE takes them from elsewhere"
+                (None, true) => format!(
+                    "{name}: the bag has no poses that could be the reference{reasons}; --reference FILE takes them from elsewhere"
+                ),
+                (None, false) => format!(
+                    "{name}: nothing says which poses are ground truth{reasons}; --reference-topic could take {others}, and --reference FILE takes them from elsewhere"
                 ),
             }
         })?;

@@ -74,11 +74,13 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     let scans: Vec<usize> = (0..increments.len()).collect();
     let replay = Replay { recording: &log.recording, increments: &increments, scans: &scans };
     Bridge::over(&replay).with_context(|| {
-        format!(
-            "{}: localization needs odometry; if the log's laser poses are odometry, take them so with \
-             --reference none --initial-pose X,Y,THETA",
-            log.name
-        )
+        let advice = match log.survey {
+            Some(_) => "what could be the odometry, inspect says",
+            None => {
+                "if the log's laser poses are odometry, take them so with --reference none --initial-pose X,Y,THETA"
+            }
+        };
+        format!("{}: localization needs odometry{}; {advice}", log.name, log.reasons("odometry"))
     })
 }
 

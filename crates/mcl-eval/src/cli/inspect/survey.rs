@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Error, Result};
 use mcl_core::text::{counted, printable};
 use mcl_datasets::bag::{Choice, Survey, TopicFacts};
+use mcl_datasets::carmen::CarmenError;
 use mcl_datasets::log::{LogError, survey};
 use serde::Serialize;
 
@@ -37,6 +38,19 @@ struct Topic {
 struct Unread {
     #[serde(flatten)]
     survey: Surveyed,
+    /// Why.
+    problem: String,
+}
+
+/// Kinds of records by which a text is a CARMEN log.
+const RECORDS: [&str; 6] = ["ODOM", "PARAM", "LASER", "TRUEPOS", "SYNC", "NEFF"];
+
+/// A CARMEN log that no scans can be read from.
+#[derive(Serialize)]
+struct UnreadCarmen {
+    lines: usize,
+    /// Their kinds, with numbers.
+    records: String,
     /// Why.
     problem: String,
 }
@@ -101,15 +115,31 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     if error.downcast_ref::<LogError>().is_none() {
         return Err(error);
     }
+    if let Some(LogError::Carmen { error: CarmenError::NoScan { lines, kinds, .. }, .. }) =
+        error.downcast_ref::<LogError>()
+        && RECORDS.iter().any(|kind| kinds.contains(kind))
+    {
+        let unread =
+            UnreadCarmen { lines: *lines, records: kinds.clone(), problem: told_once(&error) };
+        print(args.json, &unread, |unread| {
+            format!(
+                "{name}: a CARMEN log, but no scan can be read from it as it is\n  lines         {}\n  records       {}\n",
+                unread.lines,
+                printable(&unread.records)
+            )
+        })?;
+        tell!("warning: {}", unread.problem);
+        return Ok(Outcome::Incomplete);
+    }
     let file = input_files([name]).into_iter().find(|path: &PathBuf| path.exists());
     let found = file.and_then(|path| survey(&path, &args.data.options().read).ok().flatten());
-    let Some(found) = found.filter(|found| found.topics.iter().any(|topic| topic.messages > 0))
-    else {
-        return Err(error);
-    };
+    let Some(found) = found else { return Err(error) };
     let unread = Unread { survey: Surveyed::of(&found), problem: told_once(&error) };
     print(args.json, &unread, |unread| {
         let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
+        if unread.survey.topics.is_empty() {
+            text += "  no topics\n";
+        }
         unread.survey.lines(&mut |name, value| text += &format!("  {name:<14}{value}\n"));
         text
     })?;

@@ -24,6 +24,8 @@ pub struct Localization {
     runs: usize,
     /// The reference that errors are taken against, and whose poses it has.
     reference: Option<String>,
+    /// Scans that have a reference pose; errors are those of these.
+    reference_scans: usize,
     /// Steps that the odometry says nothing of, on which the filter spreads the particles.
     bridged_steps: usize,
     /// Runs that ended lost; null without a reference.
@@ -78,10 +80,12 @@ impl Localization {
         seed: Seed,
     ) -> Result<Self> {
         let scans = source.recording.scans.len();
+        let has_reference = |scan: &usize| source.recording.scans[*scan].map_from_laser.is_some();
+        let placed: Vec<usize> = (0..scans).filter(has_reference).collect();
         let each = runs
             .iter()
             .enumerate()
-            .map(|(number, run)| RunFigures::of(number, run))
+            .map(|(number, run)| RunFigures::of(number, run, &placed))
             .collect::<Result<Vec<_>>>()?;
         let errors: Option<Vec<&ErrorSamples>> =
             runs.iter().map(|run| run.errors.as_ref()).collect();
@@ -115,6 +119,7 @@ impl Localization {
         Ok(Localization {
             runs: runs.len(),
             reference: source.reference.clone(),
+            reference_scans: placed.len(),
             bridged_steps,
             diverged: count(&|run| run.diverged.map(usize::from)),
             lost: count(&|run| episodes(run, |_| true)),
@@ -161,6 +166,14 @@ impl Localization {
         text += &format!("reference: {}\n", reference_of(source));
         match (self.weighted, self.translation, self.heading) {
             (Some(weighted), Some(translation), Some(heading)) => {
+                let scans = source.recording.scans.len();
+                if self.reference_scans < scans {
+                    text += &format!(
+                        "errors over the {} of {} scans that have a reference pose\n",
+                        thousands(self.reference_scans),
+                        thousands(scans)
+                    );
+                }
                 text += &ErrorFigures { weighted, translation, heading }.table();
             }
             _ => text += "no errors: the log has no reference poses\n",
@@ -212,7 +225,8 @@ impl Localization {
 }
 
 impl RunFigures {
-    fn of(number: usize, run: &FinishedRun) -> Result<Self> {
+    /// `placed` are the scans that have a reference pose.
+    fn of(number: usize, run: &FinishedRun, placed: &[usize]) -> Result<Self> {
         let mut figures = RunFigures {
             run: number,
             diverged: None,
@@ -225,7 +239,12 @@ impl RunFigures {
         if let Some(errors) = &run.errors {
             let translation = &errors.translation;
             figures.diverged = Some(diverged(translation, &DivergenceSettings::default())?);
-            figures.lost_episodes = Some(lost_episodes(translation, &LossSettings::default())?);
+            let mut lost = lost_episodes(translation, &LossSettings::default())?;
+            for episode in &mut lost {
+                episode.start = placed[episode.start];
+                episode.recovered = episode.recovered.map(|sample| placed[sample]);
+            }
+            figures.lost_episodes = Some(lost);
             figures.weighted = Some(Figures::of(&errors.weighted)?);
             figures.translation = Some(Figures::of(translation)?);
             figures.heading = Some(Figures::of(&errors.heading)?);

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Recording, Trajectory, files};
 use mcl_filter::{FilterSettings, Preset, Run};
-use mcl_metrics::{DEFAULT_XI, DivergenceSettings, LossSettings, PoseError, tum};
+use mcl_metrics::{
+    DEFAULT_XI, DivergenceSettings, LossSettings, PoseError, WeightedPoseError, tum,
+};
 use serde::Serialize;
 
 use super::figures::Localization;
 use crate::cli::Outcome;
 use crate::cli::args::LocalizeArgs;
-use crate::cli::errors::ErrorSamples;
 use crate::cli::output::write_rows;
 use crate::progress::tell;
 use mcl_study::data::source::{self, LogSource};
@@ -29,7 +30,7 @@ struct ErrorRow {
     scan: usize,
     /// Seconds, exact; empty without a usable stamp.
     stamp: Option<String>,
-    /// Estimate minus reference; errors are empty without a reference.
+    /// Estimate minus reference; errors are empty where the scan has none.
     dx: Option<f64>,
     dy: Option<f64>,
     dtheta: Option<f64>,
@@ -134,13 +135,13 @@ impl Folder {
         Ok(Folder { path: path.to_owned() })
     }
 
-    /// Writes the trajectory and the rows of a run; `errors` and `nees` have an entry per scan.
+    /// Writes the trajectory and the rows of a run; `nees` has an entry per scan.
     pub fn write_run(
         &self,
         number: u32,
         recording: &Recording,
         run: &Run,
-        errors: Option<&ErrorSamples>,
+        metric: &WeightedPoseError,
         nees: &[Option<f64>],
     ) -> Result<()> {
         let stamped = recording.scans.iter().zip(&run.map_from_laser);
@@ -154,7 +155,6 @@ impl Folder {
             .enumerate()
             .map(|(index, ((scan, estimate), report))| {
                 let error = scan.map_from_laser.map(|truth| PoseError::between(&truth, estimate));
-                let error = error.filter(|_| errors.is_some());
                 let covariance = report.estimate.covariance_at(&recording.robot_from_laser);
                 ErrorRow {
                     scan: index,
@@ -162,9 +162,9 @@ impl Folder {
                     dx: error.map(|error| error.dx),
                     dy: error.map(|error| error.dy),
                     dtheta: error.map(|error| error.dtheta),
-                    translation: errors.map(|errors| errors.translation[index]),
-                    heading: errors.map(|errors| errors.heading[index]),
-                    weighted: errors.map(|errors| errors.weighted[index]),
+                    translation: error.map(|error| error.translation()),
+                    heading: error.map(|error| error.heading()),
+                    weighted: error.map(|error| metric.of(&error)),
                     effective_sample_size: report.effective_sample_size,
                     resampled: report.resampled,
                     used_beams: report.used_beams,

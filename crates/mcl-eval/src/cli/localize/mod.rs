@@ -34,7 +34,7 @@ use replay::{ReplayFile, Scene};
 
 /// A run of the filter, as far as the figures need it.
 struct FinishedRun {
-    /// Against the reference, one entry per scan; `None` without a reference.
+    /// Against the reference, one entry per scan that has one; `None` where none has.
     errors: Option<ErrorSamples>,
     /// Sum over the scans.
     used_beams: usize,
@@ -76,7 +76,8 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     }
     let first_recorder = Mutex::new(first_recorder);
 
-    let reference = reference_poses(&source);
+    let reference: Vec<Option<Pose2>> =
+        source.recording.scans.iter().map(|scan| scan.map_from_laser).collect();
     let metric = WeightedPoseError::default();
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
     let runs = (0..args.runs)
@@ -94,23 +95,26 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             if let Some(recorder) = recorder {
                 recorder.finish()?;
             }
-            let errors = reference
-                .as_ref()
-                .map(|reference| ErrorSamples::of(reference, &run.map_from_laser, &metric))
-                .transpose()?;
+            let pairs = reference.iter().zip(&run.map_from_laser);
+            let (there, estimates): (Vec<Pose2>, Vec<Pose2>) =
+                pairs.filter_map(|(there, estimate)| Some(((*there)?, *estimate))).unzip();
+            let errors = match there.is_empty() {
+                true => None,
+                false => Some(ErrorSamples::of(&there, &estimates, &metric)?),
+            };
             let laser_from_robot = source.recording.robot_from_laser.inverse();
             let nees: Vec<Option<f64>> = run
                 .reports
                 .iter()
                 .enumerate()
                 .map(|(scan, report)| {
-                    scan_nees(reference.as_ref()?.get(scan)?, report, &laser_from_robot)
+                    scan_nees(reference.get(scan)?.as_ref()?, report, &laser_from_robot)
                 })
                 .collect();
             let mut tally = Tally::default();
             run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
             if let Some(folder) = &folder {
-                folder.write_run(number, &source.recording, &run, errors.as_ref(), &nees)?;
+                folder.write_run(number, &source.recording, &run, &metric, &nees)?;
             }
             bar.inc(1);
             let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
@@ -241,21 +245,20 @@ fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> 
     if let Some([x, y, theta]) = args.initial_pose {
         return Ok(Some(Pose2::new(x, y, theta)));
     }
-    match reference_poses(source) {
-        Some(poses) => Ok(poses.first().copied()),
+    match source.recording.scans.first().and_then(|scan| scan.map_from_laser) {
+        Some(pose) => Ok(Some(pose)),
         None => bail!(
-            "{}: no reference pose says where the robot starts: give the laser's first pose in the \
-             map with --initial-pose X,Y,THETA, or search for it with --initial scan (if the \
-             log's laser poses are ground truth all the same: --reference recorded)",
-            source.name
+            "{}: no reference pose says where the robot starts{}: give the laser's first pose in the \
+             map with --initial-pose X,Y,THETA, or search for it with --initial scan{}",
+            source.name,
+            source.reasons("reference"),
+            match source.survey {
+                Some(_) => " (what else could be the reference, inspect says)",
+                None =>
+                    " (if the log's laser poses are ground truth all the same: --reference recorded)",
+            }
         ),
     }
-}
-
-/// The reference pose of every scan; `None` unless all have one.
-fn reference_poses(source: &LogSource) -> Option<Vec<Pose2>> {
-    let poses = source.recording.scans.iter().map(|scan| scan.map_from_laser);
-    poses.collect::<Option<Vec<Pose2>>>().filter(|poses| !poses.is_empty())
 }
 
 /// The seed of a run: the same for every map, so that maps are compared on the same draws.

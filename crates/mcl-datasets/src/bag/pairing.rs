@@ -1,0 +1,248 @@
+//! Which pose of a track belongs to which scan, and what is to be said of scans that have none.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use mcl_core::text::counted;
+use mcl_core::{Pose2, Stamp};
+
+use super::moment::{Moment, near, usual_interval};
+use super::track::{Occurrence, Placed, PoseTrack};
+
+const NANOSECONDS: f64 = 1e9;
+/// Stamps that tell more than this part of the scans apart wrongly are of no use for any of them.
+const MANY: f64 = 0.1;
+/// Scans at the ends of a log that lie outside of its poses, as a part of all, that are no loss: recorders do not
+/// start all topics at once.
+const ENDS: f64 = 0.05;
+/// And as a number.
+const FEW: f64 = 2.0;
+
+/// Which of the scans of one time each is.
+pub(crate) fn occurrences(times: &[Moment]) -> Vec<Occurrence> {
+    let mut seen: BTreeMap<Moment, usize> = BTreeMap::new();
+    let index = |time: &Moment| {
+        let count = seen.entry(*time).or_default();
+        *count += 1;
+        *count - 1
+    };
+    let indices: Vec<usize> = times.iter().map(index).collect();
+    indices
+        .into_iter()
+        .zip(times)
+        .map(|(index, time)| Occurrence { index, of: seen[time] })
+        .collect()
+}
+
+/// What is to be said of scans that share their stamps, and whether these are many.
+pub(crate) fn shared_stamps(moments: impl Iterator<Item = Moment>) -> Option<(String, bool)> {
+    let mut counts: BTreeMap<Moment, usize> = BTreeMap::new();
+    moments.for_each(|moment| *counts.entry(moment).or_default() += 1);
+    let all: usize = counts.values().sum();
+    let sharing: usize = counts.values().filter(|&&count| count > 1).sum();
+    let (most, count) = counts.iter().max_by_key(|(_, count)| **count)?;
+    (sharing > 0).then(|| {
+        let told = format!(
+            "{sharing} of {all} scans share their stamp with another, which then cannot tell them apart: there {} {}, that of {} s {} times",
+            if counts.len() == 1 { "is" } else { "are" },
+            counted(counts.len(), "different stamp"),
+            Stamp::from_nanoseconds(most.at),
+            count
+        );
+        (told, sharing as f64 > MANY * all as f64)
+    })
+}
+
+/// Poses over time, and what they are called.
+pub(crate) struct Track {
+    poses: PoseTrack,
+    pub what: &'static str,
+    scans: usize,
+    /// Whether stamps tell so little that no pose is taken by them.
+    is_void: bool,
+    /// Scans whose stamps do not say which pose is theirs, those outside of the track and in gaps of it, and
+    /// the longest of these (ns).
+    unclear: usize,
+    outside: usize,
+    in_gaps: usize,
+    longest_gap: i64,
+}
+
+impl Track {
+    /// A track for the poses of scans at these times.
+    pub fn new(
+        poses: PoseTrack,
+        what: &'static str,
+        moments: &[Moment],
+        occurrences: &[Occurrence],
+    ) -> Self {
+        // Where as many poses as scans share a stamp, they belong together in their order; where none do, those
+        // that stand alone were cut off as well.
+        let is_shared = |(moment, occurrence): (&Moment, &Occurrence)| {
+            occurrence.of > 1 && poses.count(*moment) == occurrence.of
+        };
+        let are_cut = poses.shared() as f64 > MANY * poses.len() as f64
+            && !moments.iter().zip(occurrences).any(is_shared);
+        let is_unclear = |(moment, occurrence): (&Moment, &Occurrence)| {
+            are_cut || matches!(poses.at(*moment, *occurrence), Placed::Unclear)
+        };
+        let unclear = moments.iter().zip(occurrences).filter(|&pair| is_unclear(pair)).count();
+        let is_void = unclear as f64 > MANY * moments.len() as f64;
+        let scans = moments.len();
+        Track { poses, what, scans, is_void, unclear: 0, outside: 0, in_gaps: 0, longest_gap: 0 }
+    }
+
+    /// The pose of a scan.
+    pub fn at(&mut self, moment: Moment, occurrence: Occurrence) -> Option<Pose2> {
+        match self.poses.at(moment, occurrence) {
+            _ if self.is_void => self.unclear += 1,
+            Placed::At(pose) => return Some(pose),
+            Placed::Unclear => self.unclear += 1,
+            Placed::Outside => self.outside += 1,
+            Placed::InGap(gap) => {
+                self.in_gaps += 1;
+                self.longest_gap = self.longest_gap.max(gap);
+            }
+        }
+        None
+    }
+
+    /// Its poses, where stamps tell whose they are.
+    pub fn poses(&self) -> Option<&PoseTrack> {
+        Some(&self.poses).filter(|_| !self.is_void)
+    }
+
+    /// Earliest and latest time.
+    pub fn span(&self) -> (i64, i64) {
+        self.poses.span()
+    }
+
+    /// What is in doubt or lost of scans at these times, and what else is to be known.
+    pub fn told(&self, moments: &[Moment]) -> Told {
+        let Track { what, scans, unclear, outside, in_gaps, longest_gap, .. } = *self;
+        let mut told = Told::default();
+        let lie = |count: usize| match count {
+            1 => "1 scan lies".to_owned(),
+            _ => format!("{count} scans lie"),
+        };
+        if unclear > 0 {
+            let shared = match self.poses.shared() {
+                0 => String::new(),
+                shared => {
+                    let (metres, degrees) = self.poses.apart();
+                    format!(
+                        "; {shared} of its {} poses share their stamp with another that is up to {metres:.3} m and {degrees:.1}° away",
+                        self.poses.len()
+                    )
+                }
+            };
+            told.doubts.push(format!(
+                "{what}: stamps do not tell which of its poses belongs to {unclear} of {scans} scans{shared}; no {what} there"
+            ));
+        }
+        if outside == scans {
+            let (start, end) = self.span();
+            let times = || moments.iter().map(|moment| moment.at);
+            let shown = |at: Option<i64>| Stamp::from_nanoseconds(at.unwrap_or_default());
+            told.doubts.push(format!(
+                "{what}: it lasts from {} s to {} s, the scans from {} s to {} s, so no scan has any; were they stamped by different clocks?",
+                shown(Some(start)),
+                shown(Some(end)),
+                shown(times().min()),
+                shown(times().max()),
+            ));
+        } else if outside > 0 {
+            let is_loss = outside as f64 > (ENDS * scans as f64).max(FEW);
+            let list = if is_loss { &mut told.doubts } else { &mut told.assumptions };
+            list.push(format!(
+                "{} before the first or after the last {what} message: nothing is extrapolated, so no {what} there",
+                lie(outside)
+            ));
+        }
+        if in_gaps > 0 {
+            told.doubts.push(format!(
+                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over so long, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
+                lie(in_gaps),
+                longest_gap as f64 / NANOSECONDS,
+                scans - unclear - outside - in_gaps,
+                counted(scans, "scan")
+            ));
+        }
+        told
+    }
+}
+
+/// What is to be said of a track.
+#[derive(Default)]
+pub(crate) struct Told {
+    pub doubts: Vec<String>,
+    pub assumptions: Vec<String>,
+}
+
+/// What of a file of poses goes over the same time again, and in how many stretches: the stretch of each.
+pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
+    let forward = times.windows(2).filter(|pair| pair[0] <= pair[1]).count();
+    let usual = match forward as f64 >= (1.0 - MANY) * times.len().saturating_sub(1) as f64 {
+        true => usual_interval(times),
+        // In no order.
+        false => {
+            let mut sorted = times.to_vec();
+            sorted.sort_unstable();
+            usual_interval(&sorted)
+        }
+    };
+    let mut earlier = BTreeSet::new();
+    let mut stretch = 0;
+    let mut of = Vec::with_capacity(times.len());
+    for (index, &at) in times.iter().enumerate() {
+        let latest = earlier.last().copied().unwrap_or(at);
+        let was_there = earlier.range(near(at, usual)).next().is_some();
+        let goes_on = times.get(index + 1).is_some_and(|&next| at < next && next <= latest);
+        if latest.saturating_sub(at) > usual && goes_on && was_there {
+            stretch += 1;
+            earlier.clear();
+        }
+        earlier.insert(at);
+        of.push(stretch);
+    }
+    of
+}
+
+/// That a file of poses cannot be used, as it tells of more stretches of time than there are.
+pub(crate) fn goes_over_again(name: &str, in_file: usize, in_log: usize) -> String {
+    format!(
+        "reference: in {name} time jumps back {} and goes over the same time again, in the scans {}, so nothing says which belongs to which and it is not used: cut it where its time jumps",
+        counted(in_file.saturating_sub(1), "time"),
+        counted(in_log.saturating_sub(1), "time"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_goes_over_the_same_time_again() {
+        let stretches = |times: &[i64]| stretches_of_file(times).pop();
+        let twice: Vec<i64> = (0..20).map(|k| 10 * (k % 10)).collect();
+        assert_eq!(stretches_of_file(&twice), [[0; 10], [1; 10]].concat());
+        // Half an interval off.
+        let off: Vec<i64> =
+            twice.iter().enumerate().map(|(k, at)| at + if k < 10 { 5 } else { 0 }).collect();
+        assert_eq!(stretches_of_file(&off), [[0; 10], [1; 10]].concat());
+        assert_eq!(stretches(&[30, 10, 0, 20, 50, 40]), Some(0), "in any order");
+        assert_eq!(stretches(&[0, 0, 10, 10, 20, 20]), Some(0), "each row twice");
+        assert_eq!((stretches(&[5]), stretches(&[])), (Some(0), None));
+    }
+
+    #[test]
+    fn scans_of_one_stamp_are_counted() {
+        let shared =
+            |times: &[i64]| shared_stamps(times.iter().map(|&at| Moment { stretch: 0, at }));
+        assert_eq!(shared(&[1, 2, 3]), None);
+        let (told, are_many) = shared(&[1, 1, 3]).unwrap();
+        assert!(told.contains("2 of 3 scans") && told.contains("2 different stamps"), "{told}");
+        assert!(are_many);
+        let few: Vec<i64> = (0..40).map(|k| if k == 7 { 8 } else { k }).collect();
+        assert!(!shared(&few).unwrap().1);
+    }
+}

@@ -1,0 +1,53 @@
+//! Memory for what is kept of a log while it is read, asked for before it is taken.
+
+use mcl_core::OutOfMemory;
+use mcl_core::memory::check_room;
+
+/// Kept between two questions.
+const STEP_BYTES: usize = 8 << 20;
+/// What an allocation takes besides its bytes, at most.
+pub(crate) const HEAP_BYTES: usize = 32;
+
+/// How much is kept of a log.
+#[derive(Debug, Default)]
+pub(crate) struct Room {
+    kept: usize,
+    asked: usize,
+}
+
+impl Room {
+    /// Notes that so many more bytes are kept. From time to time, asks whether there is room for as many again as are
+    /// kept until the next time, and for `later`, which is taken when all is read.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`].
+    pub fn take(&mut self, bytes: usize, later: usize) -> Result<(), OutOfMemory> {
+        self.kept = self.kept.saturating_add(bytes);
+        if self.kept >= self.asked {
+            check_room((2 * STEP_BYTES).saturating_add(later), 1, "scans and poses of the log")?;
+            self.asked = self.kept.saturating_add(STEP_BYTES);
+        }
+        Ok(())
+    }
+
+    /// What is kept so far, in bytes.
+    pub fn kept(&self) -> u64 {
+        self.kept as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_no_machine_has_is_refused_before_it_is_taken() {
+        let mut room = Room::default();
+        room.take(100, 1000).unwrap();
+        // Asked for from time to time only.
+        room.take(100, usize::MAX / 2).unwrap();
+        let refused = room.take(STEP_BYTES, usize::MAX / 4).unwrap_err();
+        assert!(refused.to_string().contains("scans and poses of the log were refused"));
+        assert_eq!(room.kept(), (STEP_BYTES + 200) as u64);
+    }
+}
