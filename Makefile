@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop large-bag bench peers reproduce check deny fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop cluster large-bag bench peers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -87,6 +87,11 @@ interop: build
 	tar -xzf $(INTEROP)/evo/evo-*.tar.gz -C $(INTEROP)/evo --strip-components 1
 	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python MCL_EVO_DATA=$(abspath $(INTEROP))/evo/test/data \
 	  $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
+
+# A Slurm cluster of two nodes on this machine: a study in parts, a node killed, merged, the same bytes. As root on
+# Debian, whose packages of Slurm it installs.
+cluster: build
+	crates/mcl-eval/cluster/cluster.sh $(MCL_EVAL)
 
 # The reading of a bag of 1 GB in one run with rosbags: LARGE="--images --size 4" makes others (large_bag.py --help).
 # After `make interop`, whose Python it uses.

@@ -13,6 +13,7 @@ pub mod localizer;
 pub mod measure;
 pub mod recipe;
 pub mod run;
+pub mod share;
 pub mod store;
 pub mod study;
 pub mod table;

@@ -15,6 +15,7 @@ use crate::localizer::process::Ended;
 use crate::localizer::program::{FAILED_RUNS, Programs, failed_run};
 use crate::measure::{MapMeasure, OfDimension};
 use crate::recipe::run::RunRecipe;
+use crate::share::{Share, deal};
 use crate::store::identity::{Build, Identity};
 use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, Saved};
 use crate::store::results::{
@@ -56,9 +57,13 @@ pub enum Event<'e> {
 
 /// How a run ended.
 pub struct Ran {
-    /// The rows, with those of earlier runs.
-    pub results: Results,
-    /// Trials that failed in this run, in the order of the plan.
+    /// The rows, with those of earlier runs; none of a part, which leaves the tables to the merge.
+    pub results: Option<Results>,
+    /// Trials that this process had to see to, and those of them that have rows.
+    pub asked: usize,
+    /// See `asked`.
+    pub done: usize,
+    /// Trials that failed in this run, in the order of the plan; of a merge those that have failed and have no rows.
     pub failed: Vec<FailedTrial>,
 }
 
@@ -69,8 +74,8 @@ struct Task {
     identities: Vec<String>,
 }
 
-/// Runs a study on an open log or point cloud into `folder`, going on where earlier runs ended. The rows of
-/// trials that succeeded are kept whatever happens. `fresh` removes what earlier runs left.
+/// Runs a study, or a share of it, on an open log or point cloud into `folder`, going on where earlier runs ended. The
+/// rows of trials that succeeded are kept whatever happens.
 ///
 /// # Errors
 /// When the log has no points, the folder holds rows of other data or of another build, or a file cannot
@@ -80,13 +85,13 @@ pub fn run_study(
     name: &str,
     data: &StudyData,
     folder: &Path,
-    fresh: bool,
+    share: Share,
     mut see: impl FnMut(Event<'_>),
 ) -> Result<Ran> {
     let identity = Identity { build: Build::this(), data: DataFacts::of(&data.source)? };
     let dataset = identity.data.name.clone();
     create_folder(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    if fresh {
+    if share == (Share::Whole { fresh: true }) {
         let files = [MANIFEST, STUDY, TRIALS, TIMINGS, FAILURES, SUMMARY, TESTS];
         forget(folder, &files, &[PARTS, SHOWN, FIGURES, FAILED_RUNS])?;
     }
@@ -105,15 +110,41 @@ pub fn run_study(
         forget(folder, &[], &[SHOWN])?;
     }
     let manifest = Manifest { study: name.to_owned(), identity: identity.clone() }.to_text()?;
-    save(&folder.join(MANIFEST), manifest.as_bytes())?;
-    save(&folder.join(STUDY), study.text.as_bytes())?;
+    // Parts begin at the same time: what is there and right is left alone.
+    let is_there = |file: &str, text: &str| {
+        std::fs::read_to_string(folder.join(file)).is_ok_and(|found| found == text)
+    };
+    for (file, text) in [(MANIFEST, &manifest), (STUDY, &study.text)] {
+        if !is_there(file, text) {
+            save(&folder.join(file), text.as_bytes())?;
+        }
+    }
 
     let plan = study.plan(&dataset)?;
+    let pictured = Shown::all(study, folder, &dataset)?;
+    let mine = match share {
+        Share::Whole { .. } => None,
+        Share::Merge => Some(HashSet::new()),
+        Share::Part(part) => {
+            let (_, mut rows) = deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
+            Some(rows.swap_remove(part.number() - 1))
+        }
+    };
+    let is_mine = |identity: &String| mine.as_ref().is_none_or(|mine| mine.contains(identity));
     let mut tasks = pending(study, &plan.trials, &parts)?;
+    tasks.retain(|task| task.identities.iter().any(is_mine));
     let costs = Costs::measured(&identity.data, &plan.trials, &parts);
-    let done = plan.trials.len() - tasks.len();
-    see(Event::Started { done, asked: plan.trials.len(), damage: &parts.damage });
-    let shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
+    let mut asked = plan.trials.len();
+    if let (Some(mine), Share::Part(_)) = (&mine, share) {
+        let of_trials = plan.trials.iter().map(|trial| trial.identities(&study.measures));
+        let of_trials: Vec<Vec<String>> = of_trials.collect::<Result<_>>()?;
+        asked = of_trials.iter().filter(|all| all.iter().any(|one| mine.contains(one))).count();
+    }
+    let done = asked.saturating_sub(tasks.len());
+    see(Event::Started { done, asked, damage: &parts.damage });
+    let mut shown = add_pictured(&mut tasks, pictured, &parts);
+    tasks.retain(|task| task.identities.iter().any(is_mine));
+    shown.retain(|identity, _| is_mine(identity));
     drop(parts);
     let mut part = OwnPart::new(folder, &identity);
     let programs = Programs::new(folder, study.folder.as_deref());
@@ -126,17 +157,22 @@ pub fn run_study(
     programs.end();
 
     // Somebody may have begun another study there, or the folder anew.
-    let is_ours = |file: &str, text: &str| {
-        std::fs::read_to_string(folder.join(file)).is_ok_and(|found| found == text)
-    };
-    if !is_ours(MANIFEST, &manifest) || !is_ours(STUDY, &study.text) {
+    if !is_there(MANIFEST, &manifest) || !is_there(STUDY, &study.text) {
         bail!(
             "another run has changed the study in {}; rows are safe, and the same command goes on from \
              there",
             folder.display()
         );
     }
+    if let Share::Part(_) = share {
+        let done = asked - failed.len();
+        return Ok(Ran { results: None, asked, done, failed });
+    }
     let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
+    let failed = match share {
+        Share::Merge => without_rows(study, &plan.trials, &parts)?,
+        _ => failed,
+    };
     remove_unpictured(study, folder, &dataset)?;
     let results = Results::of(folder, name, study.clone(), identity.data.clone(), &parts)?;
     save_table(&folder.join(TRIALS), &results.table)?;
@@ -148,10 +184,56 @@ pub fn run_study(
         bail!(
             "{} of {} trials failed, there is nothing to summarize; {FAILURES} has the reasons",
             failed.len(),
-            tasks.len()
+            plan.trials.len()
         );
     }
-    Ok(Ran { results, failed })
+    let (asked, done) = (results.asked, results.done);
+    Ok(Ran { results: Some(results), asked, done, failed })
+}
+
+/// The part (from 1, of `parts`) that sees to each trial of a plan, and the identities of the rows of each part: those of
+/// its trials, and of its share of the maps that pictures show and no trial has. `folder` is that of the results.
+///
+/// # Errors
+/// When recipes cannot be written as JSON.
+pub fn deal_out(
+    study: &Study,
+    trials: &[Trial],
+    folder: &Path,
+    data: &DataFacts,
+    parts: usize,
+) -> Result<(Vec<usize>, Vec<HashSet<String>>)> {
+    let costs = Costs::built_in(data);
+    let mut all: Vec<(f64, Vec<String>)> = Vec::new();
+    for trial in trials {
+        all.push((costs.of(trial), trial.identities(&study.measures)?));
+    }
+    let known: HashSet<String> = all.iter().flat_map(|(_, rows)| rows).cloned().collect();
+    let pictured = Shown::all(study, folder, &data.name)?.into_iter().flatten();
+    for shown in pictured.filter(|shown| !known.contains(&shown.identity)) {
+        all.push((costs.of(&shown.trial), vec![shown.identity]));
+    }
+    let by_first: Vec<(f64, &str)> =
+        all.iter().map(|(cost, rows)| (*cost, rows.first().map_or("", String::as_str))).collect();
+    let dealt = deal(&by_first, parts);
+    let mut rows = vec![HashSet::new(); parts];
+    for ((_, of_trial), part) in all.into_iter().zip(&dealt) {
+        rows[part - 1].extend(of_trial);
+    }
+    Ok((dealt[..trials.len()].to_vec(), rows))
+}
+
+/// The trials that failed in some process and have no rows, in the order of the plan, each with its last reason.
+fn without_rows(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<FailedTrial>> {
+    let reasons: HashMap<&str, &FailedTrial> =
+        parts.failed.iter().map(|failed| (failed.trial.as_str(), failed)).collect();
+    let mut failed = Vec::new();
+    for trial in trials {
+        let has_rows = trial.identities(&study.measures)?.iter().all(|row| parts.has(row));
+        let reason = reasons.get(trial.to_string().as_str());
+        failed.extend(reason.filter(|_| !has_rows).map(|failed| (*failed).clone()));
+    }
+    Ok(failed)
 }
 
 /// Removes maps and paths that pictures showed before the study was edited.

@@ -12,6 +12,7 @@ use bench::{assert_holds, contents, folder, fresh, log, part, run};
 use mcl_core::{Pose2, Stamp};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::{Event, run_study};
+use mcl_study::share::Share;
 use mcl_study::store::parts::seal;
 use mcl_study::store::results::{Results, read_all};
 use mcl_study::study::definition::Study;
@@ -410,19 +411,20 @@ fn a_folder_begun_anew_keeps_the_results_of_the_second_run() {
         let data = StudyData::new(DataSource::Log(log("office")));
         let study = Study::parse(MAPS).unwrap();
         let mut ended = 0;
-        let result = run_study(&study, "study", &data, &folder, false, |event| {
-            if let Event::Ended { .. } = event {
-                ended += 1;
-            }
-            if ended == 1 {
-                ended += 1;
-                match is_moved {
-                    true => fs::rename(&folder, &aside).unwrap(),
-                    false => fs::remove_dir_all(&folder).unwrap(),
+        let result =
+            run_study(&study, "study", &data, &folder, Share::Whole { fresh: false }, |event| {
+                if let Event::Ended { .. } = event {
+                    ended += 1;
                 }
-                run(&other, log("office"), &folder).unwrap();
-            }
-        });
+                if ended == 1 {
+                    ended += 1;
+                    match is_moved {
+                        true => fs::rename(&folder, &aside).unwrap(),
+                        false => fs::remove_dir_all(&folder).unwrap(),
+                    }
+                    run(&other, log("office"), &folder).unwrap();
+                }
+            });
         let Err(error) = result else { panic!("went on") };
         let message = format!("{error:#}");
         assert!(message.contains("removed or replaced while the run went on"), "{message}");
@@ -438,13 +440,14 @@ fn a_folder_begun_anew_keeps_the_results_of_the_second_run() {
     let data = StudyData::new(DataSource::Log(log("office")));
     let study = Study::parse(MAPS).unwrap();
     let mut is_edited = false;
-    let result = run_study(&study, "study", &data, &folder, false, |event| {
-        if let Event::Ended { .. } = event
-            && !std::mem::replace(&mut is_edited, true)
-        {
-            run(&other, log("office"), &folder).unwrap();
-        }
-    });
+    let result =
+        run_study(&study, "study", &data, &folder, Share::Whole { fresh: false }, |event| {
+            if let Event::Ended { .. } = event
+                && !std::mem::replace(&mut is_edited, true)
+            {
+                run(&other, log("office"), &folder).unwrap();
+            }
+        });
     let Err(error) = result else { panic!("went on") };
     assert!(format!("{error:#}").contains("another run has changed the study"), "{error:#}");
     assert_holds(&folder, &expected, "the edited study's");

@@ -52,6 +52,7 @@ pub(crate) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -
         table: Table::of_cells(rows.into_iter().map(|row| row.0)),
         done: asked,
         asked,
+        without_rows: Vec::new(),
         pictured: Vec::new(),
         damage: Vec::new(),
     }

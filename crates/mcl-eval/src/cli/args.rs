@@ -1,6 +1,7 @@
 mod evaluate;
 mod localize;
 mod map;
+mod parts;
 mod read;
 
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, Tim
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
 use mcl_study::data::options::SourceOptions;
+pub use parts::{Engine, PartOf, PlanArgs, StatusArgs};
 pub use read::ReadArgs;
 
 /// Monte Carlo localization evaluation on sample-based maps.
@@ -61,6 +63,10 @@ pub enum Command {
     Run(RunArgs),
     /// Write what a study gives a localizer of others in a run, and run nothing.
     Export(ExportArgs),
+    /// What a study in parts takes, and the script that starts it on a cluster; starts nothing.
+    Plan(PlanArgs),
+    /// How far the studies of a result folder are, over all processes that run parts of them.
+    Status(StatusArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
     /// Whether results that were computed again are those of an earlier run.
@@ -181,6 +187,13 @@ pub struct RunArgs {
     /// List the trials and what they will take, and run none.
     #[arg(long)]
     pub list: bool,
+    /// Run one part of several, from 1, and make no tables; array/N takes the part from the variable that the array job
+    /// of Slurm, Kubernetes, AWS Batch or Google Batch sets.
+    #[arg(long, value_name = "I/N|array/N", conflicts_with_all = ["fresh", "list"])]
+    pub part: Option<PartOf>,
+    /// Run nothing: make the tables and figures of the rows that are there.
+    #[arg(long, conflicts_with_all = ["fresh", "list", "part"])]
+    pub merge: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

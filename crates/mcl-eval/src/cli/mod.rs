@@ -14,9 +14,11 @@ mod likelihood;
 mod localize;
 mod map;
 mod output;
+mod plan;
 mod plot;
 mod run;
 mod simulate;
+mod status;
 
 use std::process::ExitCode;
 
@@ -73,6 +75,8 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Evaluate(args) => evaluate::run(&args, &cli.global),
         Command::Run(args) => run::run(&args, &cli.global),
         Command::Export(args) => export::run(&args, &cli.global),
+        Command::Plan(args) => plan::run(&args, &cli.global),
+        Command::Status(args) => status::run(&args),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Compare(args) => compare::run(&args),
         Command::Claims(args) => claims::run(&args),

@@ -13,8 +13,9 @@ use mcl_study::localizer::program::commands;
 use mcl_study::measure::program::ENDED;
 use mcl_study::recipe::localizer::LOCALIZER;
 use mcl_study::run::{Event, Ran, run_study};
+use mcl_study::share::Share;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::Parts;
+use mcl_study::store::parts::{FailedTrial, Parts};
 use mcl_study::store::results::{FAILURES, Results};
 use mcl_study::study::definition::Study;
 use mcl_study::trial::cost::Costs;
@@ -23,7 +24,7 @@ use mcl_study::trial::tracking::bridge;
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{Global, RunArgs};
+use super::args::{CloudArgs, Global, ReadArgs, RunArgs};
 use super::output::{print, reference_of, tell_bridged, tell_data_losses, told_once};
 use crate::figures;
 use crate::progress::{self, tell};
@@ -70,6 +71,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     if args.list {
         return list(args, &study, &name, &names);
     }
+    let share = share(args)?;
     let called: Vec<String> = names.iter().map(|name| name_of(name)).collect();
     if let Some((at, name)) =
         called.iter().enumerate().find(|(at, name)| called[..*at].contains(name))
@@ -79,7 +81,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             names[at]
         );
     }
-    tell_programs(&study);
+    if share != Share::Merge {
+        tell_programs(&study);
+    }
     end_on_interrupt(&args.output)?;
     let mut complete = true;
     let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
@@ -97,16 +101,16 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             complete &= tell_bridged(dataset, &bridged) == Outcome::Done;
         }
         let folder = args.output.join(&name).join(source.name());
-        let ran = run_on(&study, &name, source, &folder, args.fresh, global)
+        let ran = run_on(&study, &name, source, &folder, share, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
-            Ok(Ran { results, failed }) => {
-                told.trials += results.asked;
-                told.done += results.done;
+            Ok(Ran { results, asked, done, failed }) => {
+                told.trials += asked;
+                told.done += done;
                 told.failed += failed.len();
-                complete &= results.is_complete();
+                complete &= done == asked;
                 told.folders.push(folder.display().to_string());
-                all.push(results);
+                all.extend(results);
             }
             // What cannot be written for one data set cannot be written for the others.
             Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
@@ -120,7 +124,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     if told.folders.is_empty() {
         bail!("study {name} has results on none of {} data sets", names.len());
     }
-    if let Some(path) = figures::write_ranking(&args.output.join(&name), &all)?
+    let is_part = matches!(share, Share::Part(_));
+    if !is_part
+        && let Some(path) = figures::write_ranking(&args.output.join(&name), &all)?
         && !global.quiet
     {
         tell!("settings ranked over the data sets: {}", path.display());
@@ -140,10 +146,19 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
 }
 
 fn open(args: &RunArgs, study: &Study, dataset: &str) -> Result<DataSource> {
+    open_with(study, dataset, (&args.read, &args.cloud, args.max_range))
+}
+
+/// Opens a data set or log as a study lists it.
+pub fn open_with(
+    study: &Study,
+    dataset: &str,
+    (read, cloud, max_range): (&ReadArgs, &CloudArgs, Option<f64>),
+) -> Result<DataSource> {
     let options = SourceOptions {
-        cloud_topic: args.cloud.cloud_topic.clone(),
-        dimensions: args.cloud.dimensions.map(usize::from),
-        ..args.read.options(args.max_range)
+        cloud_topic: cloud.cloud_topic.clone(),
+        dimensions: cloud.dimensions.map(usize::from),
+        ..read.options(max_range)
     };
     let source = DataSource::open(dataset, &options, false)?;
     let scans = study.listed(source.name()).and_then(|listed| listed.scans);
@@ -159,7 +174,7 @@ fn run_on(
     name: &str,
     source: DataSource,
     folder: &Path,
-    fresh: bool,
+    share: Share,
     global: &Global,
 ) -> Result<Ran> {
     // In parts of the whole, so that the time left follows the work and not the number of trials.
@@ -168,13 +183,17 @@ fn run_on(
     let data = StudyData::new(source);
     let bar = progress::bar(PARTS as u64, &dataset, global.quiet);
     let mut reasons: Vec<String> = Vec::new();
-    let ran = run_study(study, name, &data, folder, fresh, |event| match event {
+    let ran = run_study(study, name, &data, folder, share, |event| match event {
         Event::Started { done, asked, damage } => {
             for damage in damage {
                 bar.suspend(|| tell!("warning: {}", printable(damage)));
             }
             if done > 0 && !global.quiet {
-                bar.suspend(|| tell!("{dataset}: {done} of {asked} trials are there already"));
+                let of = match share {
+                    Share::Part(part) => format!(" of {part}"),
+                    Share::Whole { .. } | Share::Merge => String::new(),
+                };
+                bar.suspend(|| tell!("{dataset}: {done} of {asked} trials{of} are there already"));
             }
         }
         Event::Ended { ended: (ended, all), share, failed } => {
@@ -194,13 +213,43 @@ fn run_on(
     let ran = ran?;
     // Figures take memory, too, and are drawn from files.
     drop(data);
-    let Results { done, asked, .. } = ran.results;
-    if done < asked {
-        tell!("{dataset}: {done} of {asked} trials have rows; the same command runs the others");
+    let Some(results) = &ran.results else { return Ok(ran) };
+    if !results.is_complete() {
+        let Results { done, asked, .. } = results;
+        let others = match share {
+            Share::Merge => format!("missing: {}", missing(results, &ran.failed)),
+            Share::Whole { .. } | Share::Part(_) => "the same command runs the others".to_owned(),
+        };
+        tell!("{dataset}: {done} of {asked} trials have rows; {others}");
     }
-    tell_failed_runs(&ran.results);
-    figures::write(&ran.results)?;
+    tell_failed_runs(results);
+    figures::write(results)?;
     Ok(ran)
+}
+
+/// The trials without rows, each with what is known of it.
+fn missing(results: &Results, failed: &[FailedTrial]) -> String {
+    const MOST: usize = 10;
+    let told = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
+        Some(failed) => format!("{name} (failed: {})", printable(&failed.reason)),
+        None => name.clone(),
+    };
+    let names: Vec<String> = results.without_rows.iter().take(MOST).map(told).collect();
+    let others = match results.without_rows.len().saturating_sub(MOST) {
+        0 => String::new(),
+        others => format!(" and {others} others"),
+    };
+    format!("{}{others}; run parts again, and merge", names.join(", "))
+}
+
+/// Which trials this process runs.
+fn share(args: &RunArgs) -> Result<Share> {
+    let variable = |name: &str| std::env::var(name).ok();
+    Ok(match &args.part {
+        Some(part) => Share::Part(part.part(variable).map_err(anyhow::Error::msg)?),
+        None if args.merge => Share::Merge,
+        None => Share::Whole { fresh: args.fresh },
+    })
 }
 
 /// What would be run, and what it would cost. Of programs of others nobody knows that.
@@ -321,7 +370,7 @@ fn tell_failed_runs(results: &Results) {
 }
 
 /// The data sets of the study that are at hand; says how to get the others.
-fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
+pub fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let registry = Registry::from_environment()?;
     let mut names = Vec::new();
     for name in study.dataset_names() {
@@ -343,7 +392,7 @@ fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
 }
 
 /// The study's name: that of its file, without the ending.
-fn study_name(path: &Path) -> Result<String> {
+pub fn study_name(path: &Path) -> Result<String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     if !is_plain_name(&stem) {
         bail!(

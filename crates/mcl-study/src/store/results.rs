@@ -65,6 +65,8 @@ pub struct Results {
     pub done: usize,
     /// Trials that the study asks for.
     pub asked: usize,
+    /// Those of them that lack a row, in the order of the plan.
+    pub without_rows: Vec<String>,
     /// The rows of the maps (and runs) that pictures show, by picture and map as the study lists them;
     /// `None` where one is missing. Each has the [`SHOWN`] files beside it.
     pub pictured: Vec<Vec<Option<Pictured>>>,
@@ -209,15 +211,28 @@ impl Results {
             table.push(row);
         }
         table.sort();
-        let mut done = 0;
+        let mut without_rows = Vec::new();
         for trial in &plan.trials {
             let identities = trial.identities(&study.measures)?;
-            done += usize::from(identities.iter().all(|identity| parts.has(identity)));
+            if !identities.iter().all(|identity| parts.has(identity)) {
+                without_rows.push(trial.to_string());
+            }
         }
         let pictured = pictured(folder, &study, &facts.name, parts)?;
         let (name, folder, asked) = (name.to_owned(), folder.to_owned(), plan.trials.len());
-        let damage = parts.damage.clone();
-        Ok(Results { folder, name, study, facts, table, done, asked, pictured, damage })
+        let (done, damage) = (asked - without_rows.len(), parts.damage.clone());
+        Ok(Results {
+            folder,
+            name,
+            study,
+            facts,
+            table,
+            done,
+            asked,
+            without_rows,
+            pictured,
+            damage,
+        })
     }
 
     /// The plan of the study on the data set.

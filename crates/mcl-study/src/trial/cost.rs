@@ -34,10 +34,15 @@ const FIELD: f64 = 3e-6;
 const SEARCH: f64 = 0.3;
 
 impl Costs {
+    /// On this data, as they are built in: the same for every process of a study.
+    pub fn built_in(data: &DataFacts) -> Self {
+        let (points, scans) = (data.points as f64, data.scans as f64);
+        Costs { points, scans, measured: HashMap::new() }
+    }
+
     /// On this data, scaled by what trials of a study took that are done.
     pub fn measured(data: &DataFacts, trials: &[Trial], parts: &Parts) -> Self {
-        let (points, scans) = (data.points as f64, data.scans as f64);
-        let costs = Costs { points, scans, measured: HashMap::new() };
+        let costs = Costs::built_in(data);
         let of_names: HashMap<String, &Trial> =
             trials.iter().map(|trial| (trial.to_string(), trial)).collect();
         let mut sums: HashMap<String, [f64; 2]> = HashMap::new();

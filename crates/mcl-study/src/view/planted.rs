@@ -44,6 +44,7 @@ pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured
         table,
         done: asked,
         asked,
+        without_rows: Vec::new(),
         pictured: Vec::new(),
         damage: Vec::new(),
     }

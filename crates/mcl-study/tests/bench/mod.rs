@@ -14,6 +14,7 @@ use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::{Ran, run_study};
+use mcl_study::share::Share;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::division::StudyData;
 use tempfile::TempDir;
@@ -66,7 +67,7 @@ pub fn folder() -> TempDir {
 pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<Ran> {
     let study = Study::parse(text)?;
     let data = StudyData::new(DataSource::Log(log));
-    run_study(&study, "study", &data, folder, false, |_| {})
+    run_study(&study, "study", &data, folder, Share::Whole { fresh: false }, |_| {})
 }
 
 /// What an undisturbed run of a study on a log leaves.
