@@ -629,3 +629,93 @@ fn formats_of_others_are_read() {
     let row = lab.row(&["--reference", "ref.kitti", "est.kitti"], 0);
     near(&row["ate"]["rmse"], ate(), 1e-6);
 }
+
+/// The side that is interpolated changed with one pose at the end, and so did the error by a fifth.
+#[test]
+fn the_same_side_is_interpolated_whatever_the_ends() {
+    let lab = Lab::new();
+    lab.write("ref.tum", &tum(times(10.0), truth));
+    let rmse = |poses: usize| {
+        let times = times(10.0).map(|t| t + 0.05).take(poses);
+        lab.write("est.tum", &tum(times, estimate));
+        let row = lab.row(&["--reference", "ref.tum", "est.tum", "--match", "interpolate"], 0);
+        row["ate"]["rmse"].as_f64().unwrap()
+    };
+    let all = rmse(600);
+    for fewer in [599, 598, 597] {
+        assert!((rmse(fewer) - all).abs() < 1e-4, "{fewer}: {}, not {all}", rmse(fewer));
+    }
+}
+
+/// A bag that names the frame of its odometry is of that robot, with or without transforms.
+#[test]
+fn the_frame_of_odometry_is_the_robots() {
+    let lab = usual();
+    let write = |name: &str, parent: &'static str, drift: Option<[&str; 2]>| {
+        let mut bag = BagWriter::new(std::io::Cursor::new(Vec::new())).unwrap();
+        let poses = bag.topic("/fused", &POSE_WITH_COVARIANCE_STAMPED, Delivery::Live).unwrap();
+        let odometry = bag.topic("/odom", &ODOMETRY, Delivery::Live).unwrap();
+        let moving = bag.topic("/tf", &TF_MESSAGE, Delivery::Live).unwrap();
+        let apart = Pose2::new(1.0, -2.0, 0.7);
+        for t in times(10.0) {
+            let at = ((START + t) * 1e9).round() as i64;
+            let stamp = Stamp::from_nanoseconds(at);
+            let pose = if drift.is_some() { apart.between(&estimate(t)) } else { estimate(t) };
+            let mut message = Encoder::default();
+            message.header(stamp, parent).pose(pose).f64s(&[0.0; 36]);
+            bag.write(poses, at as u64, message).unwrap();
+            let mut message = Encoder::default();
+            message.header(stamp, "odom").text("base_link").pose(truth(t)).f64s(&[0.0; 78]);
+            bag.write(odometry, at as u64, message).unwrap();
+            if let Some([parent, child]) = drift {
+                let (sin, cos) = (0.5 * apart.theta).sin_cos();
+                let mut message = Encoder::default();
+                message.u32(1).header(stamp, parent).text(child);
+                message.f64s(&[apart.x, apart.y, 0.0, 0.0, 0.0, sin, cos]);
+                bag.write(moving, at as u64, message).unwrap();
+            }
+        }
+        fs::write(lab.path(name), bag.finish().unwrap().into_inner()).unwrap();
+    };
+    write("plain.mcap", "map", None);
+    let row = lab.row(&["--reference", "ref.tum", "plain.mcap", "--topic", "/fused"], 0);
+    near(&row["ate"]["rmse"], ate(), 1e-6);
+    assert_eq!(row["frames"]["compared"], "robot");
+    // Poses in the odometry frame of a namespace are carried into its map.
+    write("named.mcap", "robot1/odom", Some(["robot1/map", "robot1/odom"]));
+    let row = lab.row(&["--reference", "ref.tum", "named.mcap", "--topic", "/fused"], 0);
+    near(&row["ate"]["rmse"], ate(), 1e-6);
+    // And without transforms there, it is told.
+    write("alone.mcap", "robot1/odom", None);
+    let (_, stderr) = lab.ends(&["--reference", "ref.tum", "alone.mcap", "--topic", "/fused"], 3);
+    assert!(stderr.contains("\"robot1/odom\", which drifts"), "{stderr}");
+}
+
+/// Files of one name in folders of their own: who belongs to whom, nothing says.
+#[test]
+fn runs_of_one_name_are_not_paired() {
+    let lab = usual();
+    for (group, factor) in [("a", 1.0), ("b", 2.0)] {
+        for run in 0..4 {
+            let off = |t: f64| {
+                let (a, b) = (truth(t), estimate(t + 0.1 * f64::from(run)));
+                let there = truth(t + 0.1 * f64::from(run));
+                Pose2::new(a.x + factor * (b.x - there.x), a.y + factor * (b.y - there.y), a.theta)
+            };
+            lab.write(&format!("{group}/{run}/est.tum"), &tum(times(10.0), off));
+        }
+    }
+    let groups = ["--group", "a=a/*/est.tum", "--group", "b=b/*/est.tum"];
+    let found = lab.json(&[&["--reference", "ref.tum"], &groups[..]].concat(), 0);
+    let tested = &found["comparisons"][1];
+    assert_eq!(
+        (&tested["measure"], &tested["test"]),
+        (&"translation".into(), &"Welch's t over runs".into())
+    );
+    assert!(tested["p"].is_number(), "{tested}");
+    // Nothing is lost where nothing could be evaluated.
+    lab.write("a/0/est.tum", "");
+    lab.write("b/0/est.tum", "");
+    let none = lab.json(&["--reference", "ref.tum", "a/0/est.tum", "b/0/est.tum"], 1);
+    assert!(none["estimates"][1]["failure"].is_string());
+}

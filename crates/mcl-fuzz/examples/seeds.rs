@@ -21,8 +21,8 @@ use mcl_maps::files::{Encoding, PointFormat, encode_grid};
 use mcl_maps::occupancy::rasterize;
 use mcl_metrics::tum;
 use mcl_study::data::source::{DataSource, LogSource};
-use mcl_study::share::Share;
 use mcl_study::run::run_study;
+use mcl_study::share::Share;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::division::StudyData;
 use serde_json::{Value, json};
@@ -364,7 +364,14 @@ fn results(study: &str) -> Result<(String, String)> {
     };
     let folder = tempfile::tempdir()?;
     let data = StudyData::new(DataSource::Log(log));
-    run_study(&Study::parse(study)?, "study", &data, folder.path(), Share::Whole { fresh: false }, |_| {})?;
+    run_study(
+        &Study::parse(study)?,
+        "study",
+        &data,
+        folder.path(),
+        Share::Whole { fresh: false },
+        |_| {},
+    )?;
     let identity = |mut identity: Value| {
         identity["build"] =
             json!({ "version": "0.1.0", "revision": null, "sources": "0123456789abcdef" });

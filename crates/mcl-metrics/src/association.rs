@@ -215,15 +215,18 @@ impl<'a> Sides<'a> {
 
     /// The side with fewer poses in the time both have; the estimate where both have as many.
     fn sparser(&self) -> Side {
-        let ([r0, r1], [e0, e1]) = (self.reference.span(), self.estimate.span());
-        let common = [r0.max(e0), r1.min(e1)];
-        match (self.reference.count_within(common), self.estimate.count_within(common)) {
-            // A single pose, or a few, between two poses of the other one.
-            (0, _) => Side::Estimate,
-            (_, 0) => Side::Reference,
-            (reference, estimate) if reference < estimate => Side::Reference,
-            _ => Side::Estimate,
-        }
+        sparser(&self.reference, &self.estimate)
+    }
+}
+
+/// The trajectory of the lower rate, by the usual intervals of both: the reference only if its rate is clearly lower, so
+/// that neither jitter nor where a trajectory ends changes the side. One of a single pose is the sparser.
+pub(crate) fn sparser(reference: &Timeline<'_>, estimate: &Timeline<'_>) -> Side {
+    const CLEARLY: f64 = 1.5;
+    let usual = |timeline: &Timeline<'_>| timeline.usual_interval().unwrap_or(u64::MAX) as f64;
+    match usual(reference) > CLEARLY * usual(estimate) {
+        true => Side::Reference,
+        false => Side::Estimate,
     }
 }
 
@@ -499,7 +502,7 @@ mod tests {
         // Three poses at 100 ms: x 1, 2, 3.
         let reference = track(&[0, 100, 100, 100, 200]);
         for (estimate, expected) in
-            [([50, 100, 100], [0.5, 1.0, 2.0]), ([100, 100, 150], [1.0, 2.0, 3.5])]
+            [([50, 150, 150], [0.5, 3.5, 3.5]), ([100, 100, 200], [1.0, 2.0, 4.0])]
         {
             let matched = interpolate(&reference, &track(&estimate), None).unwrap();
             let xs: Vec<f64> = matched.reference.poses().iter().map(|pose| pose.x).collect();

@@ -1,6 +1,6 @@
 use mcl_core::{Pose2, Stamp, Trajectory, math};
 
-use crate::association::{Side, check_not_empty, interpolate};
+use crate::association::{Side, check_not_empty, interpolate, sparser};
 use crate::ate::{Alignment, ate};
 use crate::error::{MetricsError, check_poses};
 use crate::timeline::{Timeline, gap};
@@ -126,12 +126,7 @@ struct Search {
 impl Search {
     fn new(reference: &Trajectory, estimate: &Trajectory, alignment: Alignment) -> Self {
         let (reference, estimate) = (Timeline::new(reference), Timeline::new(estimate));
-        let usual = |timeline: &Timeline<'_>| timeline.usual_interval().unwrap_or(u64::MAX) as f64;
-        // A little slower is no sparser: which side is interpolated should not depend on jitter.
-        let sampled = match usual(&reference) > 1.5 * usual(&estimate) {
-            true => Side::Reference,
-            false => Side::Estimate,
-        };
+        let sampled = sparser(&reference, &estimate);
         let apart = i128::from(reference.stamp(0).nanoseconds())
             - i128::from(estimate.stamp(0).nanoseconds());
         let (samples, other) = match sampled {

@@ -51,12 +51,6 @@ impl<'a> Timeline<'a> {
         [self.stamp(0), self.stamp(self.len() - 1)]
     }
 
-    /// Number of poses from `from` to `to`, both inclusive.
-    pub fn count_within(&self, [from, to]: [Stamp; 2]) -> usize {
-        let before = self.first_from(from);
-        self.first_after(to).saturating_sub(before)
-    }
-
     /// Position of the first pose that is not before `stamp`.
     pub fn first_from(&self, stamp: Stamp) -> usize {
         self.order.partition_point(|&index| self.trajectory.stamps()[index] < stamp)

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use bench::{assert_holds, contents, folder, fresh, log, part, run};
+use bench::{assert_holds, contents, folder, fresh, log, part, run, tables};
 use mcl_core::{Pose2, Stamp};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::{Event, run_study};
@@ -87,7 +87,7 @@ fn rows_cut_at_every_byte_are_computed_again() {
         fs::create_dir(folder.path().join("parts")).unwrap();
         fs::write(&path, &whole[..length]).unwrap();
         let ran = run(MAPS, log(NAME), folder.path()).unwrap();
-        assert!(ran.results.damage.is_empty(), "{length}: {:?}", ran.results.damage);
+        assert!(tables(&ran).damage.is_empty(), "{length}: {:?}", tables(&ran).damage);
         assert_holds(folder.path(), &expected, &format!("cut at {length}"));
         // What the next run finds is a second file of rows beside the cut one.
         if length % 100 == 0 {
@@ -139,7 +139,7 @@ fn rows_damaged_at_any_byte_are_computed_again() {
         fs::create_dir(folder.path().join("parts")).unwrap();
         fs::write(&path, bytes).unwrap();
         let ran = run(MAPS, log(NAME), folder.path()).unwrap();
-        assert!(ran.results.is_complete(), "{what}");
+        assert!(tables(&ran).is_complete(), "{what}");
         assert_holds(folder.path(), &expected, what);
     }
     eprintln!("{} damages", damages.len());
@@ -232,7 +232,8 @@ fn a_refinement_may_be_renamed() {
         .replace("more = {", "others = { method = \"restarts\", restarts = 2 }\nmore = {")
         .replace("\"gbs+more\"", "\"gbs+more\", \"gbs+others\"");
     let ran = run(&both, log("office"), folder.path()).unwrap();
-    let named = |name: &str| ran.results.table.rows().filter(|row| row.text("map") == name).count();
+    let named =
+        |name: &str| tables(&ran).table.rows().filter(|row| row.text("map") == name).count();
     assert_eq!((named("gbs+more"), named("gbs+others")), (16, 16));
 }
 

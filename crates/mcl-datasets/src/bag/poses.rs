@@ -126,7 +126,17 @@ pub(crate) fn poses(
     };
     let mut carried_from = None;
     let is_odometry = |name: &str| content.names(&[Kind::Odometry]).contains(&name);
-    if let (PosesAt::Topic(name), Some(into), Some(from)) = (place, request.into, parent.as_deref())
+    // In a namespace of its own, the frame has the same name there.
+    let own = |into: &str| {
+        let (namespace, _) = parent.as_deref()?.rsplit_once('/')?;
+        Some(format!("{namespace}/{into}")).filter(|name| tree.knows(name))
+    };
+    let into = request.into.map(|into| match tree.knows(into) {
+        true => into.to_owned(),
+        false => own(into).unwrap_or_else(|| into.to_owned()),
+    });
+    if let (PosesAt::Topic(name), Some(into), Some(from)) =
+        (place, into.as_deref(), parent.as_deref())
         && into != from
         && !is_odometry(name)
         && let Some(link) = tree.link(into, from)
@@ -145,7 +155,8 @@ pub(crate) fn poses(
                 before - samples.len()
             ));
         }
-        carried_from = parent.replace(into.to_owned());
+        let into = into.to_owned();
+        carried_from = parent.replace(into);
     }
     let frame = match child {
         Some(child) => Some(child),

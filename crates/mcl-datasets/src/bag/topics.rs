@@ -193,7 +193,9 @@ impl<'a> Pair<'a> {
     /// Parent and child, both named in the tree: names of frames may have dots, too.
     pub fn frames(self, knows: impl Fn(&str) -> bool) -> Option<(&'a str, &'a str)> {
         let dots = self.frames.match_indices('.');
-        let mut pairs = dots.map(|(dot, _)| (&self.frames[..dot], &self.frames[dot + 1..]));
+        let plain = |frame: &'a str| frame.trim_start_matches('/');
+        let pairs = dots.map(|(dot, _)| (&self.frames[..dot], &self.frames[dot + 1..]));
+        let mut pairs = pairs.map(|(parent, child)| (plain(parent), plain(child)));
         pairs.find(|(parent, child)| knows(parent) && knows(child))
     }
 }
@@ -344,11 +346,16 @@ pub(super) fn pose_topic<'a>(
         let pair = Pair::of(topic).filter(|_| !is_topic);
         return Ok(pair.map_or(PosesAt::Topic(topic), PosesAt::Pair));
     }
-    if role == PoseRole::Reference {
-        return reference_topic(content, None)?.map(PosesAt::Topic).ok_or_else(none);
-    }
-    let kinds: [&[Kind]; 2] =
-        [&[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry], &[Kind::Path, Kind::Transform]];
+    let kinds: &[&[Kind]] = match role {
+        PoseRole::Reference => match reference_topic(content, None)? {
+            Some(topic) => return Ok(PosesAt::Topic(topic)),
+            None => &[&[Kind::Path, Kind::Transform]],
+        },
+        PoseRole::Estimate => &[
+            &[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry],
+            &[Kind::Path, Kind::Transform],
+        ],
+    };
     for kinds in kinds {
         let mut candidates = content.names(kinds);
         candidates.retain(|name| !is_named(name, &GOALS) && !is_named(name, &REFERENCE));

@@ -45,6 +45,7 @@ pub fn read(folder: &Path, poses: Whose, is_whole: bool) -> Result<Estimate, Mis
     let malformed =
         |why: &dyn std::fmt::Display| Missing::Malformed(shortened(&why.to_string(), folder));
     let path = written(folder).ok_or(Missing::Nothing)?;
+    check_regular(&path).map_err(|why| malformed(&why))?;
     let (trajectory, whose) = if path.is_dir() || is_bag(&path).map_err(|e| malformed(&e))? {
         let request = PoseRequest { into: Some(MAP_FRAME), ..PoseRequest::of(PoseRole::Estimate) };
         let found = read_poses(&path, &request).map_err(|e| malformed(&e))?;
@@ -92,6 +93,19 @@ fn written(folder: &Path) -> Option<PathBuf> {
     let is_named = |path: &PathBuf| path.file_stem().is_some_and(|stem| stem == OUTPUT);
     let mut found = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).filter(is_named);
     found.next().filter(|_| found.next().is_none())
+}
+
+/// Only files and folders are read: a pipe never ends, and a link leads to what no limit holds for.
+fn check_regular(path: &Path) -> Result<(), String> {
+    let kind = fs::symlink_metadata(path).map_err(|error| error.to_string())?.file_type();
+    if kind.is_dir() {
+        let entries = fs::read_dir(path).map_err(|error| error.to_string())?;
+        return entries.flatten().try_for_each(|entry| check_regular(&entry.path()));
+    }
+    match kind.is_file() {
+        true => Ok(()),
+        false => Err(format!("{} is neither a file nor a folder", path.display())),
+    }
 }
 
 /// A reason of one line that is the same in every folder.

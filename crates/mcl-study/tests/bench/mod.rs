@@ -15,6 +15,7 @@ use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::{Ran, run_study};
 use mcl_study::share::Share;
+use mcl_study::store::results::Results;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::division::StudyData;
 use tempfile::TempDir;
@@ -72,11 +73,16 @@ pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<Ran> {
 
 /// What an undisturbed run of a study on a log leaves.
 #[track_caller]
+/// The tables of a run that made them.
+pub fn tables(ran: &Ran) -> &Results {
+    ran.results.as_ref().unwrap()
+}
+
 pub fn fresh(text: &str, log: LogSource) -> BTreeMap<PathBuf, Vec<u8>> {
     let folder = folder();
     let ran = run(text, log, folder.path()).unwrap();
     assert_eq!(ran.failed, [], "{text}");
-    assert!(ran.results.is_complete());
+    assert!(tables(&ran).is_complete());
     contents(folder.path())
 }
 

@@ -217,7 +217,7 @@ pub struct EvaluateArgs {
     /// Files have positions only: no errors of headings, although there is something in their place.
     #[arg(long)]
     pub positions: bool,
-    /// Quaternions of TUM files begin with w.
+    /// Read TUM files whose quaternions are upside down with w as the last with w as the first.
     #[arg(long)]
     pub wxyz: bool,
     /// Move each estimate onto the reference before its absolute errors are taken: by the rigid motion

@@ -16,6 +16,11 @@ const NO_MOUNT: f64 = 1e-9;
 /// The frame of odometry, which drifts against the map (REP 105).
 const ODOMETRY: &str = "odom";
 
+/// Whether a frame is that of odometry, in a namespace too: `robot1/odom`, `odom_combined`.
+fn is_of_odometry(frame: &str) -> bool {
+    frame.rsplit('/').next().is_some_and(|name| name.starts_with(ODOMETRY))
+}
+
 /// Frames that are fixed to each other: where each is in one of them.
 #[derive(Debug, Clone, Default)]
 pub struct Mounts(BTreeMap<Whose, Pose2>);
@@ -100,7 +105,7 @@ pub fn compared<'a>(
     let carry = |source: &Source, from: &Whose| -> Result<Pose2> {
         let Some(mount) = between(from, target) else {
             bail!(
-                "{}: its poses are those of {from}, and nothing says where {target} is on the robot; compare it with a trajectory that says so (of `localize`, a log or a bag), give the laser's place with --mount X,Y,THETA, or compare poses of another frame with --frame",
+                "{}: its poses are those of {from}, and nothing says where {target} is beside that; compare it with a trajectory that says so (of `localize`, a log or a bag), give the laser's place with --mount X,Y,THETA, say whose poses files have with --reference-frame and --estimate-frame, or compare poses of another frame with --frame",
                 source.of.label(),
             );
         };
@@ -157,9 +162,9 @@ pub fn are_in_one_world(reference: &Source, estimate: &Source) -> bool {
             );
             false
         }
-        (None, Some(ODOMETRY)) => {
+        (None, Some(frame)) if is_of_odometry(frame) => {
             tell!(
-                "warning: {label}: its poses are in frame {ODOMETRY:?}, which drifts against the map, and no transforms lead to it from \"map\": the errors hold how far these are apart (--align takes it out)"
+                "warning: {label}: its poses are in frame {frame:?}, which drifts against the map, and no transforms lead to it from \"map\": the errors hold how far these are apart (--align takes it out)"
             );
             false
         }

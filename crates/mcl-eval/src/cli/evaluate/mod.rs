@@ -8,7 +8,7 @@ mod source;
 mod table;
 mod text;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Context, Result, anyhow};
 use mcl_figures::check_figure_ending;
@@ -121,10 +121,10 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
             }
         });
     }
+    put_out(args, &references, &all)?;
     if all.iter().all(|done| done.sampled.is_none()) {
         return Err(anyhow!("none of {} estimates could be evaluated", all.len()));
     }
-    put_out(args, &references, &all)?;
     Ok(Outcome::of(is_complete))
 }
 
@@ -166,7 +166,13 @@ fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Re
         .iter()
         .map(|group| {
             let of_group = all.iter().filter(|done| done.row.group.as_ref() == Some(&group.name));
-            (group.name.as_str(), of_group.map(Done::as_run).collect())
+            let mut runs: Vec<Run<'_>> = of_group.clone().map(Done::as_run).collect();
+            let names: BTreeSet<&str> = runs.iter().map(|run| run.name).collect();
+            if names.len() < runs.len() {
+                // Which runs of two groups belong together is not said.
+                runs.iter_mut().zip(of_group).for_each(|(run, done)| run.name = &done.row.of.file);
+            }
+            (group.name.as_str(), runs)
         })
         .collect();
     let of_groups = groups
@@ -194,7 +200,9 @@ fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Re
         write_rows(path, &pairs)?;
     }
     let reference = described(references);
-    if let Some(path) = &args.plot {
+    if let Some(path) = &args.plot
+        && all.iter().any(|done| done.sampled.is_some())
+    {
         let of_none = all.iter().filter(|done| done.row.group.is_none());
         let drawn: Vec<(String, &Sampled)> = of_none
             .filter_map(|done| Some((done.row.of.label(), done.sampled.as_ref()?)))

@@ -1,5 +1,7 @@
 //! The figures of one estimate.
 
+use std::collections::HashSet;
+
 use anyhow::{Context, Result, bail};
 use mcl_core::text::counted;
 use mcl_core::{Pose2, Stamp, Trajectory};
@@ -315,7 +317,7 @@ fn tell_matched(
     };
     let (of_reference, of_estimate) = (backward(reference), backward(estimate));
     if of_reference + of_estimate > 0 && !quiet {
-        let order = match matched.sorted_by_time {
+        let order = match matched.sorted_by_time || of_estimate == 0 {
             true => "of time",
             false => "of the files, which is the same in both",
         };
@@ -333,11 +335,18 @@ fn tell_matched(
             1e3 * apart.max_s
         );
     }
-    let samples = match matched.sampled {
-        Side::Reference => reference.len(),
-        Side::Estimate => estimate.len(),
+    let (sampled, other, indices) = match matched.sampled {
+        Side::Reference => (reference, estimate, &matched.reference_indices),
+        Side::Estimate => (estimate, reference, &matched.estimate_indices),
     };
-    let unmatched = matched.unmatched_samples();
+    // What lies before or after the other side cannot have a partner; coverage says what is missing of the reference.
+    let span = other.stamps().iter().min().zip(other.stamps().iter().max());
+    let partners: HashSet<usize> = indices.iter().flatten().copied().collect();
+    let is_within = |stamp: &Stamp| span.is_some_and(|(from, to)| (from..=to).contains(&stamp));
+    let within: Vec<usize> =
+        (0..sampled.len()).filter(|&place| is_within(&sampled.stamps()[place])).collect();
+    let samples = within.len();
+    let unmatched = within.iter().filter(|place| !partners.contains(place)).count();
     let is_matched = unmatched as f64 <= (1.0 - WHOLE) * samples as f64;
     if !is_matched {
         tell!(

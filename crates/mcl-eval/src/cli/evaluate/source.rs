@@ -213,11 +213,15 @@ fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
 
 /// A file of poses and nothing else.
 fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
-    let settings = ReadSettings {
-        non_planar: if args.project { NonPlanar::Project } else { NonPlanar::Refuse },
-        order: if args.wxyz { QuaternionOrder::Wxyz } else { QuaternionOrder::Xyzw },
+    let read = |order| {
+        let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
+        trajectory_file::read_file(file, &ReadSettings { non_planar, order })
     };
-    let found = trajectory_file::read_file(file, &settings)?;
+    let found = match read(QuaternionOrder::Xyzw) {
+        // Of those files whose quaternions make no sense otherwise: the other side may be in the usual order.
+        Err(_) if args.wxyz => read(QuaternionOrder::Wxyz),
+        found => found,
+    }?;
     if !global.quiet {
         found.notes.iter().for_each(|note| tell!("note: {file}: {note}"));
     }
@@ -281,6 +285,9 @@ fn bag(file: &str, path: &Path, request: &PoseRequest<'_>, global: &Global) -> R
     let mut mounts = Mounts::default();
     for (name, pose) in &found.mounts {
         mounts.insert(Whose::Frame(name.clone()), *pose);
+    }
+    if let Some(frame) = &found.frame {
+        mounts.insert(Whose::Frame(frame.clone()), Pose2::IDENTITY);
     }
     let base = BASE.iter().find_map(|base| found.mounts.get(*base).copied());
     mounts.insert(Whose::Robot, base.unwrap_or(Pose2::IDENTITY));

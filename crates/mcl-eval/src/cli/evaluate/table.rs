@@ -109,8 +109,10 @@ impl Table {
 
     fn latex(&self) -> String {
         let line = |cells: &[String]| {
-            let cells = cells.iter().map(|cell| latex_text(cell));
-            format!("{} \\\\\n", cells.collect::<Vec<_>>().join(" & "))
+            let line = cells.iter().map(|cell| latex_text(cell)).collect::<Vec<_>>().join(" & ");
+            // Behind the end of the line before, these would be its argument.
+            let guard = if line.starts_with(['[', '*']) { "{}" } else { "" };
+            format!("{guard}{line} \\\\\n")
         };
         let columns = format!("l{}", "r".repeat(self.head.len().saturating_sub(1)));
         let mut text = String::new();
@@ -250,6 +252,8 @@ mod tests {
     fn names_from_files_are_text() {
         assert!(table().markdown().contains("| a\\_b\\|\\<script\\> | 0.1 |"));
         assert!(table().latex().contains("a\\_b|$<$script$>$ & 0.1 \\\\"));
+        let starred = Table { rows: vec![vec!["*.tum".to_owned(), "1".to_owned()]], ..table() };
+        assert!(starred.latex().contains("\n{}*.tum & 1 "));
         assert!(table().text().starts_with("errors\nestimate       ATE, m\na_b|<script>"));
         assert!(kind_of("x.html".as_ref()).is_err());
         assert_eq!(kind_of("x.TEX".as_ref()).unwrap(), Kind::Latex);

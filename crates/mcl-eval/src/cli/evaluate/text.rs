@@ -1,6 +1,6 @@
 //! Evaluations as text: tables of all estimates, of groups and their differences, and each estimate with its figures.
 
-use mcl_core::text::{counted, p_value, thousands};
+use mcl_core::text::{counted, p_value, printable, thousands};
 
 use super::group::{Comparison, GroupError, GroupFigures};
 use super::row::{AxisFigures, Row, RowFigures};
@@ -49,12 +49,12 @@ pub fn of_estimates(rows: &[&Row]) -> Table {
     let columns = head.len();
     let line = |row: &&Row| {
         let Some(figures) = &row.figures else {
-            let mut line = vec![row.of.label(), "failed".to_owned()];
+            let mut line = vec![printable(&row.of.label()).into_owned(), "failed".to_owned()];
             line.resize(columns, "–".to_owned());
             return line;
         };
         let mut line = vec![
-            row.of.label(),
+            printable(&row.of.label()).into_owned(),
             thousands(figures.pairs),
             percent(figures.coverage.time.min(figures.coverage.path)),
             decimals(figures.weighted.map(|error| error.mean)),
@@ -100,7 +100,7 @@ pub fn of_groups(groups: &[GroupFigures]) -> Table {
     ];
     let line = |group: &GroupFigures| {
         vec![
-            group.name.clone(),
+            printable(&group.name).into_owned(),
             group.runs.to_string(),
             group.failed.to_string(),
             percent(group.coverage_time.min(group.coverage_path)),
@@ -143,7 +143,7 @@ pub fn of_comparisons(comparisons: &[Comparison]) -> Table {
         let [a, b] = tested.runs;
         let runs = if a == b { format!("{a}") } else { format!("{a}, {b}") };
         vec![
-            format!("{} – {}", tested.a, tested.b),
+            format!("{} – {}", printable(&tested.a), printable(&tested.b)),
             measure.to_owned(),
             shown(tested.of_a),
             shown(tested.of_b),
@@ -187,7 +187,7 @@ fn with_interval(error: Option<GroupError>, unit: f64) -> String {
 }
 
 fn row_text(row: &Row) -> String {
-    let label = row.of.label();
+    let label = printable(&row.of.label()).into_owned();
     match (&row.figures, &row.failure) {
         (Some(figures), _) => figures_text(&label, figures),
         (None, failure) => format!("{label}: {}\n", failure.as_deref().unwrap_or("no figures")),
