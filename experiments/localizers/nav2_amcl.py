@@ -1,7 +1,9 @@
 """AMCL of nav2 as the Python package `amcl` binds it: nav2_amcl.py RUN.json OUTPUT [settings].
 
 The package has nav2's particle filter and its beam model (rays through the grid); the likelihood field is not in it.
-The settings that are not given are nav2's defaults.
+A ray ends at the first cell that is not free, be it occupied or unknown. So what this filter knows of a grid is its free
+space, and that comes from all scans that built a map, however few points the map has: --unknown-is-free lets rays end
+at occupied cells alone. The settings that are not given are nav2's defaults.
 """
 import argparse, ctypes
 import amcl
@@ -19,6 +21,7 @@ parser.add_argument("--min-particles", type=int, default=500)
 parser.add_argument("--max-particles", type=int, default=2000)
 parser.add_argument("--update-min", type=float, nargs=2, default=[0.25, 0.2], help="m and rad between updates")
 parser.add_argument("--shift", type=float, default=0.0, help="cells by which the grid is moved: nav2 puts the middle of the first cell where its corner is")
+parser.add_argument("--unknown-is-free", action="store_true", help="rays end at occupied cells alone")
 a = parser.parse_args()
 
 def read_grid(run):
@@ -35,7 +38,7 @@ def read_grid(run):
     kinds = []
     for value in range(256):
         p = (255 - value) / 255
-        kinds.append(100 if p > occupied else 0 if p < free else -1)
+        kinds.append(100 if p > occupied else 0 if p < free or a.unknown_is_free else -1)
     rows = [[kinds[v] for v in pixels[i * width:(i + 1) * width]] for i in reversed(range(height))]
     cell = float(yaml["resolution"])
     return amcl.create_occupancy_grid_from_list(rows, cell, x + a.shift * cell, y + a.shift * cell)
