@@ -5,7 +5,7 @@ PYTHON ?= python3
 MCL_EVAL = target/release/mcl-eval
 RESULTS ?= results
 
-.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop cluster large-bag bench peers reproduce check deny fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop cluster large-bag bench peers localizers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -107,6 +107,13 @@ bench:
 # into target/peers. Exit code 3 (a peer could not be had) has been told and stops nothing.
 peers:
 	$(PYTHON) benches/peers/run.py -o $(RESULTS)/benchmarks || test $$? -eq 3
+
+# Localizers of others in a study beside the built-in filter (docs/localizers.md). AMCL and MRPT are downloaded into
+# target/peers; a localizer that cannot be had has rows that say so.
+PEERS = $(abspath target/peers)
+localizers: build
+	$(PYTHON) benches/peers/run.py --install-localizers || test $$? -eq 3
+	PATH="$(PEERS)/bin:$(PEERS)/venv/bin:$$PATH" $(MCL_EVAL) run experiments/localizers.toml -o $(RESULTS) || test $$? -eq 3
 
 check: fmt clippy doc test
 

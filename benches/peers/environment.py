@@ -1,7 +1,7 @@
 """The scratch environment: this program's binaries and the peers, as far as they can be had."""
 
-import hashlib
 import json
+import shlex
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,10 @@ MODULES = {
     "scikit-learn": "sklearn",
     "small_gicp": "small_gicp",
     "open3d": "open3d",
+    "amcl": "amcl",
 }
+# Programs of MRPT that wrappers of localizers run.
+MRPT_PROGRAMS = ("pf-localization", "carmen2rawlog", "carmen2simplemap")
 # Shared libraries that a peer from PyPI expects of the system.
 SYSTEM_LIBRARIES = {"open3d": "libusb-1.0-0"}
 
@@ -48,12 +51,13 @@ def target_folder() -> Path:
     return Path(runner.json(metadata, setup=True)["target_directory"])
 
 
-def prepare(runner: Runner, say) -> Environment:
+def prepare(runner: Runner, say, modules=MODULES, build=True) -> Environment:
     """Builds this program (an error when that fails) and installs the peers (a note when not)."""
     target = runner.target
-    say("building mcl-eval")
-    build = ["cargo", "build", "--release", "--locked", "-p", "mcl-eval"]
-    runner.run([*build, "--bin", "mcl-eval", "--example", "peers"], setup=True)
+    if build:
+        say("building mcl-eval")
+        cargo = ["cargo", "build", "--release", "--locked", "-p", "mcl-eval"]
+        runner.run([*cargo, "--bin", "mcl-eval", "--example", "peers"], setup=True)
     environment = Environment(
         runner=runner,
         folder=target / "peers",
@@ -61,22 +65,24 @@ def prepare(runner: Runner, say) -> Environment:
         peers=target / "release" / "examples" / "peers",
         python=target / "peers" / "venv" / "bin" / "python",
     )
-    version = runner.run([environment.mcl_eval, "--version"], setup=True)
-    environment.versions["mcl-eval"] = version.split()[-1]
+    if build:
+        version = runner.run([environment.mcl_eval, "--version"], setup=True)
+        environment.versions["mcl-eval"] = version.split()[-1]
     say("installing peers from PyPI")
-    python_peers(environment)
+    python_peers(environment, modules)
     say("installing peers from Debian")
     mrpt(environment)
     return environment
 
 
-def python_peers(environment: Environment):
-    requirements = HERE / "requirements.txt"
+def python_peers(environment: Environment, modules: dict[str, str]):
+    lines = (HERE / "requirements.txt").read_text().splitlines()
+    requirements = [line for line in lines if line.split("==")[0] in modules]
     try:
         install(environment, requirements)
     except Failure as failure:
-        environment.missing.update(dict.fromkeys(MODULES, str(failure)))
-    for name, module in MODULES.items():
+        environment.missing.update(dict.fromkeys(modules, str(failure)))
+    for name, module in modules.items():
         if name in environment.missing:
             continue
         check = f"import importlib.metadata as m, {module}; print(m.version('{name}'))"
@@ -97,28 +103,29 @@ def python_peers(environment: Environment):
             environment.missing[name] = str(failure)
 
 
-def install(environment: Environment, requirements: Path):
-    """Makes the virtual environment; again when the requirements have changed."""
+def install(environment: Environment, requirements: list[str]):
+    """Makes the virtual environment, and installs what it does not have yet."""
     run = environment.runner.run
-    stamp = environment.folder / "venv" / "requirements.sha256"
-    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()
-    if stamp.is_file() and stamp.read_text() == digest:
+    stamp = environment.folder / "venv" / "installed.txt"
+    installed = stamp.read_text().splitlines() if stamp.is_file() else []
+    wanted = [line for line in requirements if line not in installed]
+    if not wanted:
         return
     run([sys.executable, "-m", "venv", environment.folder / "venv"], setup=True)
     pip = [environment.python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     try:
-        run([*pip, "-r", requirements], setup=True)
+        run([*pip, *wanted], setup=True)
     except Failure:
         # One by one, so that a missing one does not take the others with it.
-        for line in requirements.read_text().splitlines():
-            if line.startswith("#"):
-                continue
+        for line in wanted:
             try:
                 run([*pip, line], setup=True)
             except Failure as failure:
                 environment.missing[line.split("==")[0]] = str(failure)
         return
-    stamp.write_text(digest)
+    names = {line.split("==")[0] for line in wanted}
+    kept = [line for line in installed if line.split("==")[0] not in names]
+    stamp.write_text("\n".join(kept + wanted) + "\n")
 
 
 def mrpt(environment: Environment):
@@ -128,6 +135,17 @@ def mrpt(environment: Environment):
         environment.library_folders["mrpt"] = debian.libraries(folder)
     except Failure as failure:
         environment.missing["mrpt"] = str(failure)
+        return
+    # Programs that find their libraries, for whoever has target/peers/bin in PATH.
+    scripts = environment.folder / "bin"
+    scripts.mkdir(exist_ok=True)
+    libraries = ":".join(map(str, environment.library_folders["mrpt"]))
+    for name in MRPT_PROGRAMS:
+        program = folder / "root" / "usr" / "bin" / name
+        script = scripts / name
+        lines = ["#!/bin/sh", f"export LD_LIBRARY_PATH={shlex.quote(libraries)}", f'exec {shlex.quote(str(program))} "$@"']
+        script.write_text("\n".join(lines) + "\n")
+        script.chmod(0o755)
 
 
 def all_python_packages(environment: Environment) -> list[str]:

@@ -37,14 +37,21 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "results" / "benchmarks")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=BENCHMARKS, action="append", help="may be given again")
+    parser.add_argument("--install-localizers", action="store_true", help="install these, and do no more")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error("--rounds: at least 1")
 
     runner = Runner(target_folder())
-    environment = prepare(runner, say)
+    if arguments.install_localizers:
+        environment = prepare(runner, say, modules={"amcl": "amcl"}, build=False)
+    else:
+        environment = prepare(runner, say)
     for peer, reason in environment.missing.items():
         say(f"warning: {peer} cannot be had: {reason}")
+    if arguments.install_localizers:
+        say(f"PATH begins with {environment.folder / 'bin'}:{environment.python.parent} for these")
+        return 3 if environment.missing else 0
 
     loaded, comparisons = {}, []
     for name in arguments.only or BENCHMARKS:
