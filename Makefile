@@ -19,8 +19,10 @@ experiments: build
 	$(MCL_EVAL) claims $(RESULTS) -o $(RESULTS)/claims.md
 
 # What goes beyond the paper: better maps, sizes and σ that the data chooses, three dimensions, other kinds of
-# maps (docs/refinement.md, three-dimensions.md, representations.md).
-BEYOND = refinement localization-best choices choices-grid representations likelihood-3d refinement-3d
+# maps (docs/refinement.md, three-dimensions.md, representations.md); robots that are looked for, carried off, among
+# people, and how sure they are (docs/filter.md).
+BEYOND = refinement localization-best choices choices-grid representations likelihood-3d refinement-3d \
+  global kidnapped people consistency
 beyond: build
 	for name in $(BEYOND); do \
 	  $(MCL_EVAL) run experiments/$$name.toml -o $(RESULTS) || test $$? -eq 3 || exit 1; \

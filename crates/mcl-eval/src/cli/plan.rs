@@ -210,8 +210,8 @@ fn script(args: &PlanArgs, datasets: &[String], engine: Engine, planned: &Planne
              #   {run} --merge\n\
              apiVersion: batch/v1\nkind: Job\nmetadata:\n  name: {name}\nspec:\n  completionMode: Indexed\n  completions: {parts}\n  \
              parallelism: {parts}\n  backoffLimitPerIndex: 3\n  template:\n    spec:\n      restartPolicy: Never\n      containers:\n      \
-             - name: part\n        image: IMAGE\n        workingDir: /work\n        command: [\"sh\", \"-c\", {part}]\n        resources:\n          \
-             requests: {{cpu: 1, memory: {memory:.0}Mi}}\n        volumeMounts: [{{name: work, mountPath: /work}}]\n      volumes:\n      \
+             - name: part\n        image: IMAGE\n        workingDir: /data\n        command: [\"sh\", \"-c\", {part}]\n        resources:\n          \
+             requests: {{cpu: 1, memory: {memory:.0}Mi}}\n        volumeMounts: [{{name: work, mountPath: /data}}]\n      volumes:\n      \
              - name: work\n        persistentVolumeClaim: {{claimName: CLAIM}}\n",
             name = planned.study,
             part = serde_json::Value::from(format!(
