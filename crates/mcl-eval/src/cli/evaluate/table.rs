@@ -254,7 +254,7 @@ mod tests {
         assert!(table().latex().contains("a\\_b|$<$script$>$ & 0.1 \\\\"));
         let starred = Table { rows: vec![vec!["*.tum".to_owned(), "1".to_owned()]], ..table() };
         assert!(starred.latex().contains("\n{}*.tum & 1 "));
-        assert!(table().text().starts_with("errors\nestimate       ATE, m\na_b|<script>"));
+        assert!(table().text().starts_with("errors\nestimate      ATE, m\na_b|<script>"));
         assert!(kind_of("x.html".as_ref()).is_err());
         assert_eq!(kind_of("x.TEX".as_ref()).unwrap(), Kind::Latex);
     }
