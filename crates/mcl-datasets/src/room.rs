@@ -9,10 +9,17 @@ const STEP_BYTES: usize = 8 << 20;
 pub(crate) const HEAP_BYTES: usize = 32;
 
 /// How much is kept of a log.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Room {
     kept: usize,
     asked: usize,
+}
+
+/// Of a log of which little is kept nothing is asked: the question itself takes memory.
+impl Default for Room {
+    fn default() -> Self {
+        Room { kept: 0, asked: STEP_BYTES }
+    }
 }
 
 impl Room {
