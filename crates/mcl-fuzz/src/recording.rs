@@ -13,7 +13,7 @@ pub fn check(log: &Log, bytes: &[u8]) {
     let recording = &log.recording;
     is_sound(recording);
     assert_eq!(log.report.skipped_details.len(), log.report.skipped.min(20));
-    assert!(!log.report.to_string().is_empty());
+    assert!(log.report.is_complete() || !log.report.to_string().is_empty());
     assert!(log.kind != LogKind::Raw || !recording.has_reference());
     through_carmen(recording);
     if crc32fast::hash(bytes).is_multiple_of(8) {
@@ -61,9 +61,14 @@ fn through_carmen(recording: &Recording) {
         Ok(log) => log,
         Err(error) => panic!("what was written as CARMEN cannot be read: {error}"),
     };
-    assert!(log.report.is_complete(), "{}", log.report);
+    is_whole(&log);
     let expect = |range: f64| if range.is_finite() { range } else { NO_RETURN };
     same(&log.recording, recording, expect, |angle| angle);
+}
+
+/// Nothing was lost; what the scans leave in doubt, such as stamps that repeat, they leave again.
+fn is_whole(log: &Log) {
+    assert!(log.report.skipped == 0 && log.report.truncated.is_none(), "{}", log.report);
 }
 
 fn through_a_bag(recording: &Recording) {
@@ -76,7 +81,7 @@ fn through_a_bag(recording: &Recording) {
         Ok(log) => log,
         Err(error) => panic!("what was written as a bag cannot be read: {error}"),
     };
-    assert!(log.report.is_complete(), "{}", log.report);
+    is_whole(&log);
     let narrow = |value: f64| f64::from(value as f32);
     same(&log.recording, recording, narrow, narrow);
 }
