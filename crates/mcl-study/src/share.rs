@@ -121,7 +121,8 @@ mod tests {
         for cell in [0..20, 20..40] {
             for part in 1..=8 {
                 let of_part = dealt[cell.clone()].iter().filter(|of| **of == part).count();
-                assert!(of_part <= 4, "part {part} has {of_part} of {cell:?}");
+                // Of the long ones some parts have three and some two; the short ones go to the latter.
+                assert!(of_part <= 5, "part {part} has {of_part} of {cell:?}");
             }
         }
     }
