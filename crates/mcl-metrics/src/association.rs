@@ -213,7 +213,7 @@ impl<'a> Sides<'a> {
         Ok(Sides { reference: Timeline::new(reference), estimate: Timeline::new(estimate) })
     }
 
-    /// The side with fewer poses in the time both have; the estimate where both have as many.
+    /// See [`sparser`].
     fn sparser(&self) -> Side {
         sparser(&self.reference, &self.estimate)
     }

@@ -122,26 +122,25 @@ pub fn run_study(
 
     let plan = study.plan(&dataset)?;
     let pictured = Shown::all(study, folder, &dataset)?;
+    let mut tasks = pending(study, &plan.trials, &parts)?;
+    let mut asked = plan.trials.len();
+    let mut missing = tasks.len();
     let mine = match share {
         Share::Whole { .. } => None,
         Share::Merge => Some(HashSet::new()),
         Share::Part(part) => {
-            let (_, mut rows) = deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
-            Some(rows.swap_remove(part.number() - 1))
+            let (dealt, mut rows) =
+                deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
+            asked = dealt.iter().filter(|of| **of == part.number()).count();
+            let mine = rows.swap_remove(part.number() - 1);
+            let is_of_part = |task: &&Task| task.identities.iter().any(|row| mine.contains(row));
+            missing = tasks.iter().filter(is_of_part).count();
+            Some(mine)
         }
     };
     let is_mine = |identity: &String| mine.as_ref().is_none_or(|mine| mine.contains(identity));
-    let mut tasks = pending(study, &plan.trials, &parts)?;
-    tasks.retain(|task| task.identities.iter().any(is_mine));
     let costs = Costs::measured(&identity.data, &plan.trials, &parts);
-    let mut asked = plan.trials.len();
-    if let (Some(mine), Share::Part(_)) = (&mine, share) {
-        let of_trials = plan.trials.iter().map(|trial| trial.identities(&study.measures));
-        let of_trials: Vec<Vec<String>> = of_trials.collect::<Result<_>>()?;
-        asked = of_trials.iter().filter(|all| all.iter().any(|one| mine.contains(one))).count();
-    }
-    let done = asked.saturating_sub(tasks.len());
-    see(Event::Started { done, asked, damage: &parts.damage });
+    see(Event::Started { done: asked - missing, asked, damage: &parts.damage });
     let mut shown = add_pictured(&mut tasks, pictured, &parts);
     tasks.retain(|task| task.identities.iter().any(is_mine));
     shown.retain(|identity, _| is_mine(identity));
@@ -165,7 +164,8 @@ pub fn run_study(
         );
     }
     if let Share::Part(_) = share {
-        let done = asked - failed.len();
+        // What only pictures show is not among the trials asked for.
+        let done = asked.saturating_sub(failed.len());
         return Ok(Ran { results: None, asked, done, failed });
     }
     let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
