@@ -20,7 +20,7 @@ use crate::store::identity::{Build, Identity};
 use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, Saved};
 use crate::store::results::{
     FAILURES, FIGURES, MANIFEST, Manifest, Results, SHOWN, STUDY, SUMMARY, Shown, TESTS, TIMINGS,
-    TRIALS, save, save_table,
+    TRIALS, read_text, save, save_table,
 };
 use crate::study::definition::Study;
 use crate::table::{Cells, Table};
@@ -112,7 +112,8 @@ pub fn run_study(
     let manifest = Manifest { study: name.to_owned(), identity: identity.clone() }.to_text()?;
     // Parts begin at the same time: what is there and right is left alone.
     let is_there = |file: &str, text: &str| {
-        std::fs::read_to_string(folder.join(file)).is_ok_and(|found| found == text)
+        let path = folder.join(file);
+        !path.is_symlink() && read_text(&path).is_ok_and(|found| found.as_deref() == Some(text))
     };
     for (file, text) in [(MANIFEST, &manifest), (STUDY, &study.text)] {
         if !is_there(file, text) {

@@ -136,7 +136,7 @@ impl Manifest {
 
 /// The text of a small file; `None` where there is none. A pipe in its place is refused, for it would
 /// be waited for.
-fn read_text(path: &Path) -> Result<Option<String>> {
+pub(crate) fn read_text(path: &Path) -> Result<Option<String>> {
     let cannot = || format!("cannot read {}", path.display());
     let metadata = match fs::metadata(path) {
         Ok(metadata) => metadata,
