@@ -1,10 +1,13 @@
 //! A study in parts: several processes run shares of it, and the merge makes the files that one run makes.
 
-use std::collections::BTreeMap;
+mod office;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
+use mcl_study::store::parts::seal;
+use office::{assert_same, contents};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -76,40 +79,11 @@ fn ended(output: Output, code: i32) -> String {
     all
 }
 
-/// All files below a folder but those that differ between any two runs: rows as they ended, and times.
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut files = BTreeMap::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(next) = folders.pop() {
-        for entry in fs::read_dir(next).unwrap() {
-            let path = entry.unwrap().path();
-            let name = path.file_name().unwrap().to_str().unwrap();
-            if path.is_dir() && name != "parts" {
-                folders.push(path);
-            } else if path.is_file() && name != "timings.csv" {
-                files.insert(
-                    path.strip_prefix(folder).unwrap().to_owned(),
-                    fs::read(&path).unwrap(),
-                );
-            }
-        }
-    }
-    files
-}
-
-fn assert_same(found: &Path, expected: &Path) {
-    let (found, expected) = (files(found), files(expected));
-    assert_eq!(found.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
-    for (name, bytes) in &expected {
-        assert!(found[name] == *bytes, "{} differs", name.display());
-    }
-}
-
 #[test]
 fn parts_and_a_merge_make_the_files_of_one_run() {
     let lab = Lab::new();
     lab.run("whole", &["--threads", "2"], 0);
-    assert!(files(&lab.folder("whole")).len() > 10);
+    assert!(contents(&lab.folder("whole")).len() > 10);
 
     // All at once, one of them twice, with threads of their own.
     let parts = ["1/3", "2/3", "3/3", "2/3"];
@@ -214,4 +188,142 @@ fn a_plan_starts_nothing_and_says_how_to_start() {
     assert_eq!((&found["each"][0]["trials"], &found["is_measured"]), (&0.into(), &true.into()));
     assert!(plan(&["--parts", "2", "--engine", "kubernetes"]).contains("completionMode: Indexed"));
     assert!(plan(&["--parts", "2", "--engine", "parallel"]).contains("parallel -S"));
+}
+
+/// Makes the study so long that its parts are not over before somebody looks.
+const LONG: [(&str, &str); 2] = [("runs = 1", "runs = 10"), ("length = 30", "length = 100")];
+
+#[test]
+fn a_merge_while_parts_run_takes_what_is_there() {
+    let lab = Lab::new();
+    lab.run("whole", &[], 0);
+    let mut children: Vec<Child> = ["1/2", "2/2"]
+        .map(|part| lab.spawn("parts", &["--part", part, "--threads", "1", "-q"]))
+        .into();
+    let mut codes = Vec::new();
+    while children.iter_mut().any(|child| child.try_wait().unwrap().is_none()) {
+        let output = lab.command("parts", &["--merge", "-q"]).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        match output.status.code() {
+            Some(0) => {}
+            Some(1) => assert!(told.contains("nothing to summarize"), "{told}"),
+            Some(3) => assert!(told.contains("of 16 trials have rows; missing: "), "{told}"),
+            code => panic!("{code:?}: {told}"),
+        }
+        codes.push(output.status.code());
+    }
+    assert!(!codes.is_empty());
+    children.into_iter().for_each(|child| drop(ended(child.wait_with_output().unwrap(), 0)));
+    lab.run("parts", &["--merge"], 0);
+    assert_same(&lab.folder("parts"), &lab.folder("whole"));
+}
+
+#[test]
+fn a_part_of_another_build_is_refused() {
+    let lab = Lab::new();
+    lab.run("parts", &["--part", "1/2", "-q"], 0);
+    let rows = rows_of(&lab.folder("parts"));
+    let text = fs::read_to_string(&rows).unwrap();
+    let (first, rest) = text.split_once('\n').unwrap();
+    let mut identity = serde_json::from_str::<Value>(first).unwrap()["line"].take();
+    identity["identity"]["build"]["sources"] = "0123456789abcdef".into();
+    let first = seal(&serde_json::to_vec(&identity).unwrap());
+    fs::write(&rows, [&first, &b"\n"[..], rest.as_bytes()].concat()).unwrap();
+    for share in [&["--part", "2/2"][..], &["--merge"]] {
+        let told = lab.run("parts", share, 1);
+        assert!(
+            told.contains("were computed by build") && told.contains("0123456789abcdef"),
+            "{told}"
+        );
+    }
+    assert_eq!(fs::read(&rows).unwrap(), [&first, &b"\n"[..], rest.as_bytes()].concat());
+}
+
+#[test]
+fn a_part_of_other_data_is_refused() {
+    let lab = Lab::new();
+    let simulate = |seed: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mcl-eval"));
+        command.current_dir(lab.0.path()).args(["simulate", "-o", "log.log", "--seed", seed]);
+        ended(command.output().unwrap(), 0);
+    };
+    let log = ["--dataset", "log.log"];
+    simulate("1");
+    lab.run("parts", &[&["--part", "1/2", "-q"][..], &log].concat(), 0);
+    fs::remove_file(lab.path("log.log")).unwrap();
+    simulate("2");
+    for share in [&["--part", "2/2"][..], &["--merge"]] {
+        let told = lab.run("parts", &[share, &log].concat(), 1);
+        assert!(told.contains("the rows there were computed from"), "{told}");
+    }
+}
+
+/// A part that cannot write any more keeps what it has written, and the same part goes on once there is room.
+#[cfg(unix)]
+#[test]
+fn a_part_on_a_full_disk_goes_on_when_there_is_room() {
+    let lab = Lab::new();
+    lab.run("whole", &[], 0);
+    lab.run("parts", &["--part", "2/2", "-q"], 0);
+    // No file of more than 8 KiB can be written, as on a disk with so much room: that of the rows is the first.
+    let mut command = Command::new("sh");
+    command.current_dir(lab.0.path());
+    command.args([
+        "-c",
+        "trap '' XFSZ; ulimit -f 16; exec \"$0\" \"$@\"",
+        env!("CARGO_BIN_EXE_mcl-eval"),
+    ]);
+    command.args(["run", "study.toml", "-o", "parts", "--part", "1/2", "--threads", "1", "-q"]);
+    let told = ended(command.output().unwrap(), 1);
+    assert!(told.contains("cannot write rows in"), "{told}");
+    let told = lab.run("parts", &["--merge"], 3);
+    assert!(told.contains("of 16 trials have rows; missing: "), "{told}");
+    lab.run("parts", &["--part", "1/2", "-q"], 0);
+    lab.run("parts", &["--merge"], 0);
+    assert_same(&lab.folder("parts"), &lab.folder("whole"));
+}
+
+/// Requeued and preempted jobs are stopped, continued and ended from outside.
+#[cfg(unix)]
+#[test]
+fn a_part_that_is_stopped_and_ended_goes_on() {
+    use rustix::process::{Pid, Signal, kill_process};
+
+    let lab = Lab::new();
+    let study = LONG.into_iter().fold(STUDY.to_owned(), |text, (old, new)| text.replace(old, new));
+    fs::write(lab.path("study.toml"), study).unwrap();
+    let child = lab.spawn("parts", &["--part", "1/2", "--threads", "1", "-q"]);
+    let parts = lab.folder("parts").join("parts");
+    let has_rows = || {
+        let mut entries = fs::read_dir(&parts).into_iter().flatten().flatten();
+        entries.any(|entry| fs::read_to_string(entry.path()).unwrap().lines().count() > 1)
+    };
+    while !has_rows() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let process = Pid::from_child(&child);
+    kill_process(process, Signal::STOP).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    kill_process(process, Signal::CONT).unwrap();
+    kill_process(process, Signal::TERM).unwrap();
+    let told = ended(child.wait_with_output().unwrap(), 143);
+    assert!(told.contains("the same command goes on"), "{told}");
+    let saved = fs::read_to_string(rows_of(&lab.folder("parts"))).unwrap();
+    assert!(saved.ends_with('\n'), "ended between two rows");
+    // What is there is not run again, and the rest is as if nothing had been.
+    for part in ["1/2", "2/2"] {
+        lab.run("parts", &["--part", part, "-q"], 0);
+    }
+    lab.run("parts", &["--merge"], 0);
+    lab.run("whole", &[], 0);
+    assert_same(&lab.folder("parts"), &lab.folder("whole"));
+}
+
+/// The only file of rows.
+fn rows_of(folder: &Path) -> PathBuf {
+    let mut entries =
+        fs::read_dir(folder.join("parts")).unwrap().map(|entry| entry.unwrap().path());
+    let only = entries.next().unwrap();
+    assert!(entries.next().is_none());
+    only
 }

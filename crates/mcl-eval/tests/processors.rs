@@ -79,6 +79,18 @@ fn a_processor_without_fused_multiplication_computes_the_same_bytes() {
     for (masked, own) in masked.iter().zip(&own) {
         assert_same(masked, own);
     }
+    // Parts of processors of both kinds, merged on either.
+    let share = |share: &str, mask: Option<&str>| {
+        let command = format!("run processors.toml --dataset office.log -o parts {share} -q");
+        let arguments: Vec<&str> = command.split(' ').collect();
+        let output =
+            bench.command(&arguments).envs(mask.map(|mask| (TUNABLES, mask))).output().unwrap();
+        assert!(output.status.success(), "{share}: {}", String::from_utf8_lossy(&output.stderr));
+    };
+    share("--part 1/2", Some(MASK));
+    share("--part 2/2", None);
+    share("--merge", Some(MASK));
+    assert_same(&bench.path("parts/processors/office"), &own[0]);
 }
 
 /// Two folders that the program made of the log: of results of the study, and of other files.

@@ -53,7 +53,9 @@ pub fn study(bytes: &[u8]) {
         if plan.rows() > 500 {
             continue;
         }
-        let identities = plan.identities(&study.measures).expect("JSON holds recipes");
+        let of_trial =
+            |place| plan.identities_of(place, &study.measures).expect("JSON holds recipes");
+        let identities: Vec<(String, String)> = (0..plan.trials.len()).flat_map(of_trial).collect();
         assert_eq!(identities.len(), plan.rows());
         let distinct: HashSet<&String> = identities.iter().map(|(identity, _)| identity).collect();
         assert_eq!(distinct.len(), identities.len(), "two rows of one identity");

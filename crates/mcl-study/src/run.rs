@@ -103,7 +103,21 @@ pub fn run_study(
         }
         remove_leftovers(&path);
     }
-    let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
+    let in_folder = || folder.display().to_string();
+    let plan = study.plan(&dataset)?;
+    let (mine, asked) = match share {
+        Share::Whole { .. } => (None, plan.trials.len()),
+        Share::Merge => (Some(HashSet::new()), plan.trials.len()),
+        Share::Part(part) => {
+            let (dealt, mut rows) =
+                deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
+            let of_part = dealt.iter().filter(|of| **of == part.number()).count();
+            (Some(rows.swap_remove(part.number() - 1)), of_part)
+        }
+    };
+    let is_mine = |row: &String| mine.as_ref().is_none_or(|mine| mine.contains(row));
+    let wanted = mine.as_ref().filter(|_| share != Share::Merge);
+    let parts = Parts::read_wanted(folder, &identity, wanted).with_context(in_folder)?;
     // What pictures show may be there without a row, of other data or of another build.
     let before = Manifest::read(folder).ok().flatten();
     if before.is_none_or(|found| identity.check_same(&found.identity).is_err()) {
@@ -121,31 +135,20 @@ pub fn run_study(
         }
     }
 
-    let plan = study.plan(&dataset)?;
     let pictured = Shown::all(study, folder, &dataset)?;
     let mut tasks = pending(study, &plan.trials, &parts)?;
-    let mut asked = plan.trials.len();
-    let mut missing = tasks.len();
-    let mine = match share {
-        Share::Whole { .. } => None,
-        Share::Merge => Some(HashSet::new()),
-        Share::Part(part) => {
-            let (dealt, mut rows) =
-                deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
-            asked = dealt.iter().filter(|of| **of == part.number()).count();
-            let mine = rows.swap_remove(part.number() - 1);
-            let is_of_part = |task: &&Task| task.identities.iter().any(|row| mine.contains(row));
-            missing = tasks.iter().filter(is_of_part).count();
-            Some(mine)
-        }
-    };
-    let is_mine = |identity: &String| mine.as_ref().is_none_or(|mine| mine.contains(identity));
     let costs = Costs::measured(&identity.data, &plan.trials, &parts);
+    let is_of_part = |task: &Task| task.identities.iter().any(is_mine);
+    let missing = match share {
+        Share::Part(_) => tasks.iter().filter(|task| is_of_part(task)).count(),
+        Share::Whole { .. } | Share::Merge => tasks.len(),
+    };
     see(Event::Started { done: asked - missing, asked, damage: &parts.damage });
     let mut shown = add_pictured(&mut tasks, pictured, &parts);
-    tasks.retain(|task| task.identities.iter().any(is_mine));
+    tasks.retain(is_of_part);
     shown.retain(|identity, _| is_mine(identity));
-    drop(parts);
+    // Read again once there are more.
+    let parts = tasks.is_empty().then_some(parts);
     let mut part = OwnPart::new(folder, &identity);
     let programs = Programs::new(folder, study.folder.as_deref());
     let work =
@@ -169,16 +172,21 @@ pub fn run_study(
         let done = asked.saturating_sub(failed.len());
         return Ok(Ran { results: None, asked, done, failed });
     }
-    let parts = Parts::read(folder, &identity).with_context(|| folder.display().to_string())?;
+    let parts = match parts {
+        Some(parts) => parts,
+        None => Parts::read(folder, &identity).with_context(in_folder)?,
+    };
     let failed = match share {
         Share::Merge => without_rows(study, &plan.trials, &parts)?,
         _ => failed,
     };
     remove_unpictured(study, folder, &dataset)?;
-    let results = Results::of(folder, name, study.clone(), identity.data.clone(), &parts)?;
+    let timings = timings(&parts, &plan.trials);
+    let failures = failures(&failed, study, &plan.trials, &parts)?;
+    let results = Results::of(folder, name, study.clone(), identity.data, parts)?;
     save_table(&folder.join(TRIALS), &results.table)?;
-    save_table(&folder.join(TIMINGS), &timings(&parts, &plan.trials))?;
-    save_table(&folder.join(FAILURES), &failures(&failed, study, &plan.trials, &parts)?)?;
+    save_table(&folder.join(TIMINGS), &timings)?;
+    save_table(&folder.join(FAILURES), &failures)?;
     if results.table.is_empty() {
         // Those of rows that the study asked for before.
         forget(folder, &[SUMMARY, TESTS], &[FIGURES])?;

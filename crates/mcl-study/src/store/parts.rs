@@ -2,13 +2,15 @@
 //! of all others. No file is ever changed by anybody but the process that made it, so that no lock is
 //! needed. What was cut off or damaged is not there, and is computed again.
 
-use std::collections::HashMap;
+use std::borrow::Cow;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{Journal, JournalLine, create_folder, journal_lines, journals};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use crate::measure::program::{ENDED, MEASURED_ANEW};
@@ -44,15 +46,40 @@ pub fn seal(json: &[u8]) -> Vec<u8> {
 /// What stands before the digest, between digest and JSON, and behind it: the whole is JSON, too.
 const SEAL: [&[u8]; 3] = [br#"{"sha256":""#, br#"","line":"#, b"}"];
 
+/// The digest and the JSON of a line as it is saved.
+fn sealed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (digest, rest) = bytes.strip_prefix(SEAL[0])?.split_at_checked(DIGITS)?;
+    Some((digest, rest.strip_prefix(SEAL[1])?.strip_suffix(SEAL[2])?))
+}
+
 impl Line {
     /// Of a line as it is saved, unless it is damaged.
     fn unsealed(bytes: &[u8]) -> Option<Line> {
-        let (found, rest) = bytes.strip_prefix(SEAL[0])?.split_at_checked(DIGITS)?;
-        let json = rest.strip_prefix(SEAL[1])?.strip_suffix(SEAL[2])?;
+        let (found, json) = sealed(bytes)?;
         if found != digest(json).as_bytes() {
             return None;
         }
         serde_json::from_slice(json).ok()
+    }
+}
+
+/// As much of a line of a trial as says whose rows it holds.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Glance<'a> {
+    Trial {
+        #[serde(borrow)]
+        rows: Vec<(Cow<'a, str>, IgnoredAny)>,
+    },
+}
+
+impl Glance<'_> {
+    /// Whether a line as it is saved holds rows of other identities than the wanted ones only.
+    fn is_of_others(bytes: &[u8], wanted: &HashSet<String>) -> bool {
+        let glance = sealed(bytes).and_then(|(_, json)| serde_json::from_slice(json).ok());
+        glance.is_some_and(|Glance::Trial { rows }| {
+            !rows.iter().any(|(identity, _)| wanted.contains(&**identity))
+        })
     }
 }
 
@@ -158,16 +185,35 @@ impl Parts {
     /// When a file cannot be read, rows are of another identity (with the first difference), or two rows
     /// of one identity differ (with both places).
     pub fn read(folder: &Path, identity: &Identity) -> Result<Self> {
+        Self::read_wanted(folder, identity, None)
+    }
+
+    /// Reads as [`Parts::read`] does, but keeps no trials without rows of the wanted identities: a process of a
+    /// thousand needs a thousandth of the rows.
+    ///
+    /// # Errors
+    /// As [`Parts::read`]; of rows that are not wanted only that they are of another identity.
+    pub fn read_wanted(
+        folder: &Path,
+        identity: &Identity,
+        wanted: Option<&HashSet<String>>,
+    ) -> Result<Self> {
         let mut parts = Parts::default();
         let paths = journals(&folder.join(PARTS), PREFIX)
             .with_context(|| format!("cannot read {}", folder.join(PARTS).display()))?;
         for path in paths {
-            parts.read_part(&path, identity).with_context(|| format!("in {}", path.display()))?;
+            let read = parts.read_part(&path, identity, wanted);
+            read.with_context(|| format!("in {}", path.display()))?;
         }
         Ok(parts)
     }
 
-    fn read_part(&mut self, path: &Path, identity: &Identity) -> Result<()> {
+    fn read_part(
+        &mut self,
+        path: &Path,
+        identity: &Identity,
+        wanted: Option<&HashSet<String>>,
+    ) -> Result<()> {
         let mut is_of_this = None;
         for (number, line) in (1..).zip(journal_lines(path, MAX_LINE)?) {
             let damaged = |what: &str| format!("{} line {number}: {what}", path.display());
@@ -181,6 +227,10 @@ impl Parts {
                 }
                 Err(error) => return Err(error.into()),
             };
+            let is_of_others = |wanted| Glance::is_of_others(&line, wanted);
+            if matches!(is_of_this, Some(Ok(()))) && wanted.is_some_and(is_of_others) {
+                continue;
+            }
             match (Line::unsealed(&line), &is_of_this) {
                 (Some(Line::Identity(found)), None) => {
                     is_of_this = Some(identity.check_same(&found));
@@ -266,6 +316,16 @@ impl Parts {
     /// Whether there is a row.
     pub fn has(&self, identity: &str) -> bool {
         self.rows.contains_key(identity)
+    }
+
+    /// The columns that rows have, each set of them once.
+    pub fn columns(&self) -> &[Vec<String>] {
+        &self.columns
+    }
+
+    /// Takes a row out: the place of its columns in [`Parts::columns`], and its values.
+    pub fn take(&mut self, identity: &str) -> Option<(usize, Vec<Value>)> {
+        self.rows.remove(identity).map(|row| (row.columns, row.values))
     }
 
     /// The values of a row by column.

@@ -180,7 +180,7 @@ impl Results {
         };
         let study = Study::parse(&text).with_context(|| format!("in {}", path.display()))?;
         let parts = Parts::read(folder, &identity).with_context(in_folder)?;
-        Self::of(folder, &name, study, identity.data, &parts).map(Some)
+        Self::of(folder, &name, study, identity.data, parts).map(Some)
     }
 
     /// Of rows that were read: those that the study asks for.
@@ -192,35 +192,41 @@ impl Results {
         name: &str,
         study: Study,
         facts: DataFacts,
-        parts: &Parts,
+        mut parts: Parts,
     ) -> Result<Self> {
         let plan = study.plan(&facts.name)?;
         let columns = plan.columns(&study.measures)?;
+        let pictured = pictured(folder, &study, &facts.name, &parts)?;
         let mut table = Table::new(columns.iter().cloned());
-        for (identity, entries) in plan.identities(&study.measures)? {
-            let Some(cells) = parts.row(&identity) else { continue };
-            let mut row = vec![Value::Empty; columns.len()];
-            for (column, value) in cells {
-                if let Some(place) = table.column(column) {
-                    row[place] = value.clone();
-                }
-            }
-            if let Some(place) = table.column(ENTRIES) {
-                row[place] = entries.as_str().into();
-            }
-            table.push(row);
-        }
-        table.sort();
+        let places = |of: &Vec<String>| of.iter().map(|column| table.column(column)).collect();
+        let places: Vec<Vec<Option<usize>>> = parts.columns().iter().map(places).collect();
+        let entries_place = table.column(ENTRIES);
         let mut without_rows = Vec::new();
-        for trial in &plan.trials {
-            let identities = trial.identities(&study.measures)?;
-            if !identities.iter().all(|identity| parts.has(identity)) {
+        for (number, trial) in plan.trials.iter().enumerate() {
+            let mut has_all = true;
+            for (identity, entries) in plan.identities_of(number, &study.measures)? {
+                let Some((of, values)) = parts.take(&identity) else {
+                    has_all = false;
+                    continue;
+                };
+                let mut row = vec![Value::Empty; columns.len()];
+                for (place, value) in places[of].iter().zip(values) {
+                    if let Some(place) = *place {
+                        row[place] = value;
+                    }
+                }
+                if let Some(place) = entries_place {
+                    row[place] = entries.into();
+                }
+                table.push(row);
+            }
+            if !has_all {
                 without_rows.push(trial.to_string());
             }
         }
-        let pictured = pictured(folder, &study, &facts.name, parts)?;
+        table.sort();
         let (name, folder, asked) = (name.to_owned(), folder.to_owned(), plan.trials.len());
-        let (done, damage) = (asked - without_rows.len(), parts.damage.clone());
+        let (done, damage) = (asked - without_rows.len(), parts.damage);
         Ok(Results {
             folder,
             name,

@@ -77,17 +77,19 @@ impl Plan {
         self.names.iter().map(String::as_str).collect()
     }
 
-    /// The identity of every row, with the names of the entries that ask for it, separated by spaces.
+    /// The identities of the rows of a trial, given by its place in the plan, each with the names of the entries that
+    /// ask for it, separated by spaces.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.
-    pub fn identities(&self, measures: &Measures) -> Result<Vec<(String, String)>> {
-        let mut identities = Vec::with_capacity(self.rows());
-        for (place, trial) in self.trials.iter().enumerate() {
-            let entries = keys(trial)?.into_iter().map(|key| self.entries_of(place, key));
-            identities.extend(trial.identities(measures)?.into_iter().zip(entries));
-        }
-        Ok(identities)
+    pub fn identities_of(
+        &self,
+        number: usize,
+        measures: &Measures,
+    ) -> Result<Vec<(String, String)>> {
+        let trial = &self.trials[number];
+        let entries = keys(trial)?.into_iter().map(|key| self.entries_of(number, key));
+        Ok(trial.identities(measures)?.into_iter().zip(entries).collect())
     }
 
     /// The recipe of every row, with the names of the entries that ask for it in the column [`ENTRIES`].

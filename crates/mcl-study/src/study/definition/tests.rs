@@ -26,6 +26,11 @@ resolution = { from = 0.1, to = 0.4, factor = 2 }
 name = "b"
 "#;
 
+fn identities(plan: &Plan, study: &Study) -> Vec<(String, String)> {
+    let of_trial = |place| plan.identities_of(place, &study.measures).unwrap();
+    (0..plan.trials.len()).flat_map(of_trial).collect()
+}
+
 #[test]
 fn trials_are_all_combinations_once() {
     let study = Study::parse(SMALL).unwrap();
@@ -35,7 +40,7 @@ fn trials_are_all_combinations_once() {
     assert_eq!((plan.trials.len(), plan.rows()), (2 * 2 * 3 + 1 + 2, 2 * 2 * 3 + 1 + 2 * 8));
     let runs: Vec<u32> = plan.trials[13].runs.iter().map(|run| run.run).collect();
     assert_eq!(runs, [0, 2, 0, 2, 0, 2, 0, 2]);
-    let identities = plan.identities(&study.measures).unwrap();
+    let identities = identities(&plan, &study);
     let distinct: std::collections::HashSet<_> = identities.iter().map(|i| &i.0).collect();
     assert_eq!(distinct.len(), plan.rows());
     assert_eq!(identities.iter().filter(|(_, entries)| entries == "filters").count(), 16);
@@ -127,7 +132,7 @@ fn a_programs_rows_depend_on_the_program() {
         let plan = study.plan("a").unwrap();
         let runs = plan.trials[0].runs.iter().map(ToString::to_string).collect::<Vec<_>>();
         assert_eq!(runs, ["own run 0", "own run 0", "amcl run 0"]);
-        let found = plan.identities(&study.measures).unwrap();
+        let found = identities(&plan, &study);
         found.into_iter().map(|(identity, _)| identity).take(3).collect::<Vec<_>>()
     };
     let before = identities(PROGRAM);
