@@ -201,8 +201,8 @@ impl Table {
     /// which they were added.
     pub fn sort(&mut self) {
         self.rows.sort_by(|a, b| {
-            let orders = a.iter().zip(b).map(|(a, b)| a.order(b));
-            orders.fold(Ordering::Equal, Ordering::then)
+            let mut orders = a.iter().zip(b).map(|(a, b)| a.order(b));
+            orders.find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
         });
     }
 

@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use anyhow::Result;
 
 use crate::measure::Measures;
+use crate::recipe::identity;
 use crate::table::Table;
 use crate::trial::run::Trial;
 
@@ -15,15 +16,16 @@ pub struct Plan {
     pub trials: Vec<Trial>,
     /// Place of a map's trial, by the map's identity, its name and draw.
     places: HashMap<(String, String, u32), usize>,
-    /// Names of the entries of `[[trials]]` that ask for a row, by place of trial and run.
-    entries: HashMap<(usize, Key), Vec<String>>,
+    /// The entries of `[[trials]]` that ask for a row, by place of trial and run: places of their names.
+    entries: HashMap<(usize, Key), Vec<usize>>,
     names: Vec<String>,
 }
 
 /// The column of the names of the entries that ask for a row.
 pub const ENTRIES: &str = "trials";
 
-/// What tells a run from the others on its map; `None` for the map's own row, where there is no run.
+/// A digest of a run, which distinguishes it from the others on its map; `None` for the map's own row, where there is
+/// no run.
 type Key = Option<String>;
 
 /// The keys of a trial's rows.
@@ -31,7 +33,7 @@ fn keys(trial: &Trial) -> Result<Vec<Key>> {
     if trial.runs.is_empty() {
         return Ok(vec![None]);
     }
-    trial.runs.iter().map(|run| Ok(Some(run.to_json()?.to_string()))).collect()
+    trial.runs.iter().map(|run| Ok(Some(identity(&run.to_json()?)?))).collect()
 }
 
 impl Plan {
@@ -54,13 +56,15 @@ impl Plan {
             }
         };
         if let Some(entry) = entry {
-            if !self.names.iter().any(|name| name == entry) {
+            let known = self.names.iter().position(|name| name == entry);
+            let name = known.unwrap_or_else(|| {
                 self.names.push(entry.to_owned());
-            }
+                self.names.len() - 1
+            });
             for run in runs {
                 let asking = self.entries.entry((place, run)).or_default();
-                if !asking.iter().any(|name| name == entry) {
-                    asking.push(entry.to_owned());
+                if !asking.contains(&name) {
+                    asking.push(name);
                 }
             }
         }
@@ -111,7 +115,8 @@ impl Plan {
     }
 
     fn entries_of(&self, place: usize, key: Key) -> String {
-        self.entries.get(&(place, key)).map(|names| names.join(" ")).unwrap_or_default()
+        let asking = self.entries.get(&(place, key)).into_iter().flatten();
+        asking.map(|&name| self.names[name].as_str()).collect::<Vec<_>>().join(" ")
     }
 
     /// The columns that rows will have.
