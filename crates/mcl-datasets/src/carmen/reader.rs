@@ -5,9 +5,10 @@ use std::io::{self, BufRead, Read};
 
 use mcl_core::{LaserScan, OutOfMemory, Pose2, ScanGeometry, memory};
 
+use super::fields::Malformed;
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
-use super::record::{self, Record, RecordKind, ScanRecord};
+use super::record::{self, Laser, Record, RecordKind, ScanRecord};
 use crate::bag::moment::Moment;
 use crate::bag::pairing::shared_stamps;
 use crate::log::content::{Log, LogKind};
@@ -83,6 +84,14 @@ impl ScanKind {
         ScanKind { name: "ROBOTLASER2", like: "ROBOTLASER1" },
     ];
 
+    /// The laser whose scans they are.
+    fn laser(self) -> Laser {
+        match self.name {
+            "RLASER" | "ROBOTLASER2" => Laser::Rear,
+            _ => Laser::Front,
+        }
+    }
+
     /// The one of this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name == name)
@@ -124,15 +133,19 @@ pub fn read_scans(
 }
 
 /// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
-const COUNTED_KINDS: usize = 20;
+const COUNTED_KINDS: usize = 100;
+/// Kinds named in a message: those of which there are most.
+const LISTED_KINDS: usize = 20;
+/// Longest name of a kind.
+const KIND_BYTES: usize = 40;
+/// What the records of all other kinds are called together.
+const OTHERS: &str = "others";
 
 /// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
 
 const SCANS: &str = "scans";
-
-const NO_RECORDS: &str = "no records";
 
 /// How many records there are of each kind.
 #[derive(Default)]
@@ -144,14 +157,24 @@ struct Kinds {
 impl Kinds {
     fn count(&mut self, line: &[u8]) {
         let word = line.split(u8::is_ascii_whitespace).find(|word| !word.is_empty());
-        let is_name = |byte: &u8| byte.is_ascii_alphanumeric() || b"#@_".contains(byte);
-        let name = word.filter(|word| word.len() <= 20 && word.iter().all(is_name));
-        let name = name.map(|name| String::from_utf8_lossy(name).into_owned());
-        match name
-            .filter(|name| self.counts.len() < COUNTED_KINDS || self.counts.contains_key(name))
-        {
-            Some(name) => *self.counts.entry(name).or_default() += 1,
+        let is_name = |word: &&[u8]| {
+            let is_first = |byte: &u8| byte.is_ascii_alphabetic() || b"#@_$".contains(byte);
+            word.len() <= KIND_BYTES
+                && word.first().is_some_and(is_first)
+                && word.iter().all(u8::is_ascii_graphic)
+        };
+        let name = word.filter(is_name).map(|name| String::from_utf8_lossy(name).into_owned());
+        match name {
+            Some(name) => self.add(name, 1),
             None => self.others += 1,
+        }
+    }
+
+    fn add(&mut self, name: String, count: usize) {
+        if self.counts.len() < COUNTED_KINDS || self.counts.contains_key(&name) {
+            *self.counts.entry(name).or_default() += count;
+        } else {
+            self.others += count;
         }
     }
 
@@ -159,13 +182,24 @@ impl Kinds {
         self.counts.contains_key(kind)
     }
 
+    /// All of them with their numbers.
+    fn named(self) -> BTreeMap<String, usize> {
+        let others = (self.others > 0).then(|| (OTHERS.to_owned(), self.others));
+        self.counts.into_iter().chain(others).collect()
+    }
+
     fn list(&self) -> String {
+        let mut most: Vec<(&String, &usize)> = self.counts.iter().collect();
+        most.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
+        let unlisted = most.split_off(LISTED_KINDS.min(most.len()));
+        most.sort_unstable();
         let mut list: Vec<String> =
-            self.counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
-        if self.others > 0 {
-            list.push(format!("others {}", self.others));
+            most.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
+        let others = self.others + unlisted.into_iter().map(|(_, count)| count).sum::<usize>();
+        if others > 0 {
+            list.push(format!("{OTHERS} {others}"));
         }
-        if list.is_empty() { NO_RECORDS.to_owned() } else { list.join(", ") }
+        if list.is_empty() { "no records".to_owned() } else { list.join(", ") }
     }
 }
 
@@ -192,9 +226,15 @@ struct Pass {
     last_truth: Option<Pose2>,
     has_neff: bool,
     front_laser_offset: Option<f64>,
+    /// Another offset that was said before.
+    other_offset: Option<f64>,
     /// Angle covered and angle between two beams by the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
+    /// How many of the `FLASER` records have their directions: those before the first parameters get them by these.
+    settled: usize,
+    /// Of those, how many got others than their number implies.
+    late: usize,
     /// Numbers of beams whose directions CARMEN's rule for any number gave, and those that the parameters
     /// contradict.
     ruled: BTreeSet<usize>,
@@ -203,6 +243,10 @@ struct Pass {
     off: usize,
     farthest_off: Option<(f64, String)>,
     not_numbers: usize,
+    /// Scans with readings that are words, these readings, and the first of them.
+    scans_with_words: usize,
+    words: usize,
+    first_word: Option<(usize, Malformed)>,
     kinds: Kinds,
     ignored_kinds: Kinds,
     declared: ReferencePoses,
@@ -246,21 +290,23 @@ impl Pass {
             return Ok(());
         }
         match record::parse(line) {
-            Ok(Record::Scan(mut scan)) => {
-                self.scan_kind = Some(kind);
-                if kind == RecordKind::Flaser {
-                    scan.geometry = self.flaser_geometry(scan.geometry);
+            Ok(Record::Scan(scan)) => {
+                if self.scan_kind.is_none() {
+                    self.scan_kind = Some(kind);
+                    // They say again what these say.
+                    self.raw_scans = Vec::new();
+                    let records = std::mem::take(&mut self.raw_records);
+                    self.ignore_all("RAWLASER1", records);
                 }
-                self.raw_scans = Vec::new();
-                self.report.ignored += std::mem::take(&mut self.raw_records);
                 let scan = self.logged(scan)?;
                 memory::reserve(&mut self.scans, 1, SCANS)?;
                 self.scans.push(scan);
+                if self.fov.is_some() || self.resolution.is_some() {
+                    self.settle(self.scans.len() - 1);
+                }
             }
             Ok(Record::RawScan(mut scan)) => {
                 scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
-                let offset = self.front_laser_offset.unwrap_or(0.0);
-                scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
                 let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan)? };
                 memory::reserve(&mut self.raw_scans, 1, SCANS)?;
                 self.raw_scans.push(scan);
@@ -274,9 +320,15 @@ impl Pass {
                 self.last_truth = Some(pose);
                 self.true_poses += 1;
             }
-            Ok(Record::FrontLaserOffset(offset)) => self.front_laser_offset = Some(offset),
-            Ok(Record::LaserFov(angle)) => self.fov = Some(angle),
-            Ok(Record::LaserResolution(angle)) => self.resolution = Some(angle),
+            Ok(Record::FrontLaserOffset(offset)) => {
+                let before = self.front_laser_offset.replace(offset);
+                self.other_offset = before.filter(|&before| before != offset).or(self.other_offset);
+            }
+            Ok(Record::LaserFov(laser, angle)) if laser == self.laser() => self.fov = Some(angle),
+            Ok(Record::LaserResolution(laser, angle)) if laser == self.laser() => {
+                self.resolution = Some(angle);
+            }
+            Ok(Record::LaserFov(..) | Record::LaserResolution(..)) => {}
             Ok(Record::ReferencePoses(declared)) => self.declared = declared,
             Ok(Record::Nothing) => {}
             Ok(Record::Ignored) => {
@@ -304,12 +356,30 @@ impl Pass {
         self.ignored_kinds.count(line);
     }
 
+    /// The laser whose scans are read.
+    fn laser(&self) -> Laser {
+        self.asked.map_or(Laser::Front, ScanKind::laser)
+    }
+
+    fn ignore_all(&mut self, kind: &str, count: usize) {
+        if count > 0 {
+            self.report.ignored += count;
+            self.ignored_kinds.add(kind.to_owned(), count);
+        }
+    }
+
     fn logged(&mut self, scan: ScanRecord) -> Result<LoggedScan, OutOfMemory> {
         self.room.take(
             size_of_val(&*scan.ranges) + HEAP_BYTES,
             self.scans.len() * size_of::<LoggedScan>(),
         )?;
-        self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
+        let not_numbers = scan.ranges.iter().filter(|range| range.is_nan()).count();
+        self.not_numbers += not_numbers - scan.unreadable;
+        self.words += scan.unreadable;
+        self.scans_with_words += usize::from(scan.unreadable > 0);
+        if let (None, Some(fault)) = (&self.first_word, scan.first_unreadable) {
+            self.first_word = Some((self.lines, fault));
+        }
         let steps = scan.fov.map_or(0.0, |fov| record::steps_off(&scan.geometry, fov));
         if steps > STEPS_OFF {
             self.off += 1;
@@ -340,6 +410,17 @@ impl Pass {
                 sweep: Default::default(),
             },
         })
+    }
+
+    /// Gives the `FLASER` records that have none yet their directions; the first `before` came before the parameters.
+    fn settle(&mut self, before: usize) {
+        while self.scan_kind == Some(RecordKind::Flaser) && self.settled < self.scans.len() {
+            let implied = self.scans[self.settled].scan.geometry;
+            let found = self.flaser_geometry(implied);
+            self.late += usize::from(self.settled < before && found != implied);
+            self.scans[self.settled].scan.geometry = found;
+            self.settled += 1;
+        }
     }
 
     /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
@@ -378,8 +459,13 @@ impl Pass {
 
     fn finish(mut self, file_name: &str, reference: ReferencePoses) -> Result<Log, CarmenError> {
         let is_raw = self.scans.is_empty();
+        self.settle(self.scans.len());
         if is_raw {
             self.scans = std::mem::take(&mut self.raw_scans);
+            let mount = Pose2::new(self.front_laser_offset.unwrap_or(0.0), 0.0, 0.0);
+            for scan in &mut self.scans {
+                scan.laser = scan.robot.compose(&mount);
+            }
             self.report.skipped += self.raw_report.skipped;
             self.report.skipped_details.append(&mut self.raw_report.skipped_details);
         }
@@ -391,13 +477,26 @@ impl Pass {
             });
         }
         let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
-        if self.ignored_kinds.list() != NO_RECORDS {
-            notes.push(format!("ignored records: {}", self.ignored_kinds.list()));
-            let others = ScanKind::ALL.map(|kind| kind.name);
-            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
-            notes.extend(others.map(|kind| {
-                format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
-            }));
+        if let Some((line, fault)) = &self.first_word {
+            self.report.doubts.push(format!(
+                "readings: {} in {} of {} scans are no numbers (line {line}: {} is {}): no measurement there",
+                self.words,
+                self.scans_with_words,
+                self.scans.len(),
+                fault.field,
+                fault.found
+            ));
+        }
+        if let Some((other, last)) = self.other_offset.zip(self.front_laser_offset) {
+            self.report.doubts.push(format!(
+                "laser: the parameters say that it is {other} m and that it is {last} m ahead of the robot; the last counts"
+            ));
+        }
+        if self.late > 0 {
+            assumptions.push(format!(
+                "scans: the parameters of their directions come after the first {}, which are read by them, too",
+                self.late
+            ));
         }
         if is_raw {
             let without = self.scans.iter().filter(|scan| !scan.has_pose).count();
@@ -446,7 +545,7 @@ impl Pass {
             list.push(format!("stamps: {told}"));
         }
         let content = Content {
-            scans: self.scans,
+            scans: std::mem::take(&mut self.scans),
             evidence: self.odometry.evidence,
             has_neff: self.has_neff,
             is_named_gfs: file_name.contains(".gfs."),
@@ -455,8 +554,18 @@ impl Pass {
         let reference = if reference == ReferencePoses::Auto { self.declared } else { reference };
         let (kind, recording) = kind::resolve(content, reference);
         if kind != LogKind::RawWithTruth {
-            self.report.ignored += self.true_poses;
+            self.ignore_all("TRUEPOS", self.true_poses);
         }
+        if self.report.ignored > 0 {
+            let others = ScanKind::ALL.map(|kind| kind.name);
+            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
+            let others = others.map(|kind| {
+                format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
+            });
+            let list = format!("ignored records: {}", self.ignored_kinds.list());
+            notes.splice(..0, std::iter::once(list).chain(others));
+        }
+        self.report.ignored_kinds = self.ignored_kinds.named();
         let records = self.asked.map_or("the scans' records", |asked| asked.name);
         let has_reference = recording.scans.iter().any(|scan| scan.map_from_laser.is_some());
         let used = has_reference.then(|| match kind {
