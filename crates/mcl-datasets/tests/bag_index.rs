@@ -141,6 +141,39 @@ fn an_index_that_hides_messages_is_not_believed() {
     }
 }
 
+/// It was taken for a bag that is cut off, or not told.
+#[test]
+fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
+    for compression in ["none", "bz2", "lz4"] {
+        let bytes = ros1(compression);
+        let whole = of_file(&bytes).unwrap();
+        assert_eq!(whole.report.truncated, None);
+        let index = places(&bytes, b"index_pos=")[0] + 10;
+        let chunk = places(&bytes, b"chunk_pos=")[3] + 10;
+        for (at, what) in [(index, "the index"), (chunk, "a chunk")] {
+            for (place, told) in [
+                (1_u64 << 40, "behind the end of the file"),
+                (bytes.len() as u64, "behind the end of the file"),
+                (5_000, "where none is"),
+            ] {
+                let mut damaged = bytes.clone();
+                damaged[at..at + 8].copy_from_slice(&place.to_le_bytes());
+                for read in [of_file, of_stream] {
+                    let mut found = read(&damaged).unwrap();
+                    let note = format!(
+                        "the index of the bag is damaged: {what} is said to be at byte {place}, {told}; the bag was read record by record"
+                    );
+                    let notes = found.notes.len();
+                    found.notes.retain(|found| *found != note);
+                    assert_eq!(found.notes.len() + 1, notes, "{note}");
+                    found.notes.retain(|note| note != NOTE);
+                    assert_eq!(found, whole, "{compression}: {note}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn a_summary_that_hides_messages_is_not_believed() {
     for compression in [None, Some(Compression::Zstd)] {
