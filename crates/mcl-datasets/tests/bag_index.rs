@@ -174,6 +174,26 @@ fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
     }
 }
 
+/// It was refused, though all messages come before.
+#[test]
+fn an_index_of_broken_records_costs_nothing() {
+    let bytes = ros1("lz4");
+    let whole = of_file(&bytes).unwrap();
+    let index = number(&bytes, places(&bytes, b"index_pos=")[0] + 10) as usize;
+    let chunk = places(&bytes, b"chunk_pos=")[2];
+    for at in [index, index + 4, chunk - 4] {
+        let mut damaged = bytes.clone();
+        damaged[at..at + 4].fill(0xff);
+        for read in [of_file, of_stream] {
+            let mut found = read(&damaged).unwrap();
+            let is_told = |note: &String| note.contains("the index of the bag is damaged at byte");
+            assert_eq!(found.notes.iter().filter(|note| is_told(note)).count(), 1, "{at}");
+            found.notes.retain(|note| !is_told(note));
+            assert_eq!(found, whole, "{at}");
+        }
+    }
+}
+
 #[test]
 fn a_summary_that_hides_messages_is_not_believed() {
     for compression in [None, Some(Compression::Zstd)] {

@@ -351,7 +351,19 @@ fn the_place_of_the_laser_may_come_late_and_contradict_itself() {
     assert_eq!(log.recording, expected.recording);
     let log = read(&("PARAM robot_frontlaser_offset 0.3\n".to_owned() + &walk + &first));
     assert_eq!(log.recording, expected.recording, "the last one");
-    assert!(log.report.doubts[0].contains("0.3 m and that it is 0.2 m"), "{}", log.report);
+    assert!(
+        log.report.doubts[0].contains("two mounts on the robot (0.3 and 0.2)"),
+        "{}",
+        log.report
+    );
+    // Beside the robot, and turned.
+    let side =
+        "PARAM robot_frontlaser_side_offset -0.1\nPARAM robot_frontlaser_angular_offset 0.5\n";
+    let log = read(&(side.to_owned() + &first + &walk));
+    assert_eq!(log.recording.robot_from_laser, pose(0.2, -0.1, 0.5));
+    let mount = log.recording.robot_from_laser;
+    let expected = at(0).compose(&mount).between(&at(1).compose(&mount));
+    assert_close(increments(&log)[1], expected, 1e-12);
 }
 
 /// Some were counted without their name.

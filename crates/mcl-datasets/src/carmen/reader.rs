@@ -1,14 +1,15 @@
 //! From the lines of a log to a recording, in one pass and then a decision on the kind of log.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
 
 use mcl_core::{LaserScan, OutOfMemory, Pose2, ScanGeometry, memory};
 
+use super::counts::{COUNTED_KINDS, Kinds};
 use super::fields::Malformed;
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
-use super::record::{self, Laser, Record, RecordKind, ScanRecord};
+use super::record::{self, Laser, Part, Record, RecordKind, ScanRecord};
 use crate::bag::moment::Moment;
 use crate::bag::pairing::shared_stamps;
 use crate::log::content::{Log, LogKind};
@@ -132,76 +133,11 @@ pub fn read_scans(
     pass.finish(file_name, reference)
 }
 
-/// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
-const COUNTED_KINDS: usize = 100;
-/// Kinds named in a message: those of which there are most.
-const LISTED_KINDS: usize = 20;
-/// Longest name of a kind.
-const KIND_BYTES: usize = 40;
-/// What the records of all other kinds are called together.
-const OTHERS: &str = "others";
-
 /// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
 
 const SCANS: &str = "scans";
-
-/// How many records there are of each kind.
-#[derive(Default)]
-struct Kinds {
-    counts: BTreeMap<String, usize>,
-    others: usize,
-}
-
-impl Kinds {
-    fn count(&mut self, line: &[u8]) {
-        let word = line.split(u8::is_ascii_whitespace).find(|word| !word.is_empty());
-        let is_name = |word: &&[u8]| {
-            let is_first = |byte: &u8| byte.is_ascii_alphabetic() || b"#@_$".contains(byte);
-            word.len() <= KIND_BYTES
-                && word.first().is_some_and(is_first)
-                && word.iter().all(u8::is_ascii_graphic)
-        };
-        let name = word.filter(is_name).map(|name| String::from_utf8_lossy(name).into_owned());
-        match name {
-            Some(name) => self.add(name, 1),
-            None => self.others += 1,
-        }
-    }
-
-    fn add(&mut self, name: String, count: usize) {
-        if self.counts.len() < COUNTED_KINDS || self.counts.contains_key(&name) {
-            *self.counts.entry(name).or_default() += count;
-        } else {
-            self.others += count;
-        }
-    }
-
-    fn has(&self, kind: &str) -> bool {
-        self.counts.contains_key(kind)
-    }
-
-    /// All of them with their numbers.
-    fn named(self) -> BTreeMap<String, usize> {
-        let others = (self.others > 0).then(|| (OTHERS.to_owned(), self.others));
-        self.counts.into_iter().chain(others).collect()
-    }
-
-    fn list(&self) -> String {
-        let mut most: Vec<(&String, &usize)> = self.counts.iter().collect();
-        most.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
-        let unlisted = most.split_off(LISTED_KINDS.min(most.len()));
-        most.sort_unstable();
-        let mut list: Vec<String> =
-            most.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
-        let others = self.others + unlisted.into_iter().map(|(_, count)| count).sum::<usize>();
-        if others > 0 {
-            list.push(format!("{OTHERS} {others}"));
-        }
-        if list.is_empty() { "no records".to_owned() } else { list.join(", ") }
-    }
-}
 
 /// What is kept while the lines stream by.
 #[derive(Default)]
@@ -225,9 +161,10 @@ struct Pass {
     last_odom: Option<Pose2>,
     last_truth: Option<Pose2>,
     has_neff: bool,
-    front_laser_offset: Option<f64>,
-    /// Another offset that was said before.
-    other_offset: Option<f64>,
+    /// How the front laser is mounted by the parameters, by [`Part`].
+    front_laser: [Option<f64>; 3],
+    /// What was said first of a part that they say two things of, and last.
+    two_mounts: Option<(f64, f64)>,
     /// Angle covered and angle between two beams by the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
@@ -320,9 +257,10 @@ impl Pass {
                 self.last_truth = Some(pose);
                 self.true_poses += 1;
             }
-            Ok(Record::FrontLaserOffset(offset)) => {
-                let before = self.front_laser_offset.replace(offset);
-                self.other_offset = before.filter(|&before| before != offset).or(self.other_offset);
+            Ok(Record::FrontLaser(part, value)) => {
+                let before = self.front_laser[part as usize].replace(value);
+                let differs = before.filter(|&before| before != value);
+                self.two_mounts = differs.map(|before| (before, value)).or(self.two_mounts);
             }
             Ok(Record::LaserFov(laser, angle)) if laser == self.laser() => self.fov = Some(angle),
             Ok(Record::LaserResolution(laser, angle)) if laser == self.laser() => {
@@ -359,6 +297,13 @@ impl Pass {
     /// The laser whose scans are read.
     fn laser(&self) -> Laser {
         self.asked.map_or(Laser::Front, ScanKind::laser)
+    }
+
+    /// The mount of the laser by the parameters, if they say it.
+    fn mount(&self) -> Option<Pose2> {
+        let [x, y, theta] = self.front_laser.map(Option::unwrap_or_default);
+        let is_said = self.front_laser.iter().any(Option::is_some);
+        (is_said && self.laser() == Laser::Front).then(|| Pose2::new(x, y, theta))
     }
 
     fn ignore_all(&mut self, kind: &str, count: usize) {
@@ -462,7 +407,7 @@ impl Pass {
         self.settle(self.scans.len());
         if is_raw {
             self.scans = std::mem::take(&mut self.raw_scans);
-            let mount = Pose2::new(self.front_laser_offset.unwrap_or(0.0), 0.0, 0.0);
+            let mount = self.mount().unwrap_or(Pose2::IDENTITY);
             for scan in &mut self.scans {
                 scan.laser = scan.robot.compose(&mount);
             }
@@ -487,9 +432,9 @@ impl Pass {
                 fault.found
             ));
         }
-        if let Some((other, last)) = self.other_offset.zip(self.front_laser_offset) {
+        if let Some((first, last)) = self.two_mounts {
             self.report.doubts.push(format!(
-                "laser: the parameters say that it is {other} m and that it is {last} m ahead of the robot; the last counts"
+                "laser: the parameters say two mounts on the robot ({first} and {last}); the last counts"
             ));
         }
         if self.late > 0 {
@@ -549,7 +494,7 @@ impl Pass {
             evidence: self.odometry.evidence,
             has_neff: self.has_neff,
             is_named_gfs: file_name.contains(".gfs."),
-            front_laser_offset: self.front_laser_offset,
+            front_laser: self.mount(),
         };
         let reference = if reference == ReferencePoses::Auto { self.declared } else { reference };
         let (kind, recording) = kind::resolve(content, reference);
@@ -577,7 +522,7 @@ impl Pass {
             kind,
             reference: used,
             report: self.report,
-            front_laser_offset: self.front_laser_offset,
+            front_laser_offset: self.front_laser[Part::Ahead as usize],
             notes,
             survey: None,
             assumptions,

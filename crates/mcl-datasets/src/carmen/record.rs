@@ -9,8 +9,13 @@ use mcl_core::{Pose2, ScanGeometry, Stamp};
 use super::fields::{Field, Fields, Malformed};
 use crate::log::options::ReferencePoses;
 
-/// Parameter that says how far ahead of the robot's centre the front laser is mounted (metres).
-pub(super) const FRONT_LASER_PARAM: &str = "robot_frontlaser_offset";
+/// Parameters that say how the front laser is mounted on the robot: metres ahead of its centre and to the left, and the
+/// angle (radians) that it is turned by.
+const MOUNT_PARAMS: [(&str, Part); 3] = [
+    ("robot_frontlaser_offset", Part::Ahead),
+    ("robot_frontlaser_side_offset", Part::Left),
+    ("robot_frontlaser_angular_offset", Part::Turned),
+];
 /// Parameters that say what angle a `FLASER` record covers (radians) and what lies between two of its beams
 /// (degrees), and those of `RLASER`.
 const FOV_PARAMS: [(&str, Laser); 2] =
@@ -77,6 +82,17 @@ pub enum Laser {
     Rear,
 }
 
+/// A part of how a laser is mounted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Metres ahead of the robot's centre.
+    Ahead,
+    /// Metres to the left.
+    Left,
+    /// Radians that it is turned by.
+    Turned,
+}
+
 /// A scan as written in a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanRecord {
@@ -115,8 +131,8 @@ pub enum Record {
     LaserResolution(Laser, f64),
     /// `ODOM`: pose of the robot in the frame of its odometry. Velocities and stamp are not used.
     Odom(Pose2),
-    /// `PARAM robot_frontlaser_offset` (metres).
-    FrontLaserOffset(f64),
+    /// `PARAM robot_frontlaser_offset`, `…_side_offset` or `…_angular_offset`.
+    FrontLaser(Part, f64),
     /// `PARAM mcl_reference_poses`, written by [`super::write`].
     ReferencePoses(ReferencePoses),
     /// A comment, a blank line, or a parameter that is not used.
@@ -316,10 +332,10 @@ fn param(line: &str) -> Result<Record, Malformed> {
         let degrees = fields.finite(Field::Named(name))?;
         return Ok(Record::LaserResolution(laser, degrees.to_radians()));
     }
+    if let Some((name, part)) = MOUNT_PARAMS.into_iter().find(|of| of.0 == name) {
+        return fields.finite(Field::Named(name)).map(|value| Record::FrontLaser(part, value));
+    }
     match name {
-        FRONT_LASER_PARAM => {
-            fields.finite(Field::Named(FRONT_LASER_PARAM)).map(Record::FrontLaserOffset)
-        }
         REFERENCE_PARAM => {
             const EXPECTED: &str = "auto, recorded or none";
             let field = Field::Named(REFERENCE_PARAM);

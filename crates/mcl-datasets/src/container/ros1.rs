@@ -118,7 +118,25 @@ enum Piece {
 }
 
 impl Reader<'_> {
+    /// Reads it to its end; where nothing but the index behind all chunks is damaged, nothing is lost.
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
+        match self.records(visit) {
+            Err(StreamProblem::RecordLength { .. } | StreamProblem::Record(_))
+                if self.is_in_index()
+                    && self.expected_chunks > 0
+                    && self.chunks_seen.len() as u64 == self.expected_chunks =>
+            {
+                let place = self.record_start;
+                visit(Item::Note(&format!(
+                    "the index of the bag is damaged at byte {place}; all messages come before"
+                )))?;
+                Ok(None)
+            }
+            outcome => outcome,
+        }
+    }
+
+    fn records(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         let mut magic = Vec::new();
         self.input.read_up_to(MAGIC.len() as u64, &mut magic)?;
         if !MAGIC.starts_with(&magic) {
