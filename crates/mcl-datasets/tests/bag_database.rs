@@ -192,19 +192,19 @@ fn databases_of_something_else_are_refused_with_the_reason() {
         ),
         (
             format!("{TOPICS} {messages} {}", row.replace("1, 2", "9, 2")),
-            "at row 7: a message is of topic 9",
+            "row 7: messages skipped: topic_id is 9, expected the number of a topic",
         ),
         (
             format!("{TOPICS} {messages} {}", row.replace("x'00'", "'text'")),
-            "messages.data is of type Text",
+            "row 7: messages skipped: data is of type Text, expected a BLOB",
         ),
         (
             format!("{TOPICS} {messages} {}", row.replace("1, 2", "1, 'x'")),
-            "messages.timestamp is of type Text",
+            "row 7: messages skipped: timestamp is of type Text, expected INTEGER",
         ),
         (
             format!("{} {messages} {row}", TOPICS.replace("'/scan'", "NULL")),
-            "topics.name is of type Null",
+            "row 1: topics skipped: name is of type Null, expected TEXT",
         ),
         (
             format!(
@@ -216,6 +216,64 @@ fn databases_of_something_else_are_refused_with_the_reason() {
     ] {
         assert_says(&refused(&made(&sql, |_| ())), &[expected]);
     }
+}
+
+/// It cost the whole file.
+#[test]
+fn a_row_of_other_values_costs_itself_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("odd.db3");
+    let entries = walk(20);
+    let whole = read(&bag(&entries));
+    let change = |sql: &str| {
+        let _ = std::fs::remove_file(&path);
+        write_database(&path, &entries, true);
+        let database = Connection::open(&path).unwrap();
+        // Older versions do not say what a column holds.
+        database
+            .execute_batch(&format!(
+                "CREATE TABLE loose(id INTEGER PRIMARY KEY, topic_id, timestamp, data);
+                 INSERT INTO loose SELECT id, topic_id, timestamp, data FROM messages;
+                 DROP TABLE messages; ALTER TABLE loose RENAME TO messages; {sql}"
+            ))
+            .unwrap();
+        database.close().unwrap();
+        read_log(&path).unwrap()
+    };
+    assert_eq!(change("").recording, whole.recording);
+    // Rows 1 to 41: the mount, then odometry and scans in turn.
+    for (value, told) in [
+        ("data = NULL", None),
+        ("data = 'text'", Some("data is of type Text, expected a BLOB")),
+        ("data = 7", Some("data is of type Integer, expected a BLOB")),
+        ("timestamp = 'noon'", Some("timestamp is of type Text, expected INTEGER")),
+        ("timestamp = 1.5", Some("timestamp is of type Real, expected INTEGER")),
+        ("timestamp = NULL", Some("timestamp is of type Null, expected INTEGER")),
+        ("topic_id = -3", Some("topic_id is -3, expected the number of a topic")),
+        ("topic_id = NULL", Some("topic_id is of type Null, expected INTEGER")),
+        ("topic_id = 'x'", Some("topic_id is of type Text, expected INTEGER")),
+    ] {
+        let log = change(&format!("UPDATE messages SET {value} WHERE id = 21;"));
+        assert_eq!((log.recording.scans.len(), log.report.skipped), (19, 1), "{value}");
+        assert!(!log.report.is_complete() && log.report.truncated.is_none(), "{value}");
+        let report = log.report.to_string();
+        if let Some(told) = told {
+            assert!(report.contains(&format!("row 21: messages skipped: {told}")), "{report}");
+        }
+        let mut left = whole.recording.scans.clone();
+        left.remove(9);
+        let stamps = |scans: &[mcl_core::LaserScan]| -> Vec<_> {
+            scans.iter().map(|scan| (scan.stamp, scan.ranges.clone())).collect()
+        };
+        assert_eq!(stamps(&log.recording.scans), stamps(&left), "{value}");
+    }
+    // A topic that cannot be read costs its messages.
+    let log = change("UPDATE topics SET name = x'00' WHERE name = '/odom';");
+    assert_eq!((log.recording.scans.len(), log.report.skipped), (20, 22));
+    // A description that cannot be read: the type is a standard one.
+    let log = change("UPDATE message_definitions SET encoded_message_definition = x'00';");
+    assert_eq!(log.recording, whole.recording);
+    assert!(log.report.skipped > 0 && log.notes.join("").contains("does not describe"));
 }
 
 /// Rows that a file does not hold: computed ones, and pages that stand in the tree many times.

@@ -141,6 +141,59 @@ fn an_index_that_hides_messages_is_not_believed() {
     }
 }
 
+/// It was taken for a bag that is cut off, or not told.
+#[test]
+fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
+    for compression in ["none", "bz2", "lz4"] {
+        let bytes = ros1(compression);
+        let whole = of_file(&bytes).unwrap();
+        assert_eq!(whole.report.truncated, None);
+        let index = places(&bytes, b"index_pos=")[0] + 10;
+        let chunk = places(&bytes, b"chunk_pos=")[3] + 10;
+        for (at, what) in [(index, "the index"), (chunk, "a chunk")] {
+            for (place, told) in [
+                (1_u64 << 40, "behind the end of the file"),
+                (bytes.len() as u64, "behind the end of the file"),
+                (5_000, "where none is"),
+            ] {
+                let mut damaged = bytes.clone();
+                damaged[at..at + 8].copy_from_slice(&place.to_le_bytes());
+                for read in [of_file, of_stream] {
+                    let mut found = read(&damaged).unwrap();
+                    let note = format!(
+                        "the index of the bag is damaged: {what} is said to be at byte {place}, {told}; the bag was read record by record"
+                    );
+                    let notes = found.notes.len();
+                    found.notes.retain(|found| *found != note);
+                    assert_eq!(found.notes.len() + 1, notes, "{note}");
+                    found.notes.retain(|note| note != NOTE);
+                    assert_eq!(found, whole, "{compression}: {note}");
+                }
+            }
+        }
+    }
+}
+
+/// It was refused, though all messages come before.
+#[test]
+fn an_index_of_broken_records_costs_nothing() {
+    let bytes = ros1("lz4");
+    let whole = of_file(&bytes).unwrap();
+    let index = number(&bytes, places(&bytes, b"index_pos=")[0] + 10) as usize;
+    let chunk = places(&bytes, b"chunk_pos=")[2];
+    for at in [index, index + 4, chunk - 4] {
+        let mut damaged = bytes.clone();
+        damaged[at..at + 4].fill(0xff);
+        for read in [of_file, of_stream] {
+            let mut found = read(&damaged).unwrap();
+            let is_told = |note: &String| note.contains("the index of the bag is damaged at byte");
+            assert_eq!(found.notes.iter().filter(|note| is_told(note)).count(), 1, "{at}");
+            found.notes.retain(|note| !is_told(note));
+            assert_eq!(found, whole, "{at}");
+        }
+    }
+}
+
 #[test]
 fn a_summary_that_hides_messages_is_not_believed() {
     for compression in [None, Some(Compression::Zstd)] {

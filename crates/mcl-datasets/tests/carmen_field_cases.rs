@@ -5,8 +5,8 @@ mod support;
 use std::f64::consts::{PI, TAU};
 
 use mcl_core::Pose2;
-use mcl_datasets::carmen;
-use mcl_datasets::log::{LogKind, ReferencePoses, read_log};
+use mcl_datasets::carmen::{self, ScanKind};
+use mcl_datasets::log::{Log, LogKind, ReferencePoses, read_log};
 use support::*;
 
 fn parameters(fov: &str, degrees: &str) -> String {
@@ -265,16 +265,125 @@ fn readings_that_programs_of_windows_print_are_no_returns() {
     ] {
         let line = scan(ORIGIN, 1).replacen(" 1 ", &format!(" {text} "), 1);
         let log = read(&(line + &scan(ORIGIN, 2)));
-        if text == "-1.#J" {
-            assert_eq!(log.report.skipped, 1);
-            continue;
-        }
         assert_eq!(log.report.skipped, 0, "{text}");
         let found = log.recording.scans[0].ranges[0];
         assert!(if is_nan { found.is_nan() } else { found == f64::INFINITY }, "{text}: {found}");
         assert_eq!(log.recording.scans[0].usable_beams(10.0), 179);
-        assert_eq!(log.notes.join("").contains("no numbers: 1"), is_nan);
+        let is_word = text == "-1.#J";
+        assert_eq!(log.notes.join("").contains("no numbers: 1"), is_nan && !is_word);
+        assert_eq!(log.report.is_complete(), !is_word, "{text}");
     }
+}
+
+/// It cost the scan.
+#[test]
+fn a_reading_that_is_a_word_costs_itself_alone() {
+    for text in ["wall", "1,5", "0x1F", "1.2.3", "--", "\u{fffd}"] {
+        let line = scan(ORIGIN, 2).replacen(" 1 ", &format!(" {text} "), 1);
+        let log = read(&(scan(ORIGIN, 1) + &line + &scan(ORIGIN, 3)));
+        assert_eq!((log.recording.scans.len(), log.report.skipped), (3, 0), "{text}");
+        let found = &log.recording.scans[1].ranges;
+        assert!(found[0].is_nan() && found[1..].iter().all(|&range| range == 1.0), "{text}");
+        let told = format!("readings: 1 in 1 of 3 scans are no numbers (line 2: r1 is {text})");
+        assert!(log.report.doubts[0].contains(&told), "{}", log.report);
+        assert!(!log.report.is_complete());
+    }
+    // Of a record with remission values, which are not used.
+    let plain = raw_laser(1, 2.5);
+    let odd = plain.replacen(" 2.5 0 1 ", " wall 2 x 7 1 ", 1);
+    assert_ne!(odd, plain);
+    let log = read(&(odom(ORIGIN) + &odd));
+    assert!(log.recording.scans[0].ranges[4].is_nan() && log.report.skipped == 0, "{}", log.report);
+    // Two readings in one word shift the others: a record with a wrong number of fields.
+    let merged = scan(ORIGIN, 2).replacen(" 1 1 ", " 1.251.5 ", 1);
+    for tail in ["", " pippo 2", " 2 pippo 2"] {
+        let line = merged.trim_end().strip_suffix(tail).unwrap().to_owned() + "\n";
+        let log = read(&(scan(ORIGIN, 1) + &line));
+        assert_eq!((log.recording.scans.len(), log.report.skipped), (1, 1), "{tail}");
+    }
+}
+
+#[test]
+fn parameters_that_come_late_change_or_are_of_the_rear_laser() {
+    let scan = |beams: usize, kind: &str, stamp: usize| {
+        flaser(&vec![1.0; beams], ORIGIN, ORIGIN, stamp).replace("FLASER", kind)
+    };
+    let front = |beams, stamp| scan(beams, "FLASER", stamp);
+    let spans = |text: &str, asked: Option<&str>| -> (Vec<i64>, Log) {
+        let kind = asked.and_then(ScanKind::named);
+        let log = carmen::read_scans(text.as_bytes(), "", ReferencePoses::Auto, kind).unwrap();
+        let degrees = log.recording.scans.iter().map(|scan| {
+            let geometry = scan.geometry;
+            (geometry.angle(geometry.beams - 1) - geometry.angle(0)).to_degrees().round() as i64
+        });
+        (degrees.collect(), log)
+    };
+    let wide = parameters("4.712389", "0.5");
+    // Behind the first scans, which nothing else says the directions of.
+    let (found, log) = spans(&(front(541, 1) + &front(541, 2) + &wide + &front(541, 3)), None);
+    assert_eq!(found, [270; 3]);
+    assert!(log.report.is_complete() && log.assumptions.len() == 1, "{:?}", log.assumptions);
+    assert!(log.assumptions[0].contains("after the first 2"), "{:?}", log.assumptions);
+    let (found, _) = spans(&(front(541, 1) + &front(541, 2) + &wide), None);
+    assert_eq!(found, [270; 2], "behind all");
+    // In any order, and the latest before a scan.
+    let backwards: String = wide.lines().rev().map(|line| format!("{line}\n")).collect();
+    let narrow = parameters("1.570796", "0.166667");
+    let text = backwards + &front(541, 1) + &narrow + &front(541, 2) + &front(361, 3);
+    let (found, log) = spans(&text, None);
+    assert_eq!(found, [270, 90, 180]);
+    assert!(log.report.doubts[0].contains("contradict FLASER records of 361 beams"));
+    // Each laser by its own.
+    let rear = wide.replace("front", "rear");
+    let text =
+        parameters("3.141593", "0.333333") + &rear + &front(541, 1) + &scan(541, "RLASER", 1);
+    assert_eq!(spans(&text, None).0, [180]);
+    assert_eq!(spans(&text, Some("RLASER")).0, [270]);
+}
+
+#[test]
+fn the_place_of_the_laser_may_come_late_and_contradict_itself() {
+    let at = |k: usize| pose(k as f64, 0.0, 0.1);
+    let walk: String = (0..4).map(|k| odom(at(k)) + &raw_laser(k, 2.5)).collect();
+    let first = "PARAM robot_frontlaser_offset 0.2\n".to_owned();
+    let expected = read(&(first.clone() + &walk));
+    let log = read(&(walk.clone() + &first));
+    assert_eq!(log.recording, expected.recording);
+    let log = read(&("PARAM robot_frontlaser_offset 0.3\n".to_owned() + &walk + &first));
+    assert_eq!(log.recording, expected.recording, "the last one");
+    assert!(
+        log.report.doubts[0].contains("two mounts on the robot (0.3 and 0.2)"),
+        "{}",
+        log.report
+    );
+    // Beside the robot, and turned.
+    let side =
+        "PARAM robot_frontlaser_side_offset -0.1\nPARAM robot_frontlaser_angular_offset 0.5\n";
+    let log = read(&(side.to_owned() + &first + &walk));
+    assert_eq!(log.recording.robot_from_laser, pose(0.2, -0.1, 0.5));
+    let mount = log.recording.robot_from_laser;
+    let expected = at(0).compose(&mount).between(&at(1).compose(&mount));
+    assert_close(increments(&log)[1], expected, 1e-12);
+}
+
+/// Some were counted without their name.
+#[test]
+fn all_that_is_ignored_is_named_with_its_number() {
+    let words = ["#SONAR", "GPS.NMEA", "$GPGGA", "SONAR-2", "A_NAME_OF_MORE_THAN_TWENTY_LETTERS"];
+    let others: String = words[1..].iter().map(|word| format!("{word} 1 2\n").repeat(2)).collect();
+    let many: String = (0..30).map(|k| format!("KIND{k} 1\n")).collect();
+    let truth = "TRUEPOS 1 2 3 0 0 0 1 host 1\n";
+    let raw = raw_laser(1, 1.0).repeat(3);
+    let log = read_as(
+        &(raw + &scan(ORIGIN, 1) + &others + &many + truth + &raw_laser(2, 1.0) + "1.5 2.5\n"),
+        ReferencePoses::None,
+    );
+    let named = &log.report.ignored_kinds;
+    assert_eq!(named.values().sum::<usize>(), log.report.ignored);
+    let number = |name: &str| named.get(name).copied();
+    assert!(words[1..].iter().all(|word| number(word) == Some(2)), "{named:?}");
+    assert_eq!((number("RAWLASER1"), number("TRUEPOS")), (Some(4), Some(1)));
+    assert_eq!((number("KIND29"), number("others")), (Some(1), Some(1)));
 }
 
 #[test]

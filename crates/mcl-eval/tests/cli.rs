@@ -61,7 +61,8 @@ fn a_damaged_log_is_read_and_told() {
     let text = fs::read_to_string(lab.path().join("office.log")).unwrap();
     // A record of an unknown kind is no loss, half a record is.
     fs::write(lab.path().join("ignored.log"), format!("{text}NEFF 0.5\n")).unwrap();
-    assert_eq!(json(&lab, &["inspect", "ignored.log", "--json"])["ignored_records"], 1);
+    let found = json(&lab, &["inspect", "ignored.log", "--json"]);
+    assert_eq!((&found["ignored_records"], &found["ignored"]["NEFF"]), (&1.into(), &1.into()));
     let (half, _) = text.trim_end().rsplit_once(" nohost").unwrap();
     let half = &half[..half.rfind("FLASER").unwrap() + 40];
     fs::write(lab.path().join("half.log"), half).unwrap();

@@ -398,9 +398,9 @@ fn inspect_shows_what_a_bag_holds_whatever_is_wrong_with_it() {
     let bag = std::io::Cursor::new(Vec::new());
     let bag = mcl_datasets::bag::write_as(&recording, mcl_datasets::bag::Format::Ros1, bag);
     let mut bag = bag.unwrap().into_inner();
-    let place = bag.windows(10).position(|part| part == b"index_pos=").unwrap() + 10;
-    let index = u32::from_le_bytes(*bag[place..].first_chunk().unwrap()) as usize;
-    bag[index..index + 4].fill(0xff);
+    // The record that follows the only chunk: what comes after it cannot be found.
+    let place = bag.windows(4).position(|part| part == b"ver=").unwrap() - 16;
+    bag[place..place + 4].fill(0xff);
     fs::write(lab.path("damaged.bag"), &bag).unwrap();
     let found = lab.json(&["inspect", "damaged.bag"], 3);
     assert!(found["problem"].as_str().unwrap().contains("the file is damaged"), "{found}");

@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range, math};
 
+use super::laser::Mount;
 use super::messages::ScanMessage;
 use super::moment::Moment;
-use super::motion::Mount;
 use super::track::{Occurrence, Placed, PoseTrack};
 
 /// A scan takes no longer than from one to the next; by this factor, where stamps jitter.

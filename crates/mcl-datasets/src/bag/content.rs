@@ -8,15 +8,16 @@ use std::sync::Arc;
 use super::cdr::{Encoding, View};
 use super::error::BagError;
 use super::layout::{SchemaError, plain_name};
+use super::lists::{self, ScanLists};
 use super::messages::{MessageError, OdometryMessage, ScanMessage, malformed};
 use super::schema::MessageSchema;
 use super::types;
-use super::writer::{METADATA_NAME, NO_ODOMETRY_KEY, NO_REFERENCE_KEY, UNSTAMPED_KEY};
 use crate::container::chunk::{Compression, inflate};
-use crate::container::item::{Channel, Input, Item, Message, SchemaText, Wanted};
+use crate::container::item::{Channel, Damaged, Input, Item, Message, SchemaText, Wanted};
 use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
+use crate::log::report::{Place, ReadReport, SkippedRecord};
 use crate::packed::ZSTD_MAGIC;
 use crate::room::{HEAP_BYTES, Room};
 use mcl_core::{LaserScan, memory};
@@ -47,6 +48,7 @@ const CLOUD: &str = "sensor_msgs/PointCloud2";
 const MULTI_ECHO: &str = "sensor_msgs/MultiEchoLaserScan";
 const TRANSFORM: &str = "geometry_msgs/TransformStamped";
 const PATH: &str = "nav_msgs/Path";
+const STRING: &str = "std_msgs/String";
 /// Kinds of messages with a pose, and their names.
 pub(super) const POSE_KINDS: [Kind; 5] =
     [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry, Kind::Transform, Kind::Path];
@@ -63,6 +65,8 @@ pub(super) enum Kind {
     MultiEcho,
     Transform,
     Path,
+    /// What a bag of this suite says of its scans.
+    Lists,
 }
 
 impl Kind {
@@ -221,7 +225,8 @@ impl Layout {
 pub(super) struct Kept {
     /// Index of its topic.
     pub topic: usize,
-    pub sequence: u32,
+    /// Its place among the messages of its topic.
+    pub number: u32,
     pub log_time: u64,
     pub position: Position,
     pub body: Body,
@@ -285,12 +290,10 @@ pub(crate) struct Content {
     pub truncated: Option<String>,
     /// How it was read, where that is not as usual.
     pub(super) notes: Vec<String>,
-    /// Sequence numbers of the scans that have no stamp, in bags of this suite's writer, whose
-    /// stamps of 0 are times otherwise.
-    pub unstamped: Option<BTreeSet<u32>>,
-    /// Those of scans that have no odometry, and no reference pose, though others about them have, in such bags.
-    pub without_odometry: BTreeSet<u32>,
-    pub without_reference: BTreeSet<u32>,
+    /// Rows that were passed over as they are not as they should be.
+    pub(super) damaged: ReadReport,
+    /// What bags of this suite's writer say of their scans.
+    pub(super) lists: Option<ScanLists>,
     /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
     /// file may have 65,535.
     by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
@@ -326,15 +329,19 @@ impl Content {
                 }
                 Ok(Wanted::Counted)
             }
-            Item::Metadata(METADATA_NAME, entries) => {
-                let listed = |wanted: &str| -> BTreeSet<u32> {
-                    let found = entries.iter().find(|(key, _)| *key == wanted);
-                    let list = found.map_or("", |(_, list)| list);
-                    list.split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect()
-                };
-                self.unstamped.get_or_insert_default().extend(listed(UNSTAMPED_KEY));
-                self.without_odometry.extend(listed(NO_ODOMETRY_KEY));
-                self.without_reference.extend(listed(NO_REFERENCE_KEY));
+            Item::Metadata(lists::NAME, entries) => {
+                self.lists.get_or_insert_default().add(entries.iter().copied());
+                Ok(Wanted::Shown)
+            }
+            Item::Damaged(damaged) => {
+                let Damaged { table, position, field, found, expected } = damaged;
+                self.damaged.skip(SkippedRecord {
+                    place: Place::At(position),
+                    record: table.to_owned(),
+                    field: field.to_owned(),
+                    found: found.to_owned(),
+                    expected: expected.to_owned(),
+                });
                 Ok(Wanted::Shown)
             }
             Item::Note(note) => {
@@ -362,7 +369,10 @@ impl Content {
         let (name, encoding) = (channel.topic.clone(), channel.message_encoding.clone());
         let key = (name.clone(), encoding.clone(), description.clone());
         *self.by_description.entry(key).or_insert_with(|| {
-            let kind = description.as_ref().and_then(|text| Kind::of(&plain_name(&text.name)));
+            let kind = description.as_ref().and_then(|text| match &*plain_name(&text.name) {
+                STRING => (name == lists::TOPIC).then_some(Kind::Lists),
+                type_name => Kind::of(type_name),
+            });
             self.topics.push(Topic {
                 name,
                 encoding,
@@ -396,6 +406,7 @@ impl Content {
     fn keep(&mut self, topic: usize, message: &Message<'_>) -> Result<(), StreamProblem> {
         let found = &self.topics[topic];
         let (is_first, is_kept) = (found.messages == 1, self.is_kept(found));
+        let number = found.messages.saturating_sub(1) as u32;
         if !is_first && !is_kept {
             return Ok(());
         }
@@ -403,13 +414,23 @@ impl Content {
         if is_first {
             self.topics[topic].head = data[..data.len().min(HEAD_BYTES)].to_vec();
         }
+        if self.topics[topic].kind == Some(Kind::Lists) {
+            let text = self.topics[topic].layout().ok().and_then(|layout| {
+                let text = |view: &View<'_>| Ok(view.text("data")?.to_owned());
+                layout.decode(MAX_CLOUD_BYTES, &data, text).ok()
+            });
+            if let Some(text) = text {
+                self.lists.get_or_insert_default().add_text(&text);
+            }
+            return Ok(());
+        }
         if !is_kept {
             return Ok(());
         }
         let decoded = (topic < DECODED_TOPICS).then(|| self.topics[topic].body(&data)).flatten();
         let kept = Kept {
             topic,
-            sequence: message.sequence,
+            number,
             log_time: message.log_time,
             position: message.position,
             body: decoded.unwrap_or_else(|| Body::Encoded(data.into_owned())),
@@ -435,9 +456,14 @@ impl Content {
         list(self.topics.iter())
     }
 
-    /// Messages of kinds that are not read.
-    pub fn ignored(&self) -> usize {
-        self.topics.iter().filter(|topic| topic.kind.is_none()).map(|topic| topic.messages).sum()
+    /// Messages of kinds that are not read, by topic.
+    pub fn ignored(&self) -> BTreeMap<String, usize> {
+        let is_ignored = |topic: &&Topic| topic.kind.is_none() && topic.messages > 0;
+        let mut ignored = BTreeMap::new();
+        for topic in self.topics.iter().filter(is_ignored) {
+            *ignored.entry(topic.name.clone()).or_default() += topic.messages;
+        }
+        ignored
     }
 
     /// Names of the topics with messages of one of these kinds.

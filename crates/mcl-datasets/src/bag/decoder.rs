@@ -17,7 +17,8 @@ use crate::log::report::{Place, ReadReport, SkippedRecord};
 /// A message's value with what its record says.
 pub(super) struct Logged<T> {
     pub value: T,
-    pub sequence: u32,
+    /// Its place among the messages of its topic.
+    pub number: u32,
     pub log_time: i64,
     /// Its place among the messages of the bag.
     pub place: usize,
@@ -25,8 +26,8 @@ pub(super) struct Logged<T> {
 
 impl<T> Logged<T> {
     fn map<U>(&self, value: U) -> Logged<U> {
-        let Logged { sequence, log_time, place, .. } = *self;
-        Logged { value, sequence, log_time, place }
+        let Logged { number, log_time, place, .. } = *self;
+        Logged { value, number, log_time, place }
     }
 
     fn split(self) -> (Logged<()>, T) {
@@ -54,10 +55,12 @@ pub(super) struct Decoder<'a> {
 impl<'a> Decoder<'a> {
     /// A decoder of these messages of a bag.
     pub fn new(content: &'a Content, messages: Vec<Kept>) -> Self {
+        let ignored_kinds = content.ignored();
         let report = ReadReport {
-            ignored: content.ignored(),
+            ignored: ignored_kinds.values().sum(),
+            ignored_kinds,
             truncated: content.truncated.clone(),
-            ..ReadReport::default()
+            ..content.damaged.clone()
         };
         let notes = content.notes.clone();
         Decoder { content, messages, decoded: BTreeSet::new(), report, notes }
@@ -122,7 +125,7 @@ impl<'a> Decoder<'a> {
             match value(kind, layout, message, &mut faults) {
                 Ok(value) => values.push(Logged {
                     value,
-                    sequence: message.sequence,
+                    number: message.number,
                     log_time: i64::try_from(message.log_time).unwrap_or(0),
                     place,
                 }),

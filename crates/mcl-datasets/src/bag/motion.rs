@@ -1,16 +1,15 @@
-//! Where frames were at a time, in space, by `/tf_static`, `/tf` and odometry; and how the laser sits on
-//! the robot.
+//! Where frames were at a time, in space, by `/tf_static`, `/tf` and odometry.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mcl_core::{Pose2, ScanGeometry, math};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use mcl_core::Pose2;
+use nalgebra::{Isometry3, Translation3};
 
 use super::error::BagError;
+use super::laser::Mount;
 use super::messages::{TransformMessage, planar};
 use super::moment::Moment;
 use super::track::longest_interval;
-use crate::log::options::LaserPose;
 
 /// Frames that stand still in the world (REP 105), and the usual names of a map's.
 const FIXED_FRAMES: [&str; 5] = ["map", "odom", "earth", "world", "camera_init"];
@@ -20,13 +19,6 @@ const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 const FIXED: f64 = 1e-6;
 /// One that varies by less (metres, degrees) sways: a base that follows the IMU, a soft suspension.
 const SWAY: (f64, f64) = (0.05, 3.0);
-/// Tilt accepted between the plane of the scan and that of the robot, in degrees. Lasers are mounted
-/// slightly tilted by accident; one that looks down on purpose does not scan the plane.
-const MAX_TILT_DEGREES: f64 = 30.0;
-/// Tilt (degrees) from which on endpoints are projected into the plane: points would be off by more than a per
-/// mille of their range.
-const PROJECTED_TILT: f64 = 3.0;
-
 /// A frame in its parent, over time.
 #[derive(Debug)]
 struct Edge {
@@ -40,13 +32,6 @@ struct Edge {
     longest: i64,
     /// How far it is from its first sample, at most: metres and degrees.
     spread: (f64, f64),
-}
-
-/// The mount that is asked for, at a height.
-pub(super) fn in_space(laser: LaserPose, z: f64) -> Isometry3<f64> {
-    let LaserPose { robot_from_laser: Pose2 { x, y, theta }, roll } = laser;
-    let rotation = UnitQuaternion::from_euler_angles(roll, 0.0, theta);
-    Isometry3::from_parts(Translation3::new(x, y, z), rotation)
 }
 
 /// The tree of frames over time.
@@ -80,97 +65,6 @@ pub(super) struct Link<'a> {
     /// From either frame up to the ancestor.
     parent: Vec<(&'a str, &'a Edge)>,
     child: Vec<(&'a str, &'a Edge)>,
-}
-
-/// How the laser sits on the robot.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mount {
-    pub robot_from_laser: Pose2,
-    /// Mounted head down, so that its beams turn the other way.
-    pub is_upside_down: bool,
-    /// Angle between the plane of the scan and that of the robot.
-    pub tilt_degrees: f64,
-    /// Carries coordinates in the plane of the scan over to the laser's frame seen from above.
-    pub plane: [[f64; 2]; 2],
-}
-
-impl Mount {
-    pub const IDENTITY: Mount = Mount {
-        robot_from_laser: Pose2::IDENTITY,
-        is_upside_down: false,
-        tilt_degrees: 0.0,
-        plane: [[1.0, 0.0], [0.0, 1.0]],
-    };
-
-    fn of(robot_from_laser: &Isometry3<f64>) -> Self {
-        let up = (robot_from_laser.rotation * Vector3::z()).z;
-        let seen = planar(robot_from_laser);
-        let tilt_degrees = math::acos(up.abs().min(1.0)).to_degrees();
-        let is_upside_down = up < 0.0;
-        let plane = match tilt_degrees >= PROJECTED_TILT {
-            false if is_upside_down => [[1.0, 0.0], [0.0, -1.0]],
-            false => Mount::IDENTITY.plane,
-            true => {
-                let turned = robot_from_laser.rotation.to_rotation_matrix();
-                let (sin, cos) = math::sin_cos(seen.theta);
-                let column = |of: usize| {
-                    let [x, y] = [turned[(0, of)], turned[(1, of)]];
-                    [x * cos + y * sin, y * cos - x * sin]
-                };
-                let [ahead, left] = [column(0), column(1)];
-                [[ahead[0], left[0]], [ahead[1], left[1]]]
-            }
-        };
-        Mount { robot_from_laser: seen, is_upside_down, tilt_degrees, plane }
-    }
-
-    /// The one that is asked for.
-    pub fn asked(laser: LaserPose) -> Self {
-        let mount = Mount::of(&in_space(laser, 0.0));
-        Mount { robot_from_laser: laser.robot_from_laser, ..mount }
-    }
-
-    /// The same, unless the laser is tilted so far that it does not scan the plane.
-    pub fn checked(self, base: &str, laser: &str) -> Result<Self, BagError> {
-        if self.tilt_degrees > MAX_TILT_DEGREES {
-            return Err(BagError::Tilted {
-                laser_frame: laser.to_owned(),
-                base_frame: base.to_owned(),
-                degrees: self.tilt_degrees,
-            });
-        }
-        Ok(self)
-    }
-
-    /// That of scans that are level and seen from above already.
-    pub fn level(self) -> Self {
-        Mount { robot_from_laser: self.robot_from_laser, ..Mount::IDENTITY }
-    }
-
-    /// The pose of the laser on a robot.
-    pub fn laser(&self, robot: Pose2) -> Pose2 {
-        match self.robot_from_laser == Pose2::IDENTITY {
-            true => robot,
-            false => robot.compose(&self.robot_from_laser),
-        }
-    }
-
-    /// Whether endpoints are projected into the plane of the robot.
-    pub fn is_tilted(&self) -> bool {
-        self.tilt_degrees >= PROJECTED_TILT
-    }
-
-    /// Directions of the beams as seen from above.
-    pub fn seen_from_above(&self, geometry: ScanGeometry) -> ScanGeometry {
-        if !self.is_upside_down {
-            return geometry;
-        }
-        ScanGeometry {
-            start_angle: -geometry.start_angle,
-            angle_step: -geometry.angle_step,
-            ..geometry
-        }
-    }
 }
 
 impl Motion {
@@ -641,7 +535,8 @@ fn is_close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
 mod tests {
     use super::super::messages::Header;
     use super::*;
-    use nalgebra::Point3;
+    use mcl_core::ScanGeometry;
+    use nalgebra::{Point3, UnitQuaternion};
     use std::f64::consts::{FRAC_PI_2, PI};
 
     fn edge(parent: &str, child: &str, x: f64, yaw: f64) -> TransformMessage {

@@ -1,20 +1,21 @@
 //! From the messages of a bag to a recording.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::BTreeSet;
 
 use mcl_core::text::counted;
 use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
 use super::beams::{self, Moved, Swept};
 use super::content::{Content, Kind, Purpose};
-use super::decoder::{Decoder, Logged, ToldTransform, time, tree};
+use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
+use super::laser::{Mount, in_space};
+use super::lists::ScanLists;
 use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
-use super::moment::{Moment, Stretches, Told};
-use super::motion::{Motion, Mount, in_space};
-use super::pairing::{
-    Told as Lost, Track, goes_over_again, occurrences, shared_stamps, stretches_of_file,
-};
+use super::moment::{Moment, Stretches};
+use super::motion::Motion;
+use super::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
+use super::scans::{contradictions, drop_repeated, scan_time, stretches};
 use super::slice;
 use super::survey::Survey;
 use super::topics::{Chosen, Pair, choose, possible_references, transform_topics};
@@ -24,9 +25,6 @@ use crate::log::options::{ReadOptions, ReferenceTrack};
 use crate::log::plane::out_of_plane;
 use crate::log::report::ReadReport;
 
-/// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
-/// beam twice or not.
-const STEPS_OFF: f64 = 1.5;
 const NANOSECONDS: f64 = 1e9;
 
 /// Nothing yet of what a recording is made of.
@@ -38,6 +36,7 @@ pub(crate) fn content(options: &ReadOptions) -> Content {
 /// Makes a recording of a bag's content.
 pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let messages = std::mem::take(&mut content.messages);
+    let lists = content.lists.take();
     let Chosen {
         scan: scan_topic,
         odometry: odometry_topic,
@@ -87,9 +86,17 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         }
     };
     let mut scans = scans;
-    let repeated = if content.unstamped.is_none() { drop_repeated(&mut scans) } else { 0 };
+    let of_scans = content.topics.iter().filter(|topic| topic.name == scan_topic);
+    let found = of_scans.map(|topic| topic.messages).sum();
+    let (lists, lost) = match lists {
+        Some(lists) if lists.are_of_others(found, content.truncated.is_some()) => {
+            (None, Some(lists.told(scan_topic, found)))
+        }
+        lists => (lists, None),
+    };
+    let repeated = if lists.is_none() { drop_repeated(&mut scans) } else { 0 };
     // A recording that was written as a bag is in the order of its scans, whatever their stamps.
-    let stretches = match content.unstamped {
+    let stretches = match lists {
         Some(_) => Stretches::default(),
         None => {
             let poses = [(odometry_topic, &*odometry), (reference_topic, &*reference)];
@@ -102,6 +109,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     let Decoder { mut report, mut notes, .. } = decoder;
     notes.extend(motion.notes());
     report.doubts.extend(doubts);
+    report.doubts.extend(lost);
     report.doubts.extend(stretches.doubt());
     report.doubts.extend(motion.doubts());
     let moment = |scan: &Logged<ScanMessage>| stretches.moment(scan.place, scan_time(scan));
@@ -111,6 +119,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         options,
         scan_topic,
         scans,
+        lists,
         stretches,
         motion,
         longest,
@@ -132,55 +141,12 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
             repeated + assembly.scans.len()
         ));
     }
-    assembly.check_scans();
+    let Assembly { scans, moments, lists, .. } = &assembly;
+    let said = contradictions(scan_topic, scans, moments, lists.is_some());
+    assembly.report.doubts.extend(said.doubts);
+    assembly.assumptions.extend(said.assumptions);
+    assembly.notes.extend(said.notes);
     assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
-}
-
-/// Leaves out the scans that say again what another of the same stamp says, and returns their number.
-fn drop_repeated(scans: &mut Vec<Logged<ScanMessage>>) -> usize {
-    let before = scans.len();
-    let mut counts: HashMap<i64, usize> = HashMap::new();
-    scans.iter().for_each(|scan| *counts.entry(scan.value.header.stamp).or_default() += 1);
-    let mut known: HashSet<(i64, [u8; 32])> = HashSet::new();
-    scans.retain(|scan| {
-        let stamp = scan.value.header.stamp;
-        stamp <= 0 || counts[&stamp] == 1 || known.insert((stamp, scan.value.digest()))
-    });
-    before - scans.len()
-}
-
-/// Where the time of a bag jumps back.
-fn stretches(
-    scans: &[Logged<ScanMessage>],
-    scan_topic: &str,
-    poses: [(Option<&str>, &[Logged<PoseMessage>]); 2],
-    transforms: &[ToldTransform<'_>],
-) -> Stretches {
-    let of_scans = scans.iter().map(|scan| Told {
-        place: scan.place,
-        of: scan_topic,
-        at: time(scan.value.header.stamp, scan.log_time),
-        is_even: true,
-    });
-    // The poses of a path are all of one place, and repeat earlier ones.
-    let is_path =
-        |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
-    let of_poses =
-        poses.into_iter().filter(|(_, poses)| !is_path(poses)).flat_map(|(topic, poses)| {
-            poses.iter().map(move |pose| Told {
-                place: pose.place,
-                of: topic.unwrap_or_default(),
-                at: time(pose.value.header.stamp, pose.log_time),
-                is_even: true,
-            })
-        });
-    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| Told {
-        place: told.transform.place,
-        of: told.transform.value.child.as_str(),
-        at: time(told.transform.value.header.stamp, told.transform.log_time),
-        is_even: false,
-    });
-    Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
 }
 
 /// The robot's frame, and what had to be guessed about it: the one asked for; that of the odometry, if the
@@ -221,6 +187,8 @@ struct Assembly<'a> {
     options: &'a ReadOptions,
     scan_topic: &'a str,
     scans: Vec<Logged<ScanMessage>>,
+    /// What a bag of this suite says of its scans.
+    lists: Option<ScanLists>,
     stretches: Stretches,
     motion: Motion,
     longest: Option<i64>,
@@ -289,9 +257,13 @@ impl Assembly<'_> {
         let numbered = self.scans.iter_mut().zip(&moments).zip(&occurrences);
         for ((logged, &moment), &occurrence) in numbered {
             let header = logged.value.header.stamp;
-            let stamp = match &self.content.unstamped {
-                Some(unstamped) => {
-                    (!unstamped.contains(&logged.sequence) && header >= 0).then_some(header)
+            let is_listed = |of: fn(&ScanLists) -> &BTreeSet<u32>| {
+                self.lists.as_ref().is_some_and(|lists| of(lists).contains(&logged.number))
+            };
+            let stamp = match self.lists {
+                Some(_) => {
+                    let is_unstamped = is_listed(|lists| &lists.unstamped);
+                    (!is_unstamped && header >= 0).then_some(header)
                 }
                 None => {
                     by_log_time += usize::from(header <= 0);
@@ -312,12 +284,12 @@ impl Assembly<'_> {
             };
             let odometry_pose = at(&mut odometry, then);
             let of_reference = reference_mount.unwrap_or(then);
-            let map_from_laser = match self.content.without_reference.contains(&logged.sequence) {
+            let map_from_laser = match is_listed(|lists| &lists.without_reference) {
                 true => None,
                 false => at(&mut reference, of_reference),
             };
             let increment = match (before, odometry_pose) {
-                _ if self.content.without_odometry.contains(&logged.sequence) => None,
+                _ if is_listed(|lists| &lists.without_odometry) => None,
                 (Some((last, before)), Some(pose)) if last.stretch == moment.stretch => {
                     Some(before.between(&pose))
                 }
@@ -348,7 +320,7 @@ impl Assembly<'_> {
             ));
         }
         for track in [odometry, reference].into_iter().flatten() {
-            let Lost { doubts, assumptions } = track.told(&moments);
+            let Told { doubts, assumptions } = track.told(&moments);
             self.report.doubts.extend(doubts);
             self.assumptions.extend(assumptions);
         }
@@ -368,61 +340,6 @@ impl Assembly<'_> {
 
     fn track(&self, poses: PoseTrack, what: &'static str) -> Track {
         Track::new(poses, what, &self.moments, &self.occurrences)
-    }
-
-    /// What of the scans contradicts itself or is left out.
-    fn check_scans(&mut self) {
-        let topic = self.scan_topic;
-        let off: Vec<(usize, f64)> = self
-            .scans
-            .iter()
-            .map(|scan| scan.value.steps_off())
-            .enumerate()
-            .filter(|&(_, steps)| steps > STEPS_OFF)
-            .collect();
-        if let Some(&(index, _)) = off.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
-            let scan = &self.scans[index].value;
-            let geometry = &scan.geometry;
-            self.report.doubts.push(format!(
-                "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings by angle_increment {:.6} from angle_min {:.4} on end at {:.4} rad, angle_max is {:.4} (scan {index}); angle_increment is taken",
-                off.len(),
-                self.scans.len(),
-                geometry.beams,
-                geometry.angle_step,
-                geometry.start_angle,
-                geometry.angle(geometry.beams - 1),
-                scan.last_angle,
-            ));
-        }
-        let off: Vec<usize> = (0..self.scans.len())
-            .filter(|&scan| beams::contradicts_scan_time(&self.scans[scan].value))
-            .collect();
-        if let Some(&first) = off.first() {
-            let scan = &self.scans[first].value;
-            self.report.doubts.push(format!(
-                "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
-                off.len(),
-                counted(self.scans.len(), "scan"),
-                scan.time_increment,
-                scan.ranges.len(),
-                beams::takes(scan),
-                scan.scan_time
-            ));
-        }
-        // The stamps of a recording that was written as a bag are those of its log.
-        let is_ours = self.content.unstamped.is_some();
-        if let Some((told, are_many)) = shared_stamps(self.moments.iter().copied()) {
-            let list =
-                if is_ours && !are_many { &mut self.assumptions } else { &mut self.report.doubts };
-            list.push(format!("{topic}: {told}"));
-        }
-        let at_max: usize = self.scans.iter().map(|scan| scan.value.at_max).sum();
-        if at_max > 0 {
-            let readings: usize = self.scans.iter().map(|scan| scan.value.ranges.len()).sum();
-            self.notes.push(format!(
-                "{topic}: {at_max} of {readings} readings equal range_max: nothing came back there"
-            ));
-        }
     }
 
     /// The robot's poses in the odometry's frame: of the odometry's topic, and before and after that of
@@ -476,7 +393,7 @@ impl Assembly<'_> {
     /// In bags of this suite's writer, stamps of 0 are times.
     fn say_unstamped(&mut self, what: &str, poses: &[Logged<PoseMessage>]) {
         let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
-        if without > 0 && self.content.unstamped.is_none() {
+        if without > 0 && self.lists.is_none() {
             self.assumptions.push(format!(
                 "{what}: {without} of {} have no stamp in their header; the time they were logged is taken",
                 counted(poses.len(), "message")
@@ -720,11 +637,6 @@ impl Assembly<'_> {
 }
 
 const REFERENCE: &str = "reference";
-
-/// When a scan was.
-fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
-    time(scan.value.header.stamp, scan.log_time)
-}
 
 /// The reference of a recording.
 #[derive(Default)]

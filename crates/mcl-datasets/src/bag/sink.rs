@@ -1,11 +1,13 @@
 //! What topics and messages of a bag are written into, in any format.
 
+use std::collections::BTreeMap;
 use std::io;
 
 use mcl_core::Stamp;
 
 use super::encode::Encoder;
-use super::types::MessageType;
+use super::lists;
+use super::types::{MessageType, STRING};
 
 /// Why a recording cannot be written as a bag.
 #[derive(Debug, thiserror::Error)]
@@ -71,24 +73,6 @@ pub enum WriteBagError {
         /// Index of the scan, from 0.
         scan: usize,
     },
-    /// A stamp that is missing, 0, or more than a second earlier than the one before.
-    #[error(
-        "scan {scan} has no stamp after 0, or one more than a second earlier than the scan before; of bags only those of this suite in MCAP (.mcap) can say so"
-    )]
-    Order {
-        /// Index of the scan, from 0.
-        scan: usize,
-    },
-    /// Scans in the middle of the recording lack what those around them have.
-    #[error(
-        "scan {scan} has no {what}, but scans before and after it or at its time have: of bags only those of this suite in MCAP (.mcap) can say so, others would fill the gap by interpolation"
-    )]
-    Gap {
-        /// Index of the scan, from 0.
-        scan: usize,
-        /// What it lacks.
-        what: &'static str,
-    },
 }
 
 /// How a topic offers its messages.
@@ -103,6 +87,9 @@ pub enum Delivery {
 /// A topic of a [`BagWriter`](super::BagWriter).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicId(pub(super) u16);
+
+/// Numbers of scans by key.
+pub(super) type Lists = BTreeMap<String, String>;
 
 /// What writes topics and messages.
 pub(super) trait Sink {
@@ -119,6 +106,15 @@ pub(super) trait Sink {
         log_time: u64,
         message: Encoder,
     ) -> Result<(), WriteBagError>;
+
+    /// Says of the scans what no message of theirs can.
+    fn lists(&mut self, log_time: u64, lists: Lists) -> Result<(), WriteBagError> {
+        let topic = self.topic(lists::TOPIC, &STRING, Delivery::Latched)?;
+        let lines = lists.into_iter().map(|(key, list)| format!("{key}: {list}\n"));
+        let mut message = Encoder::default();
+        message.text(&lines.collect::<String>());
+        self.message(topic, log_time, message)
+    }
 }
 
 /// Quality of service as rosbag2 writes it into bags up to its version 8, and reads it in all:

@@ -125,8 +125,12 @@ pub(super) fn choose<'a>(
         Some(_) => (&[Kind::Cloud], "sensor_msgs/msg/PointCloud2 (with --slice)"),
         None => (&[Kind::Scan, Kind::MultiEcho], SCAN_TYPES),
     };
-    let no_scan =
-        || BagError::NoScan { topics: content.list(), because: content.truncated.clone() };
+    let no_scan = || {
+        let damaged = (content.damaged.skipped > 0).then(|| content.damaged.to_string());
+        let because: Vec<String> = content.truncated.iter().cloned().chain(damaged).collect();
+        let because = (!because.is_empty()).then(|| because.join("; "));
+        BagError::NoScan { topics: content.list(), because }
+    };
     let scan = match &asked.scan {
         Some(topic) => content.asked(topic, kinds, "--scan-topic", types)?,
         None => only_or_named(&content.names(kinds), "/scan")

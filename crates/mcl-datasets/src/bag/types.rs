@@ -59,6 +59,10 @@ pub fn named(plain_name: &str) -> Option<&'static MessageType> {
     all.into_iter().find(|message| message.name.replace("/msg/", "/") == plain_name)
 }
 
+/// `std_msgs/msg/String`
+pub static STRING: MessageType =
+    MessageType { name: "std_msgs/msg/String", fields: "string data\n", parts: &[] };
+
 /// `builtin_interfaces/msg/Time`
 pub static TIME: MessageType = MessageType {
     name: "builtin_interfaces/msg/Time",

@@ -23,6 +23,7 @@ fn digest(plain_name: &str) -> &'static str {
         "sensor_msgs/LaserScan" => "90c7ef2dc6895d81024acba2ac42f369",
         "nav_msgs/Odometry" => "cd5e73d190d741a2f92e81eda573aca7",
         "geometry_msgs/PoseStamped" => "d3812c3cbc69362b77dc0b19b345f8f5",
+        "std_msgs/String" => "992ce8a1687cec8c8bd883ec73ca41d1",
         "tf2_msgs/TFMessage" => "94810edda583a504dfda3829e70d7eec",
         _ => "*",
     }

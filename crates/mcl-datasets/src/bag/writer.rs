@@ -9,22 +9,15 @@ use mcap::records::{MessageHeader, Metadata};
 use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
 
 use super::encode::Encoder;
+use super::lists;
 use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
-use super::sink::{Delivery, Sink, TopicId, WriteBagError, qos};
+use super::sink::{Delivery, Lists, Sink, TopicId, WriteBagError, qos};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
 use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
 use crate::mount::Mount;
 
-/// Name of the metadata record that says which scans have no stamp.
-pub(super) const METADATA_NAME: &str = "mcl-eval";
-/// Its key: sequence numbers of the scans on `/scan` that have no stamp, parted by blanks. In a bag
-/// that has the record, a stamp of 0 of any other scan is a time.
-pub(super) const UNSTAMPED_KEY: &str = "scans_without_stamp";
-/// Keys for scans that have no odometry, or no reference pose, where others about them have.
-pub(super) const NO_ODOMETRY_KEY: &str = "scans_without_odometry";
-pub(super) const NO_REFERENCE_KEY: &str = "scans_without_reference";
 /// Unpacked bytes of a chunk. Small, because a file that is cut off loses most of its last chunk.
 const CHUNK_BYTES: u64 = 64 << 10;
 const ODOMETRY_FRAME: &str = "odom";
@@ -60,6 +53,10 @@ impl<W: Write + Seek> Sink for BagWriter<W> {
     ) -> Result<(), WriteBagError> {
         self.write(topic, log_time, message)
     }
+
+    fn lists(&mut self, _: u64, lists: Lists) -> Result<(), WriteBagError> {
+        self.metadata(lists::NAME, lists)
+    }
 }
 
 /// The formats of bags that are written.
@@ -74,8 +71,8 @@ pub enum Format {
     Database,
 }
 
-/// [`write`](fn@write), in any of the formats. Scans that have no stamp, or of which stamps step back by more than
-/// a second, and those that lack odometry or reference poses which others about them have, go into MCAP only.
+/// [`write`](fn@write), in any of the formats. Those that have no metadata records say the same by a message on
+/// `/mcl_eval` (`std_msgs/String`).
 ///
 /// # Errors
 /// As [`write`](fn@write).
@@ -85,35 +82,9 @@ pub fn write_as<W: Write + Seek>(
     sink: W,
 ) -> Result<W, WriteBagError> {
     let prepared = Prepared::of(recording)?;
-    if format != Format::Mcap {
-        if let Some(gap) = prepared.gap {
-            return Err(gap);
-        }
-        let times: Vec<i64> = recording.scans.iter().map(in_order).collect();
-        let is_unordered = |&scan: &usize| {
-            times[scan] <= 0 || scan > 0 && times[scan - 1].saturating_sub(times[scan]) > SECOND
-        };
-        if let Some(scan) = (0..times.len()).find(is_unordered) {
-            return Err(WriteBagError::Order { scan });
-        }
-    }
     match format {
         Format::Mcap => {
             let mut bag = BagWriter::new(sink)?;
-            let listed = |is_listed: fn(&LaserScan) -> bool| {
-                let scans = recording.scans.iter().enumerate();
-                let numbers = scans.filter(|(_, scan)| is_listed(scan));
-                numbers.map(|(index, _)| index.to_string()).collect::<Vec<_>>().join(" ")
-            };
-            let mut lists =
-                BTreeMap::from([(UNSTAMPED_KEY.to_owned(), listed(|scan| scan.stamp.is_none()))]);
-            if prepared.gap.is_some() {
-                let odometry = listed(|scan| scan.odometry.is_none());
-                let reference = listed(|scan| scan.map_from_laser.is_none());
-                lists.insert(NO_ODOMETRY_KEY.to_owned(), odometry);
-                lists.insert(NO_REFERENCE_KEY.to_owned(), reference);
-            }
-            bag.metadata(METADATA_NAME, lists)?;
             prepared.write(recording, &mut bag)?;
             bag.finish()
         }
@@ -128,12 +99,6 @@ pub fn write_as<W: Write + Seek>(
             bag.finish(sink)
         }
     }
-}
-
-const SECOND: i64 = 1_000_000_000;
-
-fn in_order(scan: &LaserScan) -> i64 {
-    scan.stamp.map_or(0, Stamp::nanoseconds)
 }
 
 impl<W: Write + Seek> BagWriter<W> {
@@ -226,7 +191,7 @@ impl<W: Write + Seek> BagWriter<W> {
 /// All messages about a scan have its stamp. Messages are logged in the order of the scans at times
 /// that never step back, as players go by them: at the scan's stamp, or at the latest one before it
 /// where stamps step back or are missing. A scan without stamp has stamp 0 and is listed in the
-/// metadata record `mcl-eval`.
+/// metadata record `mcl-eval`, which also says that the scans are in their order, whatever their stamps.
 ///
 /// Where the odometry says nothing of a step, it begins anew at the origin, and the record lists the scan; so for scans
 /// without reference pose among others that have one. The times between the beams of a scan that no pose follows are
@@ -246,8 +211,8 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
 /// A recording that has been checked.
 struct Prepared {
     spans: Spans,
-    /// The first scan that lacks what those about it have.
-    gap: Option<WriteBagError>,
+    /// Whether a scan lacks what those about it have.
+    has_gap: bool,
     placed: Vec<Placed>,
 }
 
@@ -255,17 +220,38 @@ impl Prepared {
     fn of(recording: &Recording) -> Result<Self, WriteBagError> {
         let mut spans = check(recording)?;
         // As many poses as scans, so that those of one stamp find each other.
-        let gap = spans.gap(&recording.scans);
-        if !spans.odometry.is_empty() && gap.is_some() {
+        let has_gap = spans.have_gap(&recording.scans);
+        if !spans.odometry.is_empty() && has_gap {
             spans.odometry = 0..recording.scans.len();
         }
         let placed = place(recording, &spans)?;
-        Ok(Prepared { spans, placed, gap })
+        Ok(Prepared { spans, placed, has_gap })
+    }
+
+    /// What the messages cannot say of the scans.
+    fn lists(&self, scans: &[LaserScan]) -> Lists {
+        let listed = |is_listed: fn(&LaserScan) -> bool| {
+            let numbered = scans.iter().enumerate().filter(|(_, scan)| is_listed(scan));
+            numbered.map(|(index, _)| index.to_string()).collect::<Vec<_>>().join(" ")
+        };
+        let mut lists = vec![
+            (lists::SCANS, scans.len().to_string()),
+            (lists::UNSTAMPED, listed(|scan| scan.stamp.is_none())),
+        ];
+        if self.has_gap {
+            lists.push((lists::NO_ODOMETRY, listed(|scan| scan.odometry.is_none())));
+            lists.push((lists::NO_REFERENCE, listed(|scan| scan.map_from_laser.is_none())));
+        }
+        lists.into_iter().map(|(key, list)| (key.to_owned(), list)).collect()
     }
 
     fn write(self, recording: &Recording, bag: &mut dyn Sink) -> Result<(), WriteBagError> {
-        let Prepared { spans, placed, .. } = self;
         let scans = &recording.scans;
+        let zero = Stamp::from_nanoseconds(0);
+        let first = scans.first().and_then(|scan| scan.stamp).unwrap_or(zero);
+        let mut log_time = first.nanoseconds() as u64;
+        bag.lists(log_time, self.lists(scans))?;
+        let Prepared { spans, placed, .. } = self;
         let scan_topic = bag.topic("/scan", &LASER_SCAN, Delivery::Live)?;
         let odom_topic = match spans.odometry.is_empty() {
             true => None,
@@ -281,9 +267,6 @@ impl Prepared {
         };
         let static_topic = bag.topic("/tf_static", &TF_MESSAGE, Delivery::Latched)?;
 
-        let zero = Stamp::from_nanoseconds(0);
-        let first = scans.first().and_then(|scan| scan.stamp).unwrap_or(zero);
-        let mut log_time = first.nanoseconds() as u64;
         let mounted = [(BASE_FRAME, LASER_FRAME, recording.robot_from_laser)];
         bag.message(static_topic, log_time, transforms(first, &mounted))?;
         let limits = range_limits(scans);
@@ -444,21 +427,13 @@ fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
 }
 
 impl Spans {
-    /// The first scan that lacks what those about it have, and would have it by interpolation.
-    fn gap(&self, scans: &[LaserScan]) -> Option<WriteBagError> {
-        const ODOMETRY: &str = "odometry";
-        const REFERENCE: &str = "reference pose";
-        let gap = |scan, what| WriteBagError::Gap { scan, what };
-        let mut steps = self.odometry.clone().skip(1);
-        let mut poses = self.reference.clone();
+    /// Whether a scan lacks what those about it have, and would have it by interpolation.
+    fn have_gap(&self, scans: &[LaserScan]) -> bool {
         let times = times(scans);
-        (steps.find(|&scan| scans[scan].odometry.is_none()).map(|scan| gap(scan, ODOMETRY)))
-            .or_else(|| {
-                let found = poses.find(|&scan| scans[scan].map_from_laser.is_none());
-                found.map(|scan| gap(scan, REFERENCE))
-            })
-            .or_else(|| check_outside(&times, &self.odometry, ODOMETRY).err())
-            .or_else(|| check_outside(&times, &self.reference, REFERENCE).err())
+        self.odometry.clone().skip(1).any(|scan| scans[scan].odometry.is_none())
+            || self.reference.clone().any(|scan| scans[scan].map_from_laser.is_none())
+            || is_filled(&times, &self.odometry)
+            || is_filled(&times, &self.reference)
     }
 }
 
@@ -473,22 +448,14 @@ fn times(scans: &[LaserScan]) -> Vec<i64> {
     scans.iter().map(&mut time).collect()
 }
 
-/// Stamps may repeat and step back: a scan outside of the span may still lie within its time.
-fn check_outside(
-    times: &[i64],
-    span: &Range<usize>,
-    what: &'static str,
-) -> Result<(), WriteBagError> {
+/// Whether a scan outside of the span lies within its time, as stamps may repeat and step back.
+fn is_filled(times: &[i64], span: &Range<usize>) -> bool {
     let inside = &times[span.clone()];
     let (Some(&first), Some(&last)) = (inside.iter().min(), inside.iter().max()) else {
-        return Ok(());
+        return false;
     };
-    let is_filled =
-        |index: &usize| !span.contains(index) && (first..=last).contains(&times[*index]);
-    match (0..times.len()).find(is_filled) {
-        Some(scan) => Err(WriteBagError::Gap { scan, what }),
-        None => Ok(()),
-    }
+    let is_within = |index: &usize| (first..=last).contains(&times[*index]);
+    (0..times.len()).filter(|index| !span.contains(index)).any(|index| is_within(&index))
 }
 
 /// From the first to the last scan that has something.

@@ -20,8 +20,6 @@ pub enum Field {
     Named(&'static str),
     /// Reading of a beam: r1 is that of beam 0.
     Reading(usize),
-    /// Remission value of a beam: e1 is that of beam 0.
-    Remission(usize),
     /// The number of fields of the whole record, its kind included.
     Total,
 }
@@ -31,7 +29,6 @@ impl fmt::Display for Field {
         match self {
             Field::Named(name) => f.write_str(name),
             Field::Reading(index) => write!(f, "r{}", index + 1),
-            Field::Remission(index) => write!(f, "e{}", index + 1),
             Field::Total => f.write_str("number of fields"),
         }
     }

@@ -25,12 +25,13 @@ pub(super) struct Content {
     pub evidence: Evidence,
     pub has_neff: bool,
     pub is_named_gfs: bool,
-    pub front_laser_offset: Option<f64>,
+    /// The mount of the front laser by the parameters.
+    pub front_laser: Option<Pose2>,
 }
 
 /// Decides on the kind of log, and fills in reference poses and odometry.
 pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, Recording) {
-    let constant_mount = constant_mount(&content.scans, content.front_laser_offset);
+    let constant_mount = constant_mount(&content.scans, content.front_laser);
     let detected = detect(&content, constant_mount.is_some());
     let has_truth = detected == LogKind::Raw
         && reference != ReferencePoses::None
@@ -42,8 +43,7 @@ pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, 
         (LogKind::Raw, ReferencePoses::Recorded) => LogKind::GfsCorrected,
         _ => detected,
     };
-    let parameter_mount = Pose2::new(content.front_laser_offset.unwrap_or(0.0), 0.0, 0.0);
-    let robot_from_laser = constant_mount.unwrap_or(parameter_mount);
+    let robot_from_laser = constant_mount.or(content.front_laser).unwrap_or(Pose2::IDENTITY);
     let odometry = Odometry {
         kind,
         restarts: detected == LogKind::GfsCorrected || content.evidence.mostly_restarts(),
@@ -84,7 +84,7 @@ fn detect(content: &Content, is_mount_constant: bool) -> LogKind {
 /// The transform from the robot's to the laser's pose, if it is the same for all scans up to the
 /// rounding of the text; exactly the identity where the two poses are equal. One scan in a hundred
 /// may differ: a wrong digit must not change what a whole log means.
-fn constant_mount(scans: &[LoggedScan], front_laser_offset: Option<f64>) -> Option<Pose2> {
+fn constant_mount(scans: &[LoggedScan], parameter: Option<Pose2>) -> Option<Pose2> {
     let mounts: Vec<Pose2> = scans.iter().map(|scan| scan.robot.between(&scan.laser)).collect();
     // Headings relative to one of them, so that the median does not fall between −π and π.
     let turn = |mount: &Pose2| wrap_angle(mount.theta - mounts[0].theta);
@@ -111,7 +111,6 @@ fn constant_mount(scans: &[LoggedScan], front_laser_offset: Option<f64>) -> Opti
         return None;
     }
     // The parameter is not rounded.
-    let parameter = front_laser_offset.map(|offset| Pose2::new(offset, 0.0, 0.0));
     let is_equal = typical == Pose2::IDENTITY;
     Some(parameter.filter(|parameter| !is_equal && is_close(parameter)).unwrap_or(typical))
 }

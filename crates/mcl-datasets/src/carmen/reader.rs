@@ -1,13 +1,15 @@
 //! From the lines of a log to a recording, in one pass and then a decision on the kind of log.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
 
 use mcl_core::{LaserScan, OutOfMemory, Pose2, ScanGeometry, memory};
 
+use super::counts::{COUNTED_KINDS, Kinds};
+use super::fields::Malformed;
 use super::kind::{self, Content, LoggedScan};
 use super::odometry::OdometryChain;
-use super::record::{self, Record, RecordKind, ScanRecord};
+use super::record::{self, Laser, Part, Record, RecordKind, ScanRecord};
 use crate::bag::moment::Moment;
 use crate::bag::pairing::shared_stamps;
 use crate::log::content::{Log, LogKind};
@@ -83,6 +85,14 @@ impl ScanKind {
         ScanKind { name: "ROBOTLASER2", like: "ROBOTLASER1" },
     ];
 
+    /// The laser whose scans they are.
+    fn laser(self) -> Laser {
+        match self.name {
+            "RLASER" | "ROBOTLASER2" => Laser::Rear,
+            _ => Laser::Front,
+        }
+    }
+
     /// The one of this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name == name)
@@ -123,51 +133,11 @@ pub fn read_scans(
     pass.finish(file_name, reference)
 }
 
-/// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
-const COUNTED_KINDS: usize = 20;
-
 /// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
 /// beam twice or not.
 const STEPS_OFF: f64 = 1.5;
 
 const SCANS: &str = "scans";
-
-const NO_RECORDS: &str = "no records";
-
-/// How many records there are of each kind.
-#[derive(Default)]
-struct Kinds {
-    counts: BTreeMap<String, usize>,
-    others: usize,
-}
-
-impl Kinds {
-    fn count(&mut self, line: &[u8]) {
-        let word = line.split(u8::is_ascii_whitespace).find(|word| !word.is_empty());
-        let is_name = |byte: &u8| byte.is_ascii_alphanumeric() || b"#@_".contains(byte);
-        let name = word.filter(|word| word.len() <= 20 && word.iter().all(is_name));
-        let name = name.map(|name| String::from_utf8_lossy(name).into_owned());
-        match name
-            .filter(|name| self.counts.len() < COUNTED_KINDS || self.counts.contains_key(name))
-        {
-            Some(name) => *self.counts.entry(name).or_default() += 1,
-            None => self.others += 1,
-        }
-    }
-
-    fn has(&self, kind: &str) -> bool {
-        self.counts.contains_key(kind)
-    }
-
-    fn list(&self) -> String {
-        let mut list: Vec<String> =
-            self.counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
-        if self.others > 0 {
-            list.push(format!("others {}", self.others));
-        }
-        if list.is_empty() { NO_RECORDS.to_owned() } else { list.join(", ") }
-    }
-}
 
 /// What is kept while the lines stream by.
 #[derive(Default)]
@@ -191,10 +161,17 @@ struct Pass {
     last_odom: Option<Pose2>,
     last_truth: Option<Pose2>,
     has_neff: bool,
-    front_laser_offset: Option<f64>,
+    /// How the front laser is mounted by the parameters, by [`Part`].
+    front_laser: [Option<f64>; 3],
+    /// What was said first of a part that they say two things of, and last.
+    two_mounts: Option<(f64, f64)>,
     /// Angle covered and angle between two beams by the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
+    /// How many of the `FLASER` records have their directions: those before the first parameters get them by these.
+    settled: usize,
+    /// Of those, how many got others than their number implies.
+    late: usize,
     /// Numbers of beams whose directions CARMEN's rule for any number gave, and those that the parameters
     /// contradict.
     ruled: BTreeSet<usize>,
@@ -203,6 +180,10 @@ struct Pass {
     off: usize,
     farthest_off: Option<(f64, String)>,
     not_numbers: usize,
+    /// Scans with readings that are words, these readings, and the first of them.
+    scans_with_words: usize,
+    words: usize,
+    first_word: Option<(usize, Malformed)>,
     kinds: Kinds,
     ignored_kinds: Kinds,
     declared: ReferencePoses,
@@ -246,21 +227,23 @@ impl Pass {
             return Ok(());
         }
         match record::parse(line) {
-            Ok(Record::Scan(mut scan)) => {
-                self.scan_kind = Some(kind);
-                if kind == RecordKind::Flaser {
-                    scan.geometry = self.flaser_geometry(scan.geometry);
+            Ok(Record::Scan(scan)) => {
+                if self.scan_kind.is_none() {
+                    self.scan_kind = Some(kind);
+                    // They say again what these say.
+                    self.raw_scans = Vec::new();
+                    let records = std::mem::take(&mut self.raw_records);
+                    self.ignore_all("RAWLASER1", records);
                 }
-                self.raw_scans = Vec::new();
-                self.report.ignored += std::mem::take(&mut self.raw_records);
                 let scan = self.logged(scan)?;
                 memory::reserve(&mut self.scans, 1, SCANS)?;
                 self.scans.push(scan);
+                if self.fov.is_some() || self.resolution.is_some() {
+                    self.settle(self.scans.len() - 1);
+                }
             }
             Ok(Record::RawScan(mut scan)) => {
                 scan.robot = self.last_odom.unwrap_or(Pose2::IDENTITY);
-                let offset = self.front_laser_offset.unwrap_or(0.0);
-                scan.laser = scan.robot.compose(&Pose2::new(offset, 0.0, 0.0));
                 let scan = LoggedScan { has_pose: self.last_odom.is_some(), ..self.logged(scan)? };
                 memory::reserve(&mut self.raw_scans, 1, SCANS)?;
                 self.raw_scans.push(scan);
@@ -274,9 +257,16 @@ impl Pass {
                 self.last_truth = Some(pose);
                 self.true_poses += 1;
             }
-            Ok(Record::FrontLaserOffset(offset)) => self.front_laser_offset = Some(offset),
-            Ok(Record::LaserFov(angle)) => self.fov = Some(angle),
-            Ok(Record::LaserResolution(angle)) => self.resolution = Some(angle),
+            Ok(Record::FrontLaser(part, value)) => {
+                let before = self.front_laser[part as usize].replace(value);
+                let differs = before.filter(|&before| before != value);
+                self.two_mounts = differs.map(|before| (before, value)).or(self.two_mounts);
+            }
+            Ok(Record::LaserFov(laser, angle)) if laser == self.laser() => self.fov = Some(angle),
+            Ok(Record::LaserResolution(laser, angle)) if laser == self.laser() => {
+                self.resolution = Some(angle);
+            }
+            Ok(Record::LaserFov(..) | Record::LaserResolution(..)) => {}
             Ok(Record::ReferencePoses(declared)) => self.declared = declared,
             Ok(Record::Nothing) => {}
             Ok(Record::Ignored) => {
@@ -304,12 +294,37 @@ impl Pass {
         self.ignored_kinds.count(line);
     }
 
+    /// The laser whose scans are read.
+    fn laser(&self) -> Laser {
+        self.asked.map_or(Laser::Front, ScanKind::laser)
+    }
+
+    /// The mount of the laser by the parameters, if they say it.
+    fn mount(&self) -> Option<Pose2> {
+        let [x, y, theta] = self.front_laser.map(Option::unwrap_or_default);
+        let is_said = self.front_laser.iter().any(Option::is_some);
+        (is_said && self.laser() == Laser::Front).then(|| Pose2::new(x, y, theta))
+    }
+
+    fn ignore_all(&mut self, kind: &str, count: usize) {
+        if count > 0 {
+            self.report.ignored += count;
+            self.ignored_kinds.add(kind.to_owned(), count);
+        }
+    }
+
     fn logged(&mut self, scan: ScanRecord) -> Result<LoggedScan, OutOfMemory> {
         self.room.take(
             size_of_val(&*scan.ranges) + HEAP_BYTES,
             self.scans.len() * size_of::<LoggedScan>(),
         )?;
-        self.not_numbers += scan.ranges.iter().filter(|range| range.is_nan()).count();
+        let not_numbers = scan.ranges.iter().filter(|range| range.is_nan()).count();
+        self.not_numbers += not_numbers - scan.unreadable;
+        self.words += scan.unreadable;
+        self.scans_with_words += usize::from(scan.unreadable > 0);
+        if let (None, Some(fault)) = (&self.first_word, scan.first_unreadable) {
+            self.first_word = Some((self.lines, fault));
+        }
         let steps = scan.fov.map_or(0.0, |fov| record::steps_off(&scan.geometry, fov));
         if steps > STEPS_OFF {
             self.off += 1;
@@ -340,6 +355,17 @@ impl Pass {
                 sweep: Default::default(),
             },
         })
+    }
+
+    /// Gives the `FLASER` records that have none yet their directions; the first `before` came before the parameters.
+    fn settle(&mut self, before: usize) {
+        while self.scan_kind == Some(RecordKind::Flaser) && self.settled < self.scans.len() {
+            let implied = self.scans[self.settled].scan.geometry;
+            let found = self.flaser_geometry(implied);
+            self.late += usize::from(self.settled < before && found != implied);
+            self.scans[self.settled].scan.geometry = found;
+            self.settled += 1;
+        }
     }
 
     /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
@@ -378,8 +404,13 @@ impl Pass {
 
     fn finish(mut self, file_name: &str, reference: ReferencePoses) -> Result<Log, CarmenError> {
         let is_raw = self.scans.is_empty();
+        self.settle(self.scans.len());
         if is_raw {
             self.scans = std::mem::take(&mut self.raw_scans);
+            let mount = self.mount().unwrap_or(Pose2::IDENTITY);
+            for scan in &mut self.scans {
+                scan.laser = scan.robot.compose(&mount);
+            }
             self.report.skipped += self.raw_report.skipped;
             self.report.skipped_details.append(&mut self.raw_report.skipped_details);
         }
@@ -391,13 +422,26 @@ impl Pass {
             });
         }
         let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
-        if self.ignored_kinds.list() != NO_RECORDS {
-            notes.push(format!("ignored records: {}", self.ignored_kinds.list()));
-            let others = ScanKind::ALL.map(|kind| kind.name);
-            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
-            notes.extend(others.map(|kind| {
-                format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
-            }));
+        if let Some((line, fault)) = &self.first_word {
+            self.report.doubts.push(format!(
+                "readings: {} in {} of {} scans are no numbers (line {line}: {} is {}): no measurement there",
+                self.words,
+                self.scans_with_words,
+                self.scans.len(),
+                fault.field,
+                fault.found
+            ));
+        }
+        if let Some((first, last)) = self.two_mounts {
+            self.report.doubts.push(format!(
+                "laser: the parameters say two mounts on the robot ({first} and {last}); the last counts"
+            ));
+        }
+        if self.late > 0 {
+            assumptions.push(format!(
+                "scans: the parameters of their directions come after the first {}, which are read by them, too",
+                self.late
+            ));
         }
         if is_raw {
             let without = self.scans.iter().filter(|scan| !scan.has_pose).count();
@@ -446,17 +490,27 @@ impl Pass {
             list.push(format!("stamps: {told}"));
         }
         let content = Content {
-            scans: self.scans,
+            scans: std::mem::take(&mut self.scans),
             evidence: self.odometry.evidence,
             has_neff: self.has_neff,
             is_named_gfs: file_name.contains(".gfs."),
-            front_laser_offset: self.front_laser_offset,
+            front_laser: self.mount(),
         };
         let reference = if reference == ReferencePoses::Auto { self.declared } else { reference };
         let (kind, recording) = kind::resolve(content, reference);
         if kind != LogKind::RawWithTruth {
-            self.report.ignored += self.true_poses;
+            self.ignore_all("TRUEPOS", self.true_poses);
         }
+        if self.report.ignored > 0 {
+            let others = ScanKind::ALL.map(|kind| kind.name);
+            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
+            let others = others.map(|kind| {
+                format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
+            });
+            let list = format!("ignored records: {}", self.ignored_kinds.list());
+            notes.splice(..0, std::iter::once(list).chain(others));
+        }
+        self.report.ignored_kinds = self.ignored_kinds.named();
         let records = self.asked.map_or("the scans' records", |asked| asked.name);
         let has_reference = recording.scans.iter().any(|scan| scan.map_from_laser.is_some());
         let used = has_reference.then(|| match kind {
@@ -468,7 +522,7 @@ impl Pass {
             kind,
             reference: used,
             report: self.report,
-            front_laser_offset: self.front_laser_offset,
+            front_laser_offset: self.front_laser[Part::Ahead as usize],
             notes,
             survey: None,
             assumptions,

@@ -9,12 +9,19 @@ use mcl_core::{Pose2, ScanGeometry, Stamp};
 use super::fields::{Field, Fields, Malformed};
 use crate::log::options::ReferencePoses;
 
-/// Parameter that says how far ahead of the robot's centre the front laser is mounted (metres).
-pub(super) const FRONT_LASER_PARAM: &str = "robot_frontlaser_offset";
+/// Parameters that say how the front laser is mounted on the robot: metres ahead of its centre and to the left, and the
+/// angle (radians) that it is turned by.
+const MOUNT_PARAMS: [(&str, Part); 3] = [
+    ("robot_frontlaser_offset", Part::Ahead),
+    ("robot_frontlaser_side_offset", Part::Left),
+    ("robot_frontlaser_angular_offset", Part::Turned),
+];
 /// Parameters that say what angle a `FLASER` record covers (radians) and what lies between two of its beams
-/// (degrees).
-pub(super) const LASER_FOV_PARAM: &str = "laser_front_laser_fov";
-pub(super) const LASER_RESOLUTION_PARAM: &str = "laser_front_laser_resolution";
+/// (degrees), and those of `RLASER`.
+const FOV_PARAMS: [(&str, Laser); 2] =
+    [("laser_front_laser_fov", Laser::Front), ("laser_rear_laser_fov", Laser::Rear)];
+const RESOLUTION_PARAMS: [(&str, Laser); 2] =
+    [("laser_front_laser_resolution", Laser::Front), ("laser_rear_laser_resolution", Laser::Rear)];
 /// Parameter that this suite's writer adds, so that its logs need no guess: whether the laser poses
 /// are ground truth (a name of [`ReferencePoses`]).
 pub(super) const REFERENCE_PARAM: &str = "mcl_reference_poses";
@@ -66,13 +73,38 @@ impl RecordKind {
     }
 }
 
+/// A laser of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Laser {
+    /// That of `FLASER` records.
+    Front,
+    /// That of `RLASER` records.
+    Rear,
+}
+
+/// A part of how a laser is mounted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Metres ahead of the robot's centre.
+    Ahead,
+    /// Metres to the left.
+    Left,
+    /// Radians that it is turned by.
+    Turned,
+}
+
 /// A scan as written in a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanRecord {
     /// Directions of the beams.
     pub geometry: ScanGeometry,
-    /// One reading per beam (metres), as written; `nan`, `inf` and negative numbers are kept.
+    /// One reading per beam (metres), as written; `nan`, `inf` and negative numbers are kept, and a word that is no
+    /// number is NaN.
     pub ranges: Vec<f64>,
+    /// How many readings are such words.
+    pub unreadable: usize,
+    /// The first of them.
+    pub first_unreadable: Option<Malformed>,
     /// Pose of the laser: `x y θ` of `FLASER`.
     pub laser: Pose2,
     /// Pose of the robot: `ox oy oθ` of `FLASER`.
@@ -92,14 +124,15 @@ pub enum Record {
     RawScan(ScanRecord),
     /// `TRUEPOS`: where the simulated robot really is.
     TruePos(Pose2),
-    /// `PARAM laser_front_laser_fov`: the angle (radians) that a `FLASER` record covers.
-    LaserFov(f64),
+    /// `PARAM laser_front_laser_fov`: the angle (radians) that a `FLASER` record covers; of the rear laser,
+    /// an `RLASER` record.
+    LaserFov(Laser, f64),
     /// `PARAM laser_front_laser_resolution`: the angle (radians) between two of its beams.
-    LaserResolution(f64),
+    LaserResolution(Laser, f64),
     /// `ODOM`: pose of the robot in the frame of its odometry. Velocities and stamp are not used.
     Odom(Pose2),
-    /// `PARAM robot_frontlaser_offset` (metres).
-    FrontLaserOffset(f64),
+    /// `PARAM robot_frontlaser_offset`, `…_side_offset` or `…_angular_offset`.
+    FrontLaser(Part, f64),
     /// `PARAM mcl_reference_poses`, written by [`super::write`].
     ReferencePoses(ReferencePoses),
     /// A comment, a blank line, or a parameter that is not used.
@@ -205,7 +238,13 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
     let check = |total| check_total(&complete, 2, total, || format!("n = {beams}"));
     check(total - missing).or_else(|_| check(total))?;
     let geometry = flaser_geometry(beams).unwrap_or_else(|| other_geometry(beams));
-    let ranges = readings(&mut fields, beams)?;
+    let readings = Readings::of(&mut fields, beams);
+    // Two readings in one word shift those that follow, and the end that may be missing hides it.
+    if let Some(fault) = readings.first_unreadable.as_ref().filter(|_| missing > 0)
+        && fault.found.matches('.').count() > 1
+    {
+        return Err(fault.clone());
+    }
     let laser = fields.pose(["x", "y", "theta"])?;
     let robot = fields.pose(["ox", "oy", "otheta"])?;
     let stamp = match fields.stamp_if_any(Field::Named("stamp")) {
@@ -213,17 +252,16 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
         Err(_) if missing > 0 => check(total).map(|()| None),
         stamp => stamp,
     }?;
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov: None })
+    Ok(readings.scan(geometry, [laser, robot], stamp, None))
 }
 
 /// `RAWLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ stamp host
 /// logger_stamp`
 fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("RAWLASER1", line);
-    let (geometry, ranges, fov) = explicit_scan(&mut fields, 3)?;
+    let (geometry, readings, fov) = explicit_scan(&mut fields, 3)?;
     let stamp = fields.stamp(Field::Named("stamp"))?;
-    let (laser, robot) = (Pose2::IDENTITY, Pose2::IDENTITY);
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov })
+    Ok(readings.scan(geometry, [Pose2::IDENTITY; 2], stamp, fov))
 }
 
 /// `ROBOTLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ
@@ -231,20 +269,20 @@ fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
 /// host logger_stamp`
 fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
     let mut fields = Fields::of("ROBOTLASER1", line);
-    let (geometry, ranges, fov) = explicit_scan(&mut fields, 14)?;
+    let (geometry, readings, fov) = explicit_scan(&mut fields, 14)?;
     let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
     let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
     fields.pass(5);
     let stamp = fields.stamp(Field::Named("stamp"))?;
-    Ok(ScanRecord { geometry, ranges, laser, robot, stamp, fov })
+    Ok(readings.scan(geometry, [laser, robot], stamp, fov))
 }
 
-/// The directions and readings of a record that says its directions, up to its remission values; `after`
-/// fields follow them.
+/// The directions and readings of a record that says its directions, up to its remission values, which are not used;
+/// `after` fields follow them.
 fn explicit_scan(
     fields: &mut Fields<'_>,
     after: usize,
-) -> Result<(ScanGeometry, Vec<f64>, Option<f64>), Malformed> {
+) -> Result<(ScanGeometry, Readings, Option<f64>), Malformed> {
     fields.pass(1);
     let start_angle = fields.finite(Field::Named("start_angle"))?;
     // Of use only to see whether the others are right; 0 where nothing was set.
@@ -267,7 +305,7 @@ fn explicit_scan(
         let expected = "at most one turn in radians (are these degrees?)";
         return Err(fields.malformed(Field::Named("resolution"), &found, expected));
     }
-    let ranges = readings(fields, beams)?;
+    let readings = Readings::of(fields, beams);
     // With a reading too many or too few, another field stands here.
     let remissions = fields.count(Field::Named("m")).map_err(|error| Malformed {
         expected: format!("a count of remission values after n = {beams} readings"),
@@ -276,26 +314,28 @@ fn explicit_scan(
     let read = 10 + beams;
     let total = read.saturating_add(after).saturating_add(remissions);
     check_total(fields, read, total, || format!("n = {beams}, m = {remissions}"))?;
-    for index in 0..remissions {
-        fields.number(Field::Remission(index))?;
-    }
-    Ok((ScanGeometry { start_angle, angle_step, beams }, ranges, fov))
+    fields.pass(remissions);
+    Ok((ScanGeometry { start_angle, angle_step, beams }, readings, fov))
 }
 
 /// `PARAM name value …`; other parameters than those that are used may have any form.
 fn param(line: &str) -> Result<Record, Malformed> {
     let mut fields = Fields::of("PARAM", line);
-    match fields.text(Field::Named("name"), "a parameter's name")? {
-        FRONT_LASER_PARAM => {
-            fields.finite(Field::Named(FRONT_LASER_PARAM)).map(Record::FrontLaserOffset)
-        }
-        LASER_FOV_PARAM => fields.finite(Field::Named(LASER_FOV_PARAM)).map(|fov| {
-            // Radians, though older logs have degrees.
-            Record::LaserFov(if fov > 7.0 { fov.to_radians() } else { fov })
-        }),
-        LASER_RESOLUTION_PARAM => fields
-            .finite(Field::Named(LASER_RESOLUTION_PARAM))
-            .map(|degrees| Record::LaserResolution(degrees.to_radians())),
+    let name = fields.text(Field::Named("name"), "a parameter's name")?;
+    let laser_of = |names: [(&'static str, Laser); 2]| names.into_iter().find(|of| of.0 == name);
+    if let Some((name, laser)) = laser_of(FOV_PARAMS) {
+        let fov = fields.finite(Field::Named(name))?;
+        // Radians, though older logs have degrees.
+        return Ok(Record::LaserFov(laser, if fov > 7.0 { fov.to_radians() } else { fov }));
+    }
+    if let Some((name, laser)) = laser_of(RESOLUTION_PARAMS) {
+        let degrees = fields.finite(Field::Named(name))?;
+        return Ok(Record::LaserResolution(laser, degrees.to_radians()));
+    }
+    if let Some((name, part)) = MOUNT_PARAMS.into_iter().find(|of| of.0 == name) {
+        return fields.finite(Field::Named(name)).map(|value| Record::FrontLaser(part, value));
+    }
+    match name {
         REFERENCE_PARAM => {
             const EXPECTED: &str = "auto, recorded or none";
             let field = Field::Named(REFERENCE_PARAM);
@@ -308,12 +348,39 @@ fn param(line: &str) -> Result<Record, Malformed> {
     }
 }
 
-fn readings(fields: &mut Fields<'_>, beams: usize) -> Result<Vec<f64>, Malformed> {
-    let mut ranges = Vec::with_capacity(beams);
-    for index in 0..beams {
-        ranges.push(fields.number(Field::Reading(index))?);
+/// The readings of a record, of which one that is no number costs no other.
+struct Readings {
+    ranges: Vec<f64>,
+    unreadable: usize,
+    first_unreadable: Option<Malformed>,
+}
+
+impl Readings {
+    /// The next fields of a record that has so many.
+    fn of(fields: &mut Fields<'_>, beams: usize) -> Self {
+        let ranges = Vec::with_capacity(beams);
+        let mut readings = Readings { ranges, unreadable: 0, first_unreadable: None };
+        for index in 0..beams {
+            let reading = fields.number(Field::Reading(index)).unwrap_or_else(|fault| {
+                readings.unreadable += 1;
+                readings.first_unreadable.get_or_insert(fault);
+                f64::NAN
+            });
+            readings.ranges.push(reading);
+        }
+        readings
     }
-    Ok(ranges)
+
+    fn scan(
+        self,
+        geometry: ScanGeometry,
+        [laser, robot]: [Pose2; 2],
+        stamp: Option<Stamp>,
+        fov: Option<f64>,
+    ) -> ScanRecord {
+        let Readings { ranges, unreadable, first_unreadable } = self;
+        ScanRecord { geometry, ranges, unreadable, first_unreadable, laser, robot, stamp, fov }
+    }
 }
 
 /// Checks the number of fields of the whole record, `read` of which (with the kind) were taken.

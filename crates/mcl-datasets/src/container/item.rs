@@ -59,6 +59,21 @@ pub struct Passed<'a> {
     pub log_times: (u64, u64),
 }
 
+/// What is wrong with one of many alike.
+#[derive(Debug, Clone, Copy)]
+pub struct Damaged<'a> {
+    /// What it is part of.
+    pub table: &'static str,
+    /// Its place there.
+    pub position: Position,
+    /// The field at fault.
+    pub field: &'static str,
+    /// What stands there.
+    pub found: &'a str,
+    /// What should.
+    pub expected: &'static str,
+}
+
 /// What a visitor of a container gets to see.
 #[derive(Debug, Clone, Copy)]
 pub enum Item<'a> {
@@ -68,6 +83,8 @@ pub enum Item<'a> {
     Message(Message<'a>),
     /// Messages that were passed over.
     Passed(Passed<'a>),
+    /// A row that is not as it should be, which is passed over.
+    Damaged(Damaged<'a>),
     /// How the file was read, where that is not as usual.
     Note(&'a str),
     /// A metadata record: its name, and pairs of keys and values.

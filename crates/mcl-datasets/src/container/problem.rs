@@ -156,11 +156,6 @@ pub enum StreamProblem {
         /// What is wrong with it.
         found: String,
     },
-    /// A message of a topic that is not in the table of topics.
-    #[error(
-        "a message is of topic {0}, which the table of topics does not hold; the database is damaged"
-    )]
-    UnknownTopic(i64),
     /// A database that would unpack to more than is accepted.
     #[error(
         "the database says that it has {declared} bytes, expected at most {limit}; unpack it first"

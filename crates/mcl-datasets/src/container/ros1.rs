@@ -6,7 +6,7 @@
 //! follow each chunk and stand at the end. A recorder that is stopped leaves a last chunk whose length
 //! it never wrote, and no index.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
@@ -44,8 +44,12 @@ fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, Strea
         chunks: HashMap::new(),
         has_counted: false,
         index_start: 0,
+        expected_chunks: 0,
         expected_in_index: 0,
         found_in_index: 0,
+        chunks_seen: BTreeSet::new(),
+        tail: Tail::default(),
+        misplaced: None,
         has_open_chunk: false,
         record_start: 0,
     };
@@ -85,12 +89,26 @@ struct Reader<'a> {
     has_counted: bool,
     /// Where the index at the end begins; 0 if the bag was never closed.
     index_start: u64,
+    expected_chunks: u64,
     expected_in_index: u64,
     found_in_index: u64,
+    /// Where chunks are.
+    chunks_seen: BTreeSet<u64>,
+    tail: Tail,
+    /// Where the index says that a chunk is, and none is.
+    misplaced: Option<u64>,
     /// Whether a chunk without a length was seen, whose records follow as they are.
     has_open_chunk: bool,
     /// Where the record being read begins.
     record_start: u64,
+}
+
+/// The records of the index that follow the last chunk.
+#[derive(Default)]
+struct Tail {
+    start: u64,
+    connections: u64,
+    chunks: u64,
 }
 
 /// What a piece of a file is read up to.
@@ -100,7 +118,25 @@ enum Piece {
 }
 
 impl Reader<'_> {
+    /// Reads it to its end; where nothing but the index behind all chunks is damaged, nothing is lost.
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
+        match self.records(visit) {
+            Err(StreamProblem::RecordLength { .. } | StreamProblem::Record(_))
+                if self.is_in_index()
+                    && self.expected_chunks > 0
+                    && self.chunks_seen.len() as u64 == self.expected_chunks =>
+            {
+                let place = self.record_start;
+                visit(Item::Note(&format!(
+                    "the index of the bag is damaged at byte {place}; all messages come before"
+                )))?;
+                Ok(None)
+            }
+            outcome => outcome,
+        }
+    }
+
+    fn records(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         let mut magic = Vec::new();
         self.input.read_up_to(MAGIC.len() as u64, &mut magic)?;
         if !MAGIC.starts_with(&magic) {
@@ -111,7 +147,7 @@ impl Reader<'_> {
             self.record_start = self.input.offset;
             let length = match self.length()? {
                 Some(length) => length,
-                None if self.input.offset == self.record_start => return Ok(self.end()),
+                None if self.input.offset == self.record_start => return self.end(visit),
                 None => return Ok(Some(self.cut("it ends within a record"))),
             };
             if length > MAX_HEADER_BYTES {
@@ -141,6 +177,8 @@ impl Reader<'_> {
             }
             if opcode == CHUNK {
                 self.has_open_chunk = length == 0;
+                self.chunks_seen.insert(self.record_start);
+                self.tail = Tail::default();
                 let passed = match self.is_plain(&fields(&header)?, length) {
                     true => {
                         self.plain_chunk(length, visit)?;
@@ -176,8 +214,18 @@ impl Reader<'_> {
                 };
                 return Ok(Some(self.cut(&what)));
             }
-            if self.is_in_index() && matches!(opcode, CONNECTION | CHUNK_INFO) {
-                self.found_in_index += 1;
+            if matches!(opcode, CONNECTION | CHUNK_INFO) {
+                self.found_in_index += u64::from(self.is_in_index());
+                if self.tail.connections + self.tail.chunks == 0 {
+                    self.tail.start = self.record_start;
+                }
+                self.tail.connections += u64::from(opcode == CONNECTION);
+            }
+            if opcode == CHUNK_INFO {
+                self.tail.chunks += 1;
+                let place = fields.array("chunk_pos").map(u64::from_le_bytes).ok();
+                let is_lost = |place: &u64| !self.chunks_seen.contains(place);
+                self.misplaced = self.misplaced.or(place.filter(is_lost));
             }
         }
     }
@@ -207,9 +255,10 @@ impl Reader<'_> {
         }
         self.index_start = u64::from_le_bytes(fields.array("index_pos")?);
         let count = |name| fields.u32(name).map(u64::from);
-        self.expected_in_index = count("conn_count")? + count("chunk_count")?;
+        self.expected_chunks = count("chunk_count")?;
+        self.expected_in_index = count("conn_count")? + self.expected_chunks;
         if self.record_start == MAGIC.len() as u64 {
-            self.chunks = self.summaries(count("chunk_count")?)?.unwrap_or_default();
+            self.chunks = self.summaries(self.expected_chunks)?.unwrap_or_default();
         }
         Ok(())
     }
@@ -424,7 +473,28 @@ impl Reader<'_> {
     }
 
     /// At the end of the file, where no record is cut.
-    fn end(&self) -> Option<String> {
+    fn end(&self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
+        let Tail { start, connections, chunks } = self.tail;
+        let is_whole = chunks > 0
+            && chunks >= self.expected_chunks
+            && connections + chunks >= self.expected_in_index;
+        if self.input.damaged.is_some() || !is_whole {
+            return Ok(self.missing());
+        }
+        let misplaced = self.misplaced.map(|place| ("a chunk", place));
+        let index = Some(("the index", self.index_start)).filter(|&(_, place)| place != start);
+        if let Some((what, place)) = misplaced.or(index) {
+            let is_beyond = place >= self.input.offset;
+            let reason = if is_beyond { "behind the end of the file" } else { "where none is" };
+            visit(Item::Note(&format!(
+                "the index of the bag is damaged: {what} is said to be at byte {place}, {reason}; the bag was read record by record"
+            )))?;
+        }
+        Ok(None)
+    }
+
+    /// Why the bag ends early, where not all of its index is behind its chunks.
+    fn missing(&self) -> Option<String> {
         if self.input.damaged.is_none() && self.found_in_index >= self.expected_in_index {
             match self.index_start {
                 0 if self.input.offset == MAGIC.len() as u64 => {}

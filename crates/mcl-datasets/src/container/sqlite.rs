@@ -4,7 +4,8 @@
 //! SQLite reads pages in no order, so a database that is compressed is unpacked into a temporary file
 //! first. A database may come from anywhere: nothing that it defines (views, triggers) is run, no row is
 //! larger than a chunk may be, and the rows together are no larger than the file, as they are when each
-//! page belongs to one table. Messages come in the order of their rows, as they were recorded.
+//! page belongs to one table. Messages come in the order of their rows, as they were recorded. A row with values of
+//! other types costs itself alone.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,7 +20,9 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, Row};
 use tempfile::{NamedTempFile, TempDir};
 
 use super::chunk::MAX_CHUNK_BYTES;
-use super::item::{Channel, Container, Input, Item, Message, Passed, SchemaText, Visit, Wanted};
+use super::item::{
+    Channel, Container, Damaged, Input, Item, Message, Passed, SchemaText, Visit, Wanted,
+};
 use super::position::Position;
 use super::problem::{StreamError, StreamProblem};
 use crate::packed::damage;
@@ -163,7 +166,7 @@ impl Database {
     }
 
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
-        let mut topics = self.topics().map_err(StreamError::at_start)?;
+        let mut topics = self.topics(visit).map_err(StreamError::at_start)?;
         for topic in topics.values_mut() {
             topic.wanted = visit(Item::Channel(&topic.channel)).map_err(StreamError::at_start)?;
         }
@@ -198,7 +201,7 @@ impl Database {
     }
 
     /// The topics by the number that messages refer to them by.
-    fn topics(&self) -> Result<BTreeMap<i64, Topic>, StreamProblem> {
+    fn topics(&self, visit: &mut Visit<'_>) -> Result<BTreeMap<i64, Topic>, StreamProblem> {
         for table in ["topics", "messages"] {
             if !self.has_table(table)? {
                 return Err(StreamProblem::NoTable(table));
@@ -207,25 +210,25 @@ impl Database {
         let mut descriptions = BTreeMap::new();
         if self.has_table("message_definitions")? {
             let columns = "topic_type, encoding, encoded_message_definition";
-            self.rows("message_definitions", columns, |row| {
-                let language = text(row, 1, "message_definitions.encoding")?;
-                let description = text(row, 2, "message_definitions.encoded_message_definition")?;
-                let name = text(row, 0, "message_definitions.topic_type")?;
+            self.rows("message_definitions", columns, visit, |row| {
+                let language = text(row, 2, "encoding")?;
+                let description = text(row, 3, "encoded_message_definition")?;
+                let name = text(row, 1, "topic_type")?;
                 descriptions.insert(name, (language, description.into_bytes()));
                 Ok(())
             })?;
         }
         let mut topics = BTreeMap::new();
-        self.rows("topics", "id, name, type, serialization_format", |row| {
-            let number = integer(row, 0, "topics.id")?;
-            let name = text(row, 2, "topics.type")?;
+        self.rows("topics", "id, name, type, serialization_format", visit, |row| {
+            let number = integer(row, 1, "id")?;
+            let name = text(row, 3, "type")?;
             let (encoding, data) = descriptions.get(&name).cloned().unwrap_or_default();
             // Recorders that do not find a description write "unknown".
             let encoding = if data.is_empty() { String::new() } else { encoding };
             let channel = Channel {
                 id: topics.len() as u32,
-                topic: text(row, 1, "topics.name")?,
-                message_encoding: text(row, 3, "topics.serialization_format")?,
+                topic: text(row, 2, "name")?,
+                message_encoding: text(row, 4, "serialization_format")?,
                 schema: Some(Arc::new(SchemaText { name, encoding, data })),
             };
             topics.insert(number, Topic { channel, messages: 0, wanted: Wanted::Shown });
@@ -234,14 +237,15 @@ impl Database {
         Ok(topics)
     }
 
-    /// Shows the rows of a table with a row for each topic or type.
+    /// Shows the rows of a table with a row for each topic or type; their number comes before the columns.
     fn rows(
         &self,
         table: &'static str,
         columns: &str,
-        mut take: impl FnMut(&Row<'_>) -> Result<(), StreamProblem>,
+        visit: &mut Visit<'_>,
+        mut take: impl FnMut(&Row<'_>) -> Result<(), Fault>,
     ) -> Result<(), StreamProblem> {
-        let query = format!("SELECT {columns} FROM {table} NOT INDEXED");
+        let query = format!("SELECT rowid, {columns} FROM {table} NOT INDEXED");
         let mut statement = self.connection.prepare(&query)?;
         let mut rows = statement.query([])?;
         let mut count = 0;
@@ -253,7 +257,12 @@ impl Database {
                     found: format!("has more than {MAX_TOPICS} rows"),
                 });
             }
-            take(row)?;
+            let number = row.get(0)?;
+            match take(row) {
+                Ok(()) => {}
+                Err(Fault::Sqlite(error)) => return Err(error.into()),
+                Err(Fault::Value(fault)) => fault.tell(table, number, visit)?,
+            }
         }
         Ok(())
     }
@@ -272,18 +281,32 @@ impl Database {
         let mut rows = statement.query([]).map_err(Stop::of)?;
         let mut left = self.bytes;
         while let Some(row) = rows.next().map_err(Stop::of)? {
-            let number = integer(row, 0, "messages.rowid")?;
+            let number = row.get(0).map_err(Stop::of)?;
             at.current = number;
             if at.used.is_some_and(|used| number <= used) {
                 return Err(Stop::Damage(format!("row {number} comes a second time")));
             }
-            let topic = integer(row, 1, "messages.topic_id")?;
-            let log_time = integer(row, 2, "messages.timestamp")?;
             let length: Option<i64> = row.get(3).map_err(Stop::of)?;
             left = left.checked_sub(length.map_or(0, i64::unsigned_abs)).ok_or_else(|| {
                 Stop::Damage("the messages take more bytes than the file has".to_owned())
             })?;
-            let topic = topics.get_mut(&topic).ok_or(StreamProblem::UnknownTopic(topic))?;
+            let head = integer(row, 1, "topic_id").and_then(|topic| {
+                let log_time = integer(row, 2, "timestamp")?;
+                let found = topic.to_string();
+                let expected = "the number of a topic that can be read";
+                let known = topics.get_mut(&topic);
+                let known = known.ok_or(WrongValue { field: "topic_id", found, expected })?;
+                Ok((known, log_time))
+            });
+            let (topic, log_time) = match head {
+                Ok(head) => head,
+                Err(Fault::Sqlite(error)) => return Err(Stop::of(error)),
+                Err(Fault::Value(fault)) => {
+                    at.used = Some(number);
+                    fault.tell("messages", number, visit)?;
+                    continue;
+                }
+            };
             let sequence = topic.messages;
             topic.messages = sequence.wrapping_add(1);
             let channel = &topic.channel;
@@ -300,7 +323,9 @@ impl Database {
                 Some(ValueRef::Blob(data)) => data,
                 Some(ValueRef::Null) => &[],
                 Some(other) => {
-                    return Err(wrong_type("messages.data", &other, "a BLOB").into());
+                    at.used = Some(number);
+                    WrongValue::of("data", &other, "a BLOB").tell("messages", number, visit)?;
+                    continue;
                 }
                 None => {
                     return Err(Stop::Damage(format!("row {number} is not where it should be")));
@@ -413,21 +438,59 @@ fn unchanging(path: &Path) -> String {
     address + "?immutable=1"
 }
 
-fn wrong_type(column: &'static str, found: &ValueRef<'_>, expected: &str) -> StreamProblem {
-    let found = format!("is of type {}, expected {expected}", found.data_type());
-    StreamProblem::Database { table: column, found }
+/// A value of a row that is not what its column should hold.
+struct WrongValue {
+    field: &'static str,
+    found: String,
+    expected: &'static str,
 }
 
-fn integer(row: &Row<'_>, index: usize, column: &'static str) -> Result<i64, StreamProblem> {
-    match row.get_ref(index)? {
-        ValueRef::Integer(value) => Ok(value),
-        other => Err(wrong_type(column, &other, "INTEGER")),
+impl WrongValue {
+    fn of(field: &'static str, found: &ValueRef<'_>, expected: &'static str) -> Self {
+        WrongValue { field, found: format!("of type {}", found.data_type()), expected }
+    }
+
+    fn tell(
+        &self,
+        table: &'static str,
+        number: i64,
+        visit: &mut Visit<'_>,
+    ) -> Result<(), StreamProblem> {
+        let WrongValue { field, found, expected } = self;
+        let position = Position::Row(number);
+        visit(Item::Damaged(Damaged { table, position, field, found, expected }))?;
+        Ok(())
     }
 }
 
-fn text(row: &Row<'_>, index: usize, column: &'static str) -> Result<String, StreamProblem> {
+/// Why a row gives no values.
+enum Fault {
+    Value(WrongValue),
+    Sqlite(rusqlite::Error),
+}
+
+impl From<WrongValue> for Fault {
+    fn from(fault: WrongValue) -> Self {
+        Fault::Value(fault)
+    }
+}
+
+impl From<rusqlite::Error> for Fault {
+    fn from(error: rusqlite::Error) -> Self {
+        Fault::Sqlite(error)
+    }
+}
+
+fn integer(row: &Row<'_>, index: usize, column: &'static str) -> Result<i64, Fault> {
+    match row.get_ref(index)? {
+        ValueRef::Integer(value) => Ok(value),
+        other => Err(WrongValue::of(column, &other, "INTEGER").into()),
+    }
+}
+
+fn text(row: &Row<'_>, index: usize, column: &'static str) -> Result<String, Fault> {
     match row.get_ref(index)? {
         ValueRef::Text(text) => Ok(String::from_utf8_lossy(text).into_owned()),
-        other => Err(wrong_type(column, &other, "TEXT")),
+        other => Err(WrongValue::of(column, &other, "TEXT").into()),
     }
 }

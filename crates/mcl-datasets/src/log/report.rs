@@ -1,5 +1,6 @@
 //! What a reader did not use of a log, and where it stands.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use mcl_core::text::counted;
@@ -15,6 +16,8 @@ pub struct ReadReport {
     /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …; bags: messages of
     /// other types); nothing is lost.
     pub ignored: usize,
+    /// These by their kind, of a bag by topic.
+    pub ignored_kinds: BTreeMap<String, usize>,
     /// Malformed records of kinds that are read; what they said is lost.
     pub skipped: usize,
     /// The first 20 skipped records.
@@ -74,6 +77,8 @@ impl fmt::Display for ReadReport {
 pub enum Place {
     /// Line of a text, from 1.
     Line(usize),
+    /// Row of a table.
+    At(Position),
     /// Message of a bag.
     Message {
         /// Its topic.
@@ -89,6 +94,7 @@ impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Place::Line(line) => write!(f, "line {line}"),
+            Place::At(position) => position.fmt(f),
             Place::Message { topic, log_time, position } => {
                 let (seconds, rest) = (log_time / 1_000_000_000, log_time % 1_000_000_000);
                 write!(f, "{topic} at {seconds}.{rest:09} s ({position})")

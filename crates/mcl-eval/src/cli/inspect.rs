@@ -3,6 +3,7 @@
 mod motion;
 mod survey;
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::{Result, bail};
@@ -31,6 +32,8 @@ struct Inspection {
     path_length_m: f64,
     beams_used_per_scan: f64,
     ignored_records: usize,
+    /// These by kind, of a bag by topic.
+    ignored: BTreeMap<String, usize>,
     skipped_records: usize,
     backward_stamps: usize,
     /// Whether any scan has a reference pose, and how many have.
@@ -170,6 +173,8 @@ struct CloudInspection {
     /// The smallest coordinates, then the largest.
     bounds: Vec<f64>,
     ignored_records: usize,
+    /// These by topic.
+    ignored: BTreeMap<String, usize>,
     skipped_records: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
@@ -189,6 +194,7 @@ fn inspect_cloud(cloud: CloudSource, args: &InspectArgs) -> Result<Outcome> {
             Points::Spatial(points) => bounds_of(points),
         },
         ignored_records: cloud.report.ignored,
+        ignored: cloud.report.ignored_kinds.clone(),
         skipped_records: cloud.report.skipped,
         bag: cloud.notes.clone(),
     };
@@ -259,6 +265,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
         path_length_m,
         beams_used_per_scan: points as f64 / scans as f64,
         ignored_records: source.report.ignored,
+        ignored: source.report.ignored_kinds.clone(),
         skipped_records: source.report.skipped,
         backward_stamps,
         has_reference: reference_scans > 0,

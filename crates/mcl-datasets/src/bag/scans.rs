@@ -1,0 +1,133 @@
+//! What of the scans of a bag contradicts itself, is there twice, or goes over the same time again.
+
+use std::collections::{HashMap, HashSet};
+
+use mcl_core::text::counted;
+
+use super::beams;
+use super::decoder::{Logged, ToldTransform, time};
+use super::messages::{PoseMessage, ScanMessage};
+use super::moment::{Moment, Stretches, Told};
+use super::pairing::shared_stamps;
+
+/// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
+/// beam twice or not.
+const STEPS_OFF: f64 = 1.5;
+
+/// Leaves out the scans that say again what another of the same stamp says, and returns their number.
+pub(super) fn drop_repeated(scans: &mut Vec<Logged<ScanMessage>>) -> usize {
+    let before = scans.len();
+    let mut counts: HashMap<i64, usize> = HashMap::new();
+    scans.iter().for_each(|scan| *counts.entry(scan.value.header.stamp).or_default() += 1);
+    let mut known: HashSet<(i64, [u8; 32])> = HashSet::new();
+    scans.retain(|scan| {
+        let stamp = scan.value.header.stamp;
+        stamp <= 0 || counts[&stamp] == 1 || known.insert((stamp, scan.value.digest()))
+    });
+    before - scans.len()
+}
+
+/// Where the time of a bag jumps back.
+pub(super) fn stretches(
+    scans: &[Logged<ScanMessage>],
+    scan_topic: &str,
+    poses: [(Option<&str>, &[Logged<PoseMessage>]); 2],
+    transforms: &[ToldTransform<'_>],
+) -> Stretches {
+    let of_scans = scans.iter().map(|scan| Told {
+        place: scan.place,
+        of: scan_topic,
+        at: time(scan.value.header.stamp, scan.log_time),
+        is_even: true,
+    });
+    // The poses of a path are all of one place, and repeat earlier ones.
+    let is_path =
+        |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
+    let of_poses =
+        poses.into_iter().filter(|(_, poses)| !is_path(poses)).flat_map(|(topic, poses)| {
+            poses.iter().map(move |pose| Told {
+                place: pose.place,
+                of: topic.unwrap_or_default(),
+                at: time(pose.value.header.stamp, pose.log_time),
+                is_even: true,
+            })
+        });
+    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| Told {
+        place: told.transform.place,
+        of: told.transform.value.child.as_str(),
+        at: time(told.transform.value.header.stamp, told.transform.log_time),
+        is_even: false,
+    });
+    Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
+}
+
+/// When a scan was.
+pub(super) fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
+    time(scan.value.header.stamp, scan.log_time)
+}
+
+/// What is to be said of scans, a line each.
+#[derive(Default)]
+pub(super) struct Said {
+    pub doubts: Vec<String>,
+    pub assumptions: Vec<String>,
+    pub notes: Vec<String>,
+}
+
+/// What of the scans of a topic, which were at these times, contradicts itself or is left out; `is_ours` says that
+/// their stamps are those of the log that was written as a bag.
+pub(super) fn contradictions(
+    topic: &str,
+    scans: &[Logged<ScanMessage>],
+    moments: &[Moment],
+    is_ours: bool,
+) -> Said {
+    let mut said = Said::default();
+    let off: Vec<(usize, f64)> = scans
+        .iter()
+        .map(|scan| scan.value.steps_off())
+        .enumerate()
+        .filter(|&(_, steps)| steps > STEPS_OFF)
+        .collect();
+    if let Some(&(index, _)) = off.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
+        let scan = &scans[index].value;
+        let geometry = &scan.geometry;
+        said.doubts.push(format!(
+            "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings by angle_increment {:.6} from angle_min {:.4} on end at {:.4} rad, angle_max is {:.4} (scan {index}); angle_increment is taken",
+            off.len(),
+            scans.len(),
+            geometry.beams,
+            geometry.angle_step,
+            geometry.start_angle,
+            geometry.angle(geometry.beams - 1),
+            scan.last_angle,
+        ));
+    }
+    let off: Vec<usize> =
+        (0..scans.len()).filter(|&scan| beams::contradicts_scan_time(&scans[scan].value)).collect();
+    if let Some(&first) = off.first() {
+        let scan = &scans[first].value;
+        said.doubts.push(format!(
+            "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
+            off.len(),
+            counted(scans.len(), "scan"),
+            scan.time_increment,
+            scan.ranges.len(),
+            beams::takes(scan),
+            scan.scan_time
+        ));
+    }
+    // The stamps of a recording that was written as a bag are those of its log.
+    if let Some((told, are_many)) = shared_stamps(moments.iter().copied()) {
+        let list = if is_ours && !are_many { &mut said.assumptions } else { &mut said.doubts };
+        list.push(format!("{topic}: {told}"));
+    }
+    let at_max: usize = scans.iter().map(|scan| scan.value.at_max).sum();
+    if at_max > 0 {
+        let readings: usize = scans.iter().map(|scan| scan.value.ranges.len()).sum();
+        said.notes.push(format!(
+            "{topic}: {at_max} of {readings} readings equal range_max: nothing came back there"
+        ));
+    }
+    said
+}
