@@ -106,8 +106,7 @@ pub fn run_study(
     let in_folder = || folder.display().to_string();
     let plan = study.plan(&dataset)?;
     let (mine, asked) = match share {
-        Share::Whole { .. } => (None, plan.trials.len()),
-        Share::Merge => (Some(HashSet::new()), plan.trials.len()),
+        Share::Whole { .. } | Share::Merge => (None, plan.trials.len()),
         Share::Part(part) => {
             let (dealt, mut rows) =
                 deal_out(study, &plan.trials, folder, &identity.data, part.of())?;
@@ -116,8 +115,7 @@ pub fn run_study(
         }
     };
     let is_mine = |row: &String| mine.as_ref().is_none_or(|mine| mine.contains(row));
-    let wanted = mine.as_ref().filter(|_| share != Share::Merge);
-    let parts = Parts::read_wanted(folder, &identity, wanted).with_context(in_folder)?;
+    let parts = Parts::read_wanted(folder, &identity, mine.as_ref()).with_context(in_folder)?;
     // What pictures show may be there without a row, of other data or of another build.
     let before = Manifest::read(folder).ok().flatten();
     if before.is_none_or(|found| identity.check_same(&found.identity).is_err()) {
@@ -135,18 +133,17 @@ pub fn run_study(
         }
     }
 
-    let pictured = Shown::all(study, folder, &dataset)?;
-    let mut tasks = pending(study, &plan.trials, &parts)?;
+    let mut tasks = pending(study, &plan.trials, &parts, is_mine)?;
     let costs = Costs::measured(&identity.data, &plan.trials, &parts);
-    let is_of_part = |task: &Task| task.identities.iter().any(is_mine);
-    let missing = match share {
-        Share::Part(_) => tasks.iter().filter(|task| is_of_part(task)).count(),
-        Share::Whole { .. } | Share::Merge => tasks.len(),
-    };
-    see(Event::Started { done: asked - missing, asked, damage: &parts.damage });
-    let mut shown = add_pictured(&mut tasks, pictured, &parts);
-    tasks.retain(is_of_part);
-    shown.retain(|identity, _| is_mine(identity));
+    see(Event::Started { done: asked - tasks.len(), asked, damage: &parts.damage });
+    let mut shown = HashMap::new();
+    if share == Share::Merge {
+        tasks.clear();
+    } else {
+        shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
+        tasks.retain(|task| task.identities.iter().any(is_mine));
+        shown.retain(|identity, _| is_mine(identity));
+    }
     // Read again once there are more.
     let parts = tasks.is_empty().then_some(parts);
     let mut part = OwnPart::new(folder, &identity);
@@ -258,15 +255,21 @@ fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> 
     Ok(())
 }
 
-/// The trials of which rows are missing, each with those of its runs whose rows are.
-fn pending(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Task>> {
+/// The trials of which wanted rows are missing, each with those of its runs whose rows are.
+fn pending(
+    study: &Study,
+    trials: &[Trial],
+    parts: &Parts,
+    is_wanted: impl Fn(&String) -> bool,
+) -> Result<Vec<Task>> {
+    let is_missing = |row: &String| is_wanted(row) && !parts.has(row);
     let mut tasks = Vec::new();
     for trial in trials {
         let mut identities = trial.identities(&study.measures)?;
         let runs = trial.runs.iter().zip(&identities);
-        let runs = runs.filter(|(_, identity)| !parts.has(identity));
+        let runs = runs.filter(|(_, identity)| is_missing(identity));
         let runs = runs.map(|(run, _)| run.clone()).collect();
-        identities.retain(|identity| !parts.has(identity));
+        identities.retain(is_missing);
         if !identities.is_empty() {
             tasks.push(Task { trial: Trial { map: trial.map.clone(), runs }, identities });
         }
