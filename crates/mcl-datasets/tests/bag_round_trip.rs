@@ -16,7 +16,7 @@ fn written(recording: &Recording) -> Vec<u8> {
 }
 
 /// Stamps are what they were.
-fn of_stamps(doubt: &String) -> bool {
+fn of_stamps(doubt: &str) -> bool {
     doubt.contains("share their stamp")
 }
 
@@ -24,7 +24,7 @@ fn round_trip(recording: &Recording) -> Recording {
     let bytes = written(recording);
     assert_eq!(bytes, written(recording), "the same bytes each time");
     let log = bag::read(&*bytes, &ReadOptions::default()).unwrap();
-    assert!(log.report.doubts.iter().all(of_stamps), "{}", log.report);
+    assert!(log.report.doubts.iter().all(|doubt| of_stamps(doubt)), "{}", log.report);
     assert_eq!((log.report.skipped, &log.report.truncated), (0, &None), "{}", log.report);
     log.recording
 }
@@ -78,7 +78,11 @@ fn assert_all_formats(recording: &Recording) {
         let bytes = write();
         assert_eq!(bytes, write(), "{format:?}: the same bytes each time");
         let log = bag::read(&*bytes, &ReadOptions::default()).unwrap();
-        assert!(log.report.doubts.iter().all(of_stamps), "{format:?}: {}", log.report);
+        assert!(
+            log.report.doubts.iter().all(|doubt| of_stamps(doubt)),
+            "{format:?}: {}",
+            log.report
+        );
         assert_eq!(log.report.ignored, 0, "{format:?}");
         assert_same(&log.recording, &expected, 0.0);
     }
