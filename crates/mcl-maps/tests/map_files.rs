@@ -1,4 +1,4 @@
-//! Map files as other programs see them: exact round trips, foreign files, damaged files.
+//! Map files: exact round trips, files of other programs, damaged files.
 
 use std::path::{Path, PathBuf};
 
@@ -290,8 +290,8 @@ fn no_points_is_an_error() {
     }
 }
 
-/// A header that announces fewer, more, or absurdly many points must neither lose points silently
-/// nor make the reader allocate by the announced number.
+/// A header with too few, too many, or absurdly many points must neither lose points silently
+/// nor make the reader allocate memory for that number.
 #[test]
 fn a_lying_point_count_is_an_error() {
     let points: Vec<_> = (0..40).map(|i| [f64::from(i), 0.5]).collect();
@@ -312,7 +312,7 @@ fn a_lying_point_count_is_an_error() {
             };
             assert_eq!(announced.to_string(), lie);
         }
-        // Cut by its final line break alone, a text file would still be whole.
+        // A text file that lacks only its final line break would still be complete.
         for cut in [4, 24, 300] {
             let found = problem::<2>(name, &honest[..honest.len() - cut]);
             let noticed = matches!(

@@ -6,7 +6,7 @@
 use super::columns::{Axes, Parsed, parse_number};
 use super::{MapProblem, Place};
 
-/// What one column takes on a row of text.
+/// The values that one column takes in a row of text.
 pub(super) enum TextColumn {
     /// This many values.
     Values(u64),
@@ -14,7 +14,7 @@ pub(super) enum TextColumn {
     List,
 }
 
-/// Lines of text after a header; blank lines and `#` comments are passed over.
+/// Lines of text after a header, without blank lines and `#` comments.
 pub(super) struct TextRows<'a> {
     lines: std::str::Lines<'a>,
     line: u64,
@@ -43,7 +43,7 @@ impl<'a> TextRows<'a> {
         None
     }
 
-    /// Reads `count` points, each a row of the given columns.
+    /// Reads `count` points, one per row of the given columns.
     pub(super) fn points<const D: usize>(
         &mut self,
         count: u64,
