@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use mcl_core::{CoreError, Point, PointMap};
-use mcl_maps::files::{Encoding, MapFileError, MapProblem, Place, read_map, write_map};
+use mcl_maps::files::{Encoding, FilePosition, MapFileError, MapProblem, read_map, write_map};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -228,7 +228,7 @@ fn bad_values_are_named_with_line_and_column() {
     };
     let (number, finite) = ("a number of metres", "a finite number of metres");
     let flat = "0, because a planar map is wanted";
-    let line = Place::Line;
+    let line = FilePosition::Line;
     let text = "# a\n\nx,y\n1,2\n# b\n\n1,two\n";
     for text in [text.to_owned(), text.replace('\n', "\r\n")] {
         assert_eq!(problem::<2>("m.csv", text), value(line(7), "y", "\"two\"", number));
@@ -249,10 +249,10 @@ fn bad_values_are_named_with_line_and_column() {
     let spatial = [[0.0, 0.0, 0.0], [1.0, 2.0, 0.5]];
     for name in ["m.ply", "m.pcd"] {
         let mut bytes = written(name, &spatial, Encoding::Binary);
-        assert_eq!(problem::<2>(name, &bytes), value(Place::Point(1), "z", "0.5", flat));
+        assert_eq!(problem::<2>(name, &bytes), value(FilePosition::Point(1), "z", "0.5", flat));
         let at = bytes.len() - 24;
         bytes[at..at + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
-        assert_eq!(problem::<3>(name, &bytes), value(Place::Point(1), "x", "inf", finite));
+        assert_eq!(problem::<3>(name, &bytes), value(FilePosition::Point(1), "x", "inf", finite));
     }
     let far = problem::<2>("m.csv", "x,y\n1,2\n1e300,0\n");
     assert!(matches!(far, MapProblem::Points(CoreError::TooLarge { index: 1, .. })), "{far}");
@@ -260,8 +260,11 @@ fn bad_values_are_named_with_line_and_column() {
 
 #[test]
 fn rows_of_a_wrong_length_are_named() {
-    let length =
-        |line, found, expected| MapProblem::RowLength { place: Place::Line(line), found, expected };
+    let length = |line, found, expected| MapProblem::RowLength {
+        place: FilePosition::Line(line),
+        found,
+        expected,
+    };
     assert_eq!(problem::<2>("m.csv", "x,y\n1,2\n3\n"), length(3, 1, 2));
     let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int a\n\
         property double x\nproperty double y\nend_header\n";

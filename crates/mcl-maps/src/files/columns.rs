@@ -2,7 +2,7 @@
 
 use mcl_core::Point;
 
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -79,7 +79,7 @@ impl<const D: usize> Axes<D> {
     /// and name.
     pub(super) fn point(
         &self,
-        place: Place,
+        place: FilePosition,
         value: impl Fn(usize, &'static str) -> Result<f64, MapProblem>,
     ) -> Result<Option<Point<D>>, MapProblem> {
         if self.not_finite == NotFinite::LeftOut {
@@ -123,7 +123,7 @@ impl<const D: usize> Axes<D> {
 /// Parses a coordinate.
 pub(super) fn parse_number(
     text: &str,
-    place: Place,
+    place: FilePosition,
     column: &'static str,
 ) -> Result<f64, MapProblem> {
     text.trim().parse().map_err(|_| {

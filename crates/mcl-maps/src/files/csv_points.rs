@@ -6,7 +6,7 @@ use csv::{ErrorKind, Position, ReaderBuilder, StringRecord, Trim, Writer};
 use mcl_core::Point;
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, parse_number};
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
 pub(super) fn write<const D: usize>(points: &[Point<D>], sink: impl Write) -> io::Result<()> {
     let mut writer = Writer::from_writer(sink);
@@ -39,7 +39,7 @@ pub(super) fn parse<const D: usize>(
     let mut points = Parsed::new();
     let mut record = StringRecord::new();
     while reader.read_record(&mut record).map_err(|error| problem(bytes, &error))? {
-        let place = Place::Line(line_of(bytes, record.position()));
+        let place = FilePosition::Line(line_of(bytes, record.position()));
         points.push(axes.point(place, |index, column| {
             // The reader has checked that rows have the length of the header.
             parse_number(record.get(index).unwrap_or_default(), place, column)
@@ -66,9 +66,11 @@ fn line_of(bytes: &[u8], position: Option<&Position>) -> u64 {
 fn problem(bytes: &[u8], error: &csv::Error) -> MapProblem {
     let line = line_of(bytes, error.position());
     match error.kind() {
-        ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            MapProblem::RowLength { place: Place::Line(line), found: *len, expected: *expected_len }
-        }
+        ErrorKind::UnequalLengths { expected_len, len, .. } => MapProblem::RowLength {
+            place: FilePosition::Line(line),
+            found: *len,
+            expected: *expected_len,
+        },
         ErrorKind::Utf8 { .. } => MapProblem::syntax(format!("line {line}: not UTF-8 text")),
         _ => MapProblem::syntax(error.to_string()),
     }

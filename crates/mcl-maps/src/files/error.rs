@@ -69,18 +69,18 @@ pub enum MapFileError {
 
 /// A position in a map file, for error messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum FilePosition {
     /// A line of a text file, from 1.
     Line(u64),
     /// A point of a binary file, from 0.
     Point(u64),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Line(line) => write!(f, "line {line}"),
-            Place::Point(index) => write!(f, "point {index}"),
+            FilePosition::Line(line) => write!(f, "line {line}"),
+            FilePosition::Point(index) => write!(f, "point {index}"),
         }
     }
 }
@@ -134,7 +134,7 @@ pub enum MapProblem {
     #[error("{place}: found {found} values, expected {expected}")]
     RowLength {
         /// The row.
-        place: Place,
+        place: FilePosition,
         /// Number of values found.
         found: u64,
         /// Number of values the header announces.
@@ -144,7 +144,7 @@ pub enum MapProblem {
     #[error("{place}, column \"{column}\": found {found}, expected {expected}")]
     Value {
         /// The row.
-        place: Place,
+        place: FilePosition,
         /// The column.
         column: &'static str,
         /// The value as written in the file.

@@ -57,7 +57,7 @@ use crate::occupancy::{Cell, DEFAULT_RESOLUTION, rasterize};
 use columns::{NotFinite, Parsed};
 
 pub use cloud::{PointCloud, is_point_cloud, read_cloud};
-pub use error::{MapFileError, MapProblem, Place};
+pub use error::{FilePosition, MapFileError, MapProblem};
 pub use map_server::{encode_grid, image_in_place, parse_grid, read_grid, write_grid};
 
 /// Encoding of numbers in PLY and PCD files. CSV is always text.

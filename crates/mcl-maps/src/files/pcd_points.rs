@@ -8,7 +8,7 @@ use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, Schema, ValueKind, 
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
-use super::{Encoding, MapProblem, Place};
+use super::{Encoding, FilePosition, MapProblem};
 
 /// Bytes of a line of text, unless numbers are unusually small in magnitude.
 const USUAL_LINE: usize = 3 * 20;
@@ -98,7 +98,7 @@ pub(super) fn parse<const D: usize>(
         .map_err(|error| MapProblem::syntax(format!("bad PCD data: {error}")))?;
     let mut points = Parsed::new();
     for (index, record) in (0..).zip(records) {
-        let place = Place::Point(index);
+        let place = FilePosition::Point(index);
         let record = record.map_err(|error| MapProblem::syntax(format!("{place}: {error}")))?;
         points.push(axes.point(place, |column, _| Ok(first_value(&record.0[column])))?);
     }

@@ -12,7 +12,7 @@ use ply_rs_bw::writer::Writer;
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
-use super::{Encoding, MapProblem, Place};
+use super::{Encoding, FilePosition, MapProblem};
 
 const VERTEX: &str = "vertex";
 
@@ -124,7 +124,7 @@ pub(super) fn parse<const D: usize>(
     }
     let mut points = Parsed::new();
     read_binary(&mut rest, vertex, &header, |index, row| {
-        points.push(axes.point(Place::Point(index), |column, _| Ok(row.0[column]))?);
+        points.push(axes.point(FilePosition::Point(index), |column, _| Ok(row.0[column]))?);
         Ok(())
     })?;
     if is_last && rest.len() >= least_size(vertex) {

@@ -4,7 +4,7 @@
 //! `nan`, and `pcd-rs` does not say which line or column an error comes from.
 
 use super::columns::{Axes, Parsed, parse_number};
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
 /// The values that one column takes in a row of text.
 pub(super) enum TextColumn {
@@ -32,12 +32,12 @@ impl<'a> TextRows<'a> {
         Ok(TextRows { lines: text.lines(), line })
     }
 
-    pub(super) fn next_row(&mut self) -> Option<(Place, &'a str)> {
+    pub(super) fn next_row(&mut self) -> Option<(FilePosition, &'a str)> {
         for row in self.lines.by_ref() {
             self.line += 1;
             let row = row.trim();
             if !row.is_empty() && !row.starts_with('#') {
-                return Some((Place::Line(self.line), row));
+                return Some((FilePosition::Line(self.line), row));
             }
         }
         None
@@ -68,7 +68,7 @@ impl<'a> TextRows<'a> {
 /// Puts the first value of every column into `firsts`, and checks the length of the row.
 fn split_row<'a>(
     row: &'a str,
-    place: Place,
+    place: FilePosition,
     columns: &[TextColumn],
     firsts: &mut Vec<&'a str>,
 ) -> Result<(), MapProblem> {
