@@ -227,7 +227,7 @@ fn bad_values_are_named_with_line_and_column() {
         expected,
     };
     let (number, finite) = ("a number of metres", "a finite number of metres");
-    let flat = "0, because a planar map is wanted";
+    let flat = "0, because the map is planar";
     let line = FilePosition::Line;
     let text = "# a\n\nx,y\n1,2\n# b\n\n1,two\n";
     for text in [text.to_owned(), text.replace('\n', "\r\n")] {

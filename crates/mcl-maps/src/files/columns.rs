@@ -112,7 +112,7 @@ impl<const D: usize> Axes<D> {
                     place,
                     column: "z",
                     found: height.to_string(),
-                    expected: "0, because a planar map is wanted",
+                    expected: "0, because the map is planar",
                 });
             }
         }

@@ -11,7 +11,7 @@ use crate::occupancy::GridError;
 pub enum MapFileError {
     /// The extension is not that of a map format.
     #[error(
-        "{}: {} is no map format, expected one of .csv, .ply, .pcd, .yaml", path.display(),
+        "{}: {} is not a map format, expected one of .csv, .ply, .pcd, .yaml", path.display(),
         if ending.is_empty() { "a file without ending".into() } else { format!("\".{ending}\"") }
     )]
     UnknownEnding {
@@ -22,7 +22,7 @@ pub enum MapFileError {
     },
     /// The path names the image of a grid map, not its description.
     #[error(
-        "{}: an image alone has neither scale nor place; name the .yaml file that describes it",
+        "{}: an image alone has no scale or position; give the .yaml file that describes it",
         path.display()
     )]
     BareImage {

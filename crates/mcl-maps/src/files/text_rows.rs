@@ -83,7 +83,7 @@ fn split_row<'a>(
             TextColumn::List => {
                 let count = first.unwrap_or_default();
                 count.parse::<u64>().ok().and_then(|count| count.checked_add(1)).ok_or_else(
-                    || MapProblem::syntax(format!("{place}: {count:?} is no length of a list")),
+                    || MapProblem::syntax(format!("{place}: {count:?} is not a list length")),
                 )?
             }
         };

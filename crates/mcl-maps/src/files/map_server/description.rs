@@ -76,7 +76,7 @@ impl Description {
         let fields: BTreeMap<String, Value> = serde_saphyr::from_str(text).map_err(|error| {
             let message = error.to_string();
             let reason = message.lines().next().unwrap_or_default();
-            MapProblem::syntax(format!("no YAML of \"field: value\" lines: {reason}"))
+            MapProblem::syntax(format!("not YAML with lines of \"field: value\": {reason}"))
         })?;
         let fields = RawFields(fields);
         let (image, elsewhere) = fields.image()?;
