@@ -99,7 +99,7 @@ fn a_grid_map_is_two_files_also_as_an_input() {
     assert_eq!(path, at("image.pgm"));
     assert!(source.to_string().contains("it is an input"), "{source}");
     assert!(check("renamed.yaml", "renamed.yaml").is_err());
-    assert!(check("map.ply", "map.ply").is_ok(), "what is not there is read by nobody");
+    assert!(check("map.ply", "map.ply").is_ok(), "a missing file is not read");
     let error = check("absent/map.csv", "renamed.yaml").unwrap_err().to_string();
     assert!(error.contains("there is no folder"), "{error}");
     for name in ["map.pgm", "map", "map.txt"] {

@@ -230,7 +230,7 @@ fn what_is_wrong_is_said_with_its_place() {
         (
             "1,2,3,0\n2,2,3,0\n",
             "run.txt, line 1: found \"1,2,3,0\", expected a line before it with the names of the columns \
-             (t,x,y,theta), or a file in the TUM format: t x y z qx qy qz qw, parted by blanks",
+             (t,x,y,theta), or a file in the TUM format: t x y z qx qy qz qw, separated by blanks",
         ),
         (
             "sec,nsec,x,y\n1,1000000000,0,0\n",
@@ -241,9 +241,9 @@ fn what_is_wrong_is_said_with_its_place() {
         // The writer was killed.
         (
             "0 0 0 0 0 0 0 1\n1 0 0",
-            "run.txt, line 2: 3 fields, expected 8 parted by blanks: t x y z qx qy qz qw",
+            "run.txt, line 2: 3 fields, expected 8 separated by blanks: t x y z qx qy qz qw",
         ),
-        ("pippo\n", "run.txt, line 1: 1 fields, expected 8 parted by blanks: t x y z qx qy qz qw"),
+        ("pippo\n", "run.txt, line 1: 1 fields, expected 8 separated by blanks: t x y z qx qy qz qw"),
     ] {
         assert_eq!(message(text), expected);
     }

@@ -32,7 +32,7 @@ fn errors_name_file_line_and_field() {
     let good = "0 0 0 0 0 0 0 1\n";
     assert_eq!(
         message(&format!("{good}1 2 3\n")),
-        "run.tum, line 2: 3 fields, expected 8 parted by blanks: t x y z qx qy qz qw"
+        "run.tum, line 2: 3 fields, expected 8 separated by blanks: t x y z qx qy qz qw"
     );
     assert_eq!(
         message(&format!("#\n{good}1 0 0.x 0 0 0 0 1\n")),
