@@ -11,7 +11,7 @@ use rand_distr::Distribution;
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
-use crate::proposal::{FOLDS, Noise, NoiseProposal, Pilots, Weighing};
+use crate::proposal::{FOLDS, FitBuffers, Noise, NoiseProposal, Pilots};
 use crate::recovery::Averages;
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
 use crate::start::LikelyPoses;
@@ -158,7 +158,7 @@ struct Buffers {
     /// For an adaptive proposal: the poses before the last motion, and its noise.
     before: [Vec<f64>; 3],
     noise: Vec<Noise>,
-    weighing: Weighing,
+    weighing: FitBuffers,
 }
 
 impl Buffers {
@@ -178,7 +178,7 @@ impl Buffers {
         if settings.proposal == Proposal::Adaptive {
             buffers.before = [room()?, room()?, room()?];
             buffers.noise = with_room(number, PARTICLES)?;
-            buffers.weighing = Weighing::with_room(number)?;
+            buffers.weighing = FitBuffers::with_room(number)?;
         }
         Ok(buffers)
     }

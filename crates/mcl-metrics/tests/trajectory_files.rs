@@ -243,7 +243,10 @@ fn what_is_wrong_is_said_with_its_place() {
             "0 0 0 0 0 0 0 1\n1 0 0",
             "run.txt, line 2: 3 fields, expected 8 separated by blanks: t x y z qx qy qz qw",
         ),
-        ("pippo\n", "run.txt, line 1: 1 fields, expected 8 separated by blanks: t x y z qx qy qz qw"),
+        (
+            "pippo\n",
+            "run.txt, line 1: 1 fields, expected 8 separated by blanks: t x y z qx qy qz qw",
+        ),
     ] {
         assert_eq!(message(text), expected);
     }

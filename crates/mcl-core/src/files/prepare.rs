@@ -30,7 +30,7 @@ pub struct Unwritable {
 pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Unwritable> {
     let inputs: HashMap<Identity, PathBuf> =
         inputs.iter().flat_map(|path| files_of(path)).collect();
-    let mut places = Places::default();
+    let mut places = CheckedOutputs::default();
     for output in outputs {
         let unwritable = |source| Unwritable { path: output.to_path_buf(), source };
         check(output, &inputs, &mut places).map_err(unwritable)?;
