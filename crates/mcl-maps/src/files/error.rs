@@ -22,7 +22,7 @@ pub enum MapFileError {
     },
     /// The path names the image of a grid map, not its description.
     #[error(
-        "{}: an image alone has no scale or position; give the .yaml file that describes it",
+        "{}: an image alone has no scale or position; name the .yaml file that describes it",
         path.display()
     )]
     BareImage {
