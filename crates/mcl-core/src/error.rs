@@ -1,6 +1,6 @@
 use crate::OutOfMemory;
 
-/// What can be wrong with the plain data of this crate.
+/// An error in the data types of this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CoreError {
     /// A set of points was empty where at least one is needed.
@@ -16,7 +16,7 @@ pub enum CoreError {
         /// The coordinate found.
         value: f64,
     },
-    /// Coordinates so large that squared distances overflow or lose all meaning.
+    /// A coordinate is so large that squared distances overflow or lose all precision.
     #[error("point {index}: coordinate {axis} is {value:e} m, expected at most {limit:e} m from 0")]
     TooLarge {
         /// Index of the point, from 0.
@@ -34,7 +34,7 @@ pub enum CoreError {
         /// Index of the scan in log order, from 0.
         scan: usize,
     },
-    /// The parts of a trajectory differ in length.
+    /// A trajectory has different numbers of stamps and poses.
     #[error("a trajectory of {stamps} stamps has {poses} poses, expected as many")]
     LengthMismatch {
         /// Number of stamps.
@@ -47,19 +47,19 @@ pub enum CoreError {
     Index {
         /// Number of points.
         points: usize,
-        /// The library's reason.
+        /// The reason the library gives.
         reason: String,
     },
-    /// A range limit that is not a positive number.
+    /// The maximum range is not a positive number.
     #[error("max range is {0} m, expected a positive number of metres")]
     MaxRange(f64),
     /// There was not enough memory.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
-    /// An edge of a map's cells that is no length.
+    /// The edge length of a map's cells is not a positive number.
     #[error("the edge of a cell is {0} m, expected a positive number of metres")]
     CellSize(f64),
-    /// A covariance that no distribution has.
+    /// A covariance is not positive definite.
     #[error(
         "cell {index}: the covariance (xx, xy, yy) is {covariance:?} m², expected it positive definite"
     )]

@@ -1,9 +1,8 @@
-//! Plain nouns that every crate of the suite shares: poses, points, laser scans, recordings,
-//! trajectories, point maps, seeds, and the one wrapper around the nearest-neighbour library.
+//! Data types that every crate of the suite shares: poses, points, laser scans, recordings, trajectories, point
+//! maps, seeds, and nearest-neighbour search.
 //!
-//! Frames are named in the order of *Probabilistic Robotics*' homogeneous transforms:
-//! `map_from_laser` maps coordinates of the laser's frame into the map's frame. Lengths are metres,
-//! angles radians, counter-clockwise positive; stamps are integer nanoseconds.
+//! Transforms are named by target and source frame: `map_from_laser` maps coordinates in the laser frame to the map
+//! frame. Lengths are in metres, angles in radians (counter-clockwise positive), stamps in integer nanoseconds.
 //!
 //! # Example
 //! ```

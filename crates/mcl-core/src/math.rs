@@ -1,10 +1,10 @@
-//! The functions that results are computed with: the same bits on every processor.
+//! Mathematical functions that give the same bits on every processor.
 //!
-//! What IEEE 754 leaves open (sines, logarithms, powers) the standard library takes from the C library of the
-//! system, and that one chooses by processor: with and without fused multiplication the last digit differs,
-//! a filter then draws other particles, and after some scans the figures are others. These are pure arithmetic,
-//! by the crate `libm`. Square roots, rounding, remainders and `mul_add` are exact everywhere and stay
-//! methods of `f64`.
+//! IEEE 754 does not fix the last digit of sines, logarithms and powers. The standard library calls the system's C
+//! library for them, which chooses an implementation by processor, with or without fused multiply-add. One different
+//! last digit makes a filter draw different particles and, after some scans, report different errors. The functions
+//! here are pure arithmetic from the crate `libm`. Square roots, rounding, remainders and `mul_add` are exact
+//! everywhere, so the methods of `f64` are used for them.
 
 /// sin x.
 pub fn sin(x: f64) -> f64 {
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Pinned, so that a processor (or a release of libm) that computes others is noticed.
+    /// Pinned values, so that a processor or a release of libm with different results is noticed.
     #[test]
     fn bits_are_those_of_every_processor() {
         type Function = fn(f64) -> f64;
@@ -169,7 +169,7 @@ mod tests {
     }
 
     proptest! {
-        /// Of one machine, so with a tolerance.
+        /// The standard library's results depend on the machine, hence the tolerance.
         #[test]
         fn functions_are_those_of_the_standard_library(x in 1e-3..30.0f64, y in -3.0..3.0f64, n in 0..40u32) {
             let close = |found: f64, expected: f64| (found - expected).abs() <= 1e-15 * expected.abs();

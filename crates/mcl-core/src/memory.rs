@@ -1,29 +1,29 @@
-//! Memory whose amount data or settings decide. Asking for more than there is ends a Rust program at
-//! once, unless it asks as here: then a trial fails, and the rest go on.
+//! Fallible allocation for buffers whose size depends on data or settings. An ordinary failed allocation aborts a
+//! Rust program; with these functions only the trial fails, and the others continue.
 //!
-//! All else a program asks for is small, but refused as well once there is nothing left; so what is
-//! large is refused while there is still something left for the small.
+//! All other allocations are small, but they fail too once no memory is left. Large allocations are therefore refused
+//! while there is still a reserve for the small ones.
 
 use std::hint::black_box;
 
-/// Memory that the system refused.
+/// An allocation that was refused for lack of memory.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "out of memory: {bytes} bytes for {what} were refused; use fewer or smaller of them, or fewer threads"
 )]
 pub struct OutOfMemory {
-    /// What it was for, in the plural.
+    /// What the memory was for, in the plural (`"particles"`).
     pub what: &'static str,
-    /// How much was asked for.
+    /// The number of bytes requested.
     pub bytes: usize,
 }
 
-/// What has at least so many bytes is large ...
+/// An allocation of at least this many bytes is large ...
 const LARGE: usize = 1 << 20;
-/// ... and leaves so many for all that is small.
+/// ... and must leave this many bytes for small ones.
 const LEFT_FOR_SMALL: usize = 16 << 20;
 
-/// Makes room for `more` further items, as [`Vec::try_reserve`].
+/// Reserves room for `more` further items, like [`Vec::try_reserve`].
 ///
 /// # Errors
 /// [`OutOfMemory`].
@@ -39,7 +39,7 @@ pub fn reserve<T>(items: &mut Vec<T>, more: usize, what: &'static str) -> Result
     }
 }
 
-/// An empty list with room for exactly `number` items.
+/// Returns an empty vector with room for exactly `number` items.
 ///
 /// # Errors
 /// [`OutOfMemory`].
@@ -51,17 +51,17 @@ pub fn with_room<T>(number: usize, what: &'static str) -> Result<Vec<T>, OutOfMe
     }
 }
 
-/// Asks for as much memory as `number` items of `bytes` take, and gives it back: for what is about to be
-/// taken by code that cannot be refused. Other threads may be faster, so this is no promise.
+/// Checks that memory for `number` items of `bytes` bytes each is available, by allocating and freeing it. For use
+/// before calling code that aborts when an allocation fails. No guarantee: other threads may take the memory first.
 ///
 /// # Errors
 /// [`OutOfMemory`].
 pub fn check_room(number: usize, bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
-    // An optimizer may leave out memory that nobody looks at.
+    // The optimizer may remove an allocation that is never used.
     with_room::<u8>(number.saturating_mul(bytes), what).map(|room| drop(black_box(room)))
 }
 
-/// Whether something is left for the small after so many bytes were taken.
+/// Whether the reserve for small allocations remains after a large one of `bytes` bytes.
 fn leaves_enough(bytes: usize) -> bool {
     let mut room = Vec::<u8>::new();
     bytes < LARGE || black_box(&mut room).try_reserve_exact(LEFT_FOR_SMALL).is_ok()
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_machine_has_is_refused_and_told() {
+    fn more_memory_than_any_machine_has_is_refused_with_an_error() {
         const TOO_MANY: usize = usize::MAX / 32;
         let refused = with_room::<f64>(TOO_MANY, "particles").unwrap_err();
         assert_eq!(refused, OutOfMemory { what: "particles", bytes: 8 * TOO_MANY });

@@ -5,14 +5,14 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use crate::memory::check_room;
 use crate::{CoreError, OutOfMemory, Point, check_finite};
 
-/// Distances within this of the smallest (m) count as equally near; the earliest point then wins.
+/// Distances within this of the smallest (m) count as ties, and the point with the lowest index wins.
 /// Without it, rounding in the last bit would decide between the two points of a grid cell.
 pub const TIE_DISTANCE: f64 = 1e-9;
 
-/// What the library takes per point in the plane while it builds its tree, as measured.
+/// Memory that the library uses per 2-D point while it builds its tree, as measured.
 const BYTES_PER_POINT: usize = 64;
 
-/// A neighbour found by a query.
+/// The result of a nearest-neighbour query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbor {
     /// Index of the point in the slice the index was built from.
@@ -21,21 +21,20 @@ pub struct Neighbor {
     pub distance_squared: f64,
 }
 
-/// Exact nearest-neighbour search over a fixed set of points; the one place that wraps kiddo.
+/// Exact nearest-neighbour search over a fixed set of points. Wraps the crate kiddo.
 ///
-/// The library accepts NaN silently and answers nonsense on an empty tree, so both are refused here.
-/// Equal and collinear points are fine.
+/// kiddo accepts NaN silently and gives wrong results on an empty tree, so both are refused here.
+/// Equal and collinear points are allowed.
 pub struct NearestNeighbors<const D: usize> {
     tree: ImmutableKdTree<f64, D>,
 }
 
 impl<const D: usize> NearestNeighbors<D> {
-    /// Indexes the points; queries answer with indices into this slice.
+    /// Builds the index; queries return indices into this slice.
     ///
     /// # Errors
-    /// [`CoreError::NoPoints`] when empty, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for
-    /// coordinates that are no place, [`CoreError::Index`] when the library refuses,
-    /// [`CoreError::Memory`].
+    /// [`CoreError::NoPoints`] for an empty slice, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for unusable
+    /// coordinates, [`CoreError::Index`] if the library fails, [`CoreError::Memory`].
     pub fn new(points: &[Point<D>]) -> Result<Self, CoreError> {
         if points.is_empty() {
             return Err(CoreError::NoPoints);
@@ -47,7 +46,7 @@ impl<const D: usize> NearestNeighbors<D> {
         Ok(NearestNeighbors { tree })
     }
 
-    /// Sees whether there is memory for an index of so many points.
+    /// Checks that there is enough memory to index this many points.
     ///
     /// # Errors
     /// [`OutOfMemory`].
@@ -55,23 +54,23 @@ impl<const D: usize> NearestNeighbors<D> {
         check_room(points, BYTES_PER_POINT * D / 2, "points in an index of neighbours")
     }
 
-    /// The nearest point to a finite query; which one of equally near points is unspecified.
+    /// Returns the point nearest to a finite query; ties are broken arbitrarily.
     #[inline]
     pub fn nearest(&self, query: &Point<D>) -> Neighbor {
         let found = self.tree.query(query).nearest_one::<SquaredEuclidean<f64>>().execute();
         Neighbor { index: found.item as usize, distance_squared: found.distance }
     }
 
-    /// Squared distance (m²) from an indexed point to the nearest other one, 0 if another lies at the same place;
-    /// infinite without another.
+    /// Squared distance (m²) from an indexed point to its nearest other point: 0 for duplicates, infinite if there is
+    /// no other point.
     pub fn nearest_other(&self, point: &Point<D>) -> f64 {
         const TWO: NonZero<usize> = NonZero::new(2).unwrap();
         let found = self.tree.query(point).nearest_n::<SquaredEuclidean<f64>>(TWO).execute();
         found.get(1).map_or(f64::INFINITY, |neighbor| neighbor.distance)
     }
 
-    /// The nearest point to a finite query; of all points within [`TIE_DISTANCE`] of the smallest
-    /// distance, the earliest.
+    /// Returns the point nearest to a finite query; of all points within [`TIE_DISTANCE`] of the smallest distance,
+    /// the one with the lowest index.
     pub fn nearest_earliest(&self, query: &Point<D>) -> Neighbor {
         let nearest = self.nearest(query);
         let radius = nearest.distance_squared.sqrt() + TIE_DISTANCE;
@@ -84,8 +83,7 @@ impl<const D: usize> NearestNeighbors<D> {
         earliest
     }
 
-    /// Calls `visit` for every point within `radius` (m, inclusive) of a finite query, in no
-    /// particular order.
+    /// Calls `visit` for every point within `radius` (m, inclusive) of a finite query, in unspecified order.
     pub fn for_each_within(&self, query: &Point<D>, radius: f64, mut visit: impl FnMut(Neighbor)) {
         let found = self
             .tree
@@ -145,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_input_is_refused_with_its_place() {
+    fn bad_input_is_refused_with_its_index() {
         assert!(matches!(NearestNeighbors::<2>::new(&[]), Err(CoreError::NoPoints)));
         let points = [[0.0, 0.0], [1.0, f64::NAN]];
         let Err(error) = NearestNeighbors::new(&points) else { panic!("NaN was accepted") };

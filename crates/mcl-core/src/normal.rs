@@ -6,11 +6,11 @@ use rand_distr::Distribution;
 use crate::math;
 
 /// The standard normal distribution, sampled by the ziggurat method (G. Marsaglia & W. W. Tsang, *The Ziggurat
-/// Method for Generating Random Variables*, 2000): under the density f(x) = exp(−x²/2) lie layers of equal area, and
-/// all but one number in 80 fall where a layer lies wholly under it.
+/// Method for Generating Random Variables*, 2000): layers of equal area cover the density f(x) = exp(−x²/2), and
+/// all but one draw in 80 fall in the part of a layer that lies entirely under it.
 ///
-/// That of `rand_distr` takes the C library's exponentials and logarithms; this one has the same bits on every
-/// processor.
+/// The sampler of `rand_distr` uses the C library's exponentials and logarithms; this one gives the same bits on
+/// every processor.
 ///
 /// # Example
 /// ```
@@ -25,14 +25,14 @@ use crate::math;
 pub struct StandardNormal;
 
 const LAYERS: usize = 256;
-/// Where the lowest layer becomes the tail.
+/// x at which the tail of the lowest layer begins.
 const TAIL: f64 = 3.654_152_885_361_009;
-/// Area of every layer, that of the lowest with its tail.
+/// Area of each layer; that of the lowest includes the tail.
 const AREA: f64 = 0.004_928_673_233_974_658;
 
 struct Layers {
-    /// A layer reaches from 0 to `x[i]`, and lies under f up to `x[i + 1]`. The lowest is as wide as it would
-    /// be without a tail.
+    /// Layer i spans 0 to `x[i]` and lies under f up to `x[i + 1]`. The lowest has the width it would have
+    /// without a tail.
     x: [f64; LAYERS + 1],
     /// f(x): the lower edges of the layers.
     f: [f64; LAYERS + 1],
@@ -57,7 +57,7 @@ impl Distribution<f64> for StandardNormal {
     fn sample<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         let layers = &*LAYERS_UNDER_F;
         loop {
-            // Eight bits choose the layer, 53 others the place in it, from −1 to 1.
+            // Eight bits choose the layer, 53 others the position in it, from −1 to 1.
             let bits: u64 = rng.random();
             let layer = bits as usize % LAYERS;
             let place = (bits as i64 >> 11) as f64 / (1_u64 << 52) as f64;
@@ -76,11 +76,11 @@ impl Distribution<f64> for StandardNormal {
     }
 }
 
-/// A number beyond the layers (G. Marsaglia 1964).
+/// Samples the tail beyond the layers (G. Marsaglia 1964).
 #[cold]
 fn tail<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     loop {
-        // From (0, 1], which has a logarithm.
+        // In (0, 1], so that the logarithm is finite.
         let [a, b] = [0, 1].map(|_| -math::ln(1.0 - rng.random::<f64>()));
         let beyond = a / TAIL;
         if 2.0 * b >= beyond * beyond {
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use crate::Seed;
 
-    /// Pinned, so that no processor and no dependency can silently move results.
+    /// Pinned values, so that no processor or dependency can silently change results.
     #[test]
     fn stream_is_stable() {
         let mut rng = Seed::new(1).rng();
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(sum.to_bits(), 0x40f3_8e52_e9f0_478a);
     }
 
-    /// The highest layer, which nothing but the areas of the others decides, has the same area.
+    /// The highest layer, which follows from the areas of the others, has the same area.
     #[test]
     fn layers_fill_the_area_under_the_density() {
         let Layers { x, f } = &*LAYERS_UNDER_F;
@@ -132,7 +132,7 @@ mod tests {
             drawn.chunks(2).map(|pair| of(pair[0], pair[1])).sum::<f64>() / (N / 2) as f64
         };
         let share = |low: f64, high: f64| mean(&|z| f64::from(low < z && z <= high));
-        // Each with the variance of one term; 4.5 standard errors miss once in 150,000.
+        // Each with the variance of one term; deviations beyond 4.5 standard errors occur once in 150,000 runs.
         for (found, expected, variance) in [
             (mean(&|z| z), 0.0, 1.0),
             (mean(&|z| z * z), 1.0, 2.0),
@@ -140,7 +140,7 @@ mod tests {
             (mean(&|z| z.powi(4)), 3.0, 96.0),
             (pairs(&|a, b| a * b), 0.0, 2.0),
             (pairs(&|a, b| a * a * b * b), 1.0, 16.0),
-            // Φ(0.5) − Φ(0), Φ(2) − Φ(1), and the tails, the last of them behind all layers.
+            // Φ(0.5) − Φ(0), Φ(2) − Φ(1), and the tails, the last one beyond all layers.
             (share(0.0, 0.5), 0.191_462_461, 0.191),
             (share(1.0, 2.0), 0.135_905_122, 0.136),
             (share(-9.0, -3.0), 1.349_898e-3, 1.35e-3),

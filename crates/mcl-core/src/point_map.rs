@@ -1,13 +1,13 @@
 use crate::{Bounds, CoreError, Point};
 
-/// Largest coordinate accepted (m). Far beyond any survey grid on Earth, and small enough that
-/// squared distances neither overflow nor reach the sentinel values of the nearest-neighbour library.
+/// Largest magnitude of a coordinate (m). Far beyond any survey grid on Earth, and small enough that squared
+/// distances neither overflow nor reach the sentinel values of the nearest-neighbour library.
 pub const MAX_COORDINATE: f64 = 1e12;
 
-/// Checks that every coordinate is a finite number of reasonable size.
+/// Checks that every coordinate is finite and at most [`MAX_COORDINATE`].
 ///
 /// # Errors
-/// [`CoreError::NonFinite`] or [`CoreError::TooLarge`] names the first offending point.
+/// [`CoreError::NonFinite`] or [`CoreError::TooLarge`] with the index of the first invalid point.
 pub fn check_finite<const D: usize>(points: &[Point<D>]) -> Result<(), CoreError> {
     for (index, point) in points.iter().enumerate() {
         for (axis, &value) in point.iter().enumerate() {
@@ -22,18 +22,18 @@ pub fn check_finite<const D: usize>(points: &[Point<D>]) -> Result<(), CoreError
     Ok(())
 }
 
-/// A sample-based map: one or more finite points in metres. Equal points may occur.
+/// A sample-based map: one or more finite points in metres. Duplicates are allowed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointMap<const D: usize> {
     points: Vec<Point<D>>,
 }
 
 impl<const D: usize> PointMap<D> {
-    /// A map of the given points, in the given order.
+    /// Creates a map of the given points, in the given order.
     ///
     /// # Errors
-    /// [`CoreError::NoPoints`] when empty, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for
-    /// coordinates that are no place.
+    /// [`CoreError::NoPoints`] for an empty list, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for unusable
+    /// coordinates.
     pub fn new(points: Vec<Point<D>>) -> Result<Self, CoreError> {
         if points.is_empty() {
             return Err(CoreError::NoPoints);
@@ -53,12 +53,12 @@ impl<const D: usize> PointMap<D> {
         self.points.len()
     }
 
-    /// The smallest box around the points.
+    /// Bounding box of the points.
     pub fn bounds(&self) -> Bounds<D> {
         Bounds::of(&self.points).expect("a map has at least one point")
     }
 
-    /// The points, taken out of the map.
+    /// Converts the map into its points.
     pub fn into_points(self) -> Vec<Point<D>> {
         self.points
     }

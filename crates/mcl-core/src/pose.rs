@@ -15,23 +15,23 @@ pub fn wrap_angle(angle: f64) -> f64 {
     if wrapped > PI { wrapped - TAU } else { wrapped }
 }
 
-/// A planar pose, or the rigid transform that carries coordinates of the posed frame into the frame
-/// the pose is given in (`map_from_laser` and the like).
+/// A planar pose, or equally the rigid transform from the posed frame to the frame the pose is given in
+/// (such as `map_from_laser`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pose2 {
-    /// Metres.
+    /// x in metres.
     pub x: f64,
-    /// Metres.
+    /// y in metres.
     pub y: f64,
     /// Heading in radians, counter-clockwise; not necessarily wrapped.
     pub theta: f64,
 }
 
 impl Pose2 {
-    /// The pose of a frame in itself.
+    /// The identity transform.
     pub const IDENTITY: Pose2 = Pose2 { x: 0.0, y: 0.0, theta: 0.0 };
 
-    /// A pose from metres and radians.
+    /// Creates a pose from metres and radians.
     pub const fn new(x: f64, y: f64, theta: f64) -> Self {
         Pose2 { x, y, theta }
     }
@@ -52,15 +52,15 @@ impl Pose2 {
         )
     }
 
-    /// `self⁻¹ ∘ other`: the pose of `other` in the frame of `self`, heading wrapped. Exact for
-    /// poses far from the origin, as the positions are subtracted before they are rotated.
+    /// `self⁻¹ ∘ other`: the pose of `other` in the frame of `self`, heading wrapped. Accurate for poses far from the
+    /// origin, because the positions are subtracted before they are rotated.
     pub fn between(&self, other: &Pose2) -> Pose2 {
         let (sin, cos) = math::sin_cos(self.theta);
         let (dx, dy) = (other.x - self.x, other.y - self.y);
         Pose2::new(cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(other.theta - self.theta))
     }
 
-    /// Carries a point of the posed frame into the frame the pose is given in.
+    /// Transforms a point from the posed frame to the frame the pose is given in.
     pub fn transform_point(&self, [x, y]: Point<2>) -> Point<2> {
         let (sin, cos) = math::sin_cos(self.theta);
         [self.x + cos * x - sin * y, self.y + sin * x + cos * y]
@@ -71,7 +71,7 @@ impl Pose2 {
         math::hypot(self.x - other.x, self.y - other.y)
     }
 
-    /// The pose a `part` (0 to 1) of the way from this one to `to`: on the line between the positions, and on
+    /// Interpolates from this pose to `to` by the fraction `part` (0 to 1): linearly between the positions, and along
     /// the shorter arc between the headings, wrapped.
     pub fn interpolate(&self, to: &Pose2, part: f64) -> Pose2 {
         Pose2::new(
@@ -86,7 +86,7 @@ impl Pose2 {
         self.x.is_finite() && self.y.is_finite() && self.theta.is_finite()
     }
 
-    /// The same transform as a nalgebra isometry.
+    /// Converts to a nalgebra isometry.
     pub fn to_isometry(&self) -> Isometry2<f64> {
         Isometry2::new(Vector2::new(self.x, self.y), self.theta)
     }

@@ -12,12 +12,12 @@ pub struct Bounds<const D: usize> {
 }
 
 impl<const D: usize> Bounds<D> {
-    /// The smallest box around `points`; `None` when there are none.
+    /// Bounding box of `points`; `None` if there are none.
     pub fn of(points: &[Point<D>]) -> Option<Self> {
         Self::around(points.iter().copied())
     }
 
-    /// The same for points that do not lie side by side.
+    /// Bounding box of the points of an iterator; `None` if there are none.
     pub fn around(points: impl IntoIterator<Item = Point<D>>) -> Option<Self> {
         let mut points = points.into_iter();
         let first = points.next()?;
@@ -36,7 +36,7 @@ impl<const D: usize> Bounds<D> {
         self.max[axis] - self.min[axis]
     }
 
-    /// Squared distance (m²) from a place to the box; 0 inside.
+    /// Squared distance (m²) from a point to the box; 0 inside.
     pub fn squared_distance(&self, place: &Point<D>) -> f64 {
         let outside = |axis: usize| {
             f64::max(self.min[axis] - place[axis], place[axis] - self.max[axis]).max(0.0)
@@ -51,17 +51,17 @@ impl<const D: usize> Bounds<D> {
 }
 
 /// A laser log: scans in log order (never sorted), each with its stamp, reference pose and odometry
-/// increment as far as the log has them. All poses are poses of the laser.
+/// increment where the log has them. All poses are poses of the laser.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// Scans in log order.
     pub scans: Vec<LaserScan>,
-    /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
+    /// Pose of the laser on the robot: transforms coordinates in the laser frame to the robot frame.
     pub robot_from_laser: Pose2,
 }
 
 impl Recording {
-    /// Number of readings, usable or not.
+    /// Number of range readings, usable or not.
     pub fn readings(&self) -> usize {
         self.scans.iter().map(|scan| scan.ranges.len()).sum()
     }
@@ -70,8 +70,8 @@ impl Recording {
     /// projected with the reference poses, in log order.
     ///
     /// # Errors
-    /// [`CoreError::MaxRange`] unless `max_range` is positive; [`CoreError::NoReference`] names the
-    /// first scan without a reference pose; [`CoreError::Memory`].
+    /// [`CoreError::MaxRange`] unless `max_range` is positive; [`CoreError::NoReference`] with the
+    /// index of the first scan without a reference pose; [`CoreError::Memory`].
     pub fn points(&self, max_range: f64) -> Result<Vec<Point<2>>, CoreError> {
         if !max_range.is_finite() || max_range <= 0.0 {
             return Err(CoreError::MaxRange(max_range));
@@ -104,14 +104,13 @@ impl Recording {
         }
     }
 
-    /// How often a stamp is earlier than that of the stamped scan before it.
+    /// Number of stamps that are earlier than the stamp before them in log order.
     pub fn backward_stamps(&self) -> usize {
         let stamps: Vec<_> = self.scans.iter().filter_map(|scan| scan.stamp).collect();
         stamps.windows(2).filter(|pair| pair[1] < pair[0]).count()
     }
 
-    /// Length of the path through the reference poses in metres; without a reference, of the
-    /// odometry increments.
+    /// Length of the path in metres, from the reference poses or, without any, from the odometry increments.
     pub fn path_length_m(&self) -> f64 {
         if self.has_reference() {
             let poses: Vec<Pose2> =
@@ -162,7 +161,7 @@ mod tests {
             scan(1, Some(pose), &[10.1, 3.0, f64::INFINITY])
         }]);
         let points = log.points(10.0).unwrap();
-        // Beam 0 looks to the robot's right, which is the map's +x; beam 1 straight ahead, +y.
+        // Beam 0 points to the robot's right, which is +x in the map; beam 1 straight ahead, +y.
         assert_eq!(points.len(), 2);
         assert!((points[0][0] - 11.0).abs() < 1e-12 && (points[0][1] - 2.0).abs() < 1e-12);
         assert!((points[1][0] - 1.0).abs() < 1e-12 && (points[1][1] - 5.0).abs() < 1e-12);
@@ -170,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_without_reference_is_named() {
+    fn a_scan_without_reference_is_reported_by_its_index() {
         let log = recording(vec![scan(0, Some(Pose2::IDENTITY), &[1.0]), scan(1, None, &[1.0])]);
         assert_eq!(log.points(10.0), Err(CoreError::NoReference { scan: 1 }));
         assert!(matches!(log.points(f64::NAN), Err(CoreError::MaxRange(_))));

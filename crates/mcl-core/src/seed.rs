@@ -2,11 +2,11 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
-/// The generator of every random draw: named, so that its stream stays the same across releases.
+/// The random number generator of the suite. A named algorithm, so that its stream stays the same across releases.
 pub type Rng = Xoshiro256PlusPlus;
 
-/// The identity of a random draw. Seeds are derived from what a draw is for, never handed on from
-/// one draw to the next, so results do not depend on the order of work or the number of threads.
+/// A seed derived from the purpose of a random draw. Seeds are never passed from one draw to the next, so
+/// results do not depend on the order of work or the number of threads.
 ///
 /// # Example
 /// ```
@@ -20,34 +20,34 @@ pub type Rng = Xoshiro256PlusPlus;
 pub struct Seed([u8; 32]);
 
 impl Seed {
-    /// The root of a family of seeds: the number a user gives.
+    /// Creates the root seed from a number given by the user.
     pub fn new(seed: u64) -> Self {
         Seed(digest(b"root", &[0; 32], &seed.to_le_bytes()))
     }
 
-    /// The seed of a named part: what the draw is for, a data set, a split.
+    /// Derives the seed of a named part: the purpose of a draw, a data set, a split.
     pub fn derive(&self, name: &str) -> Self {
         Seed(digest(b"name", &self.0, name.as_bytes()))
     }
 
-    /// The seed of a numbered part: a run, a step, a repeat.
+    /// Derives the seed of a numbered part: a run, a step, a repetition.
     pub fn derive_index(&self, index: u64) -> Self {
         Seed(digest(b"index", &self.0, &index.to_le_bytes()))
     }
 
-    /// The seed as one number, for a user to give back to [`Seed::new`] (which starts a family of its
-    /// own): the first eight bytes, little-endian.
+    /// The first eight bytes of the seed, little-endian, for use with [`Seed::new`]. The result is a new root, not
+    /// the same seed.
     pub fn number(&self) -> u64 {
         u64::from_le_bytes(std::array::from_fn(|i| self.0[i]))
     }
 
-    /// A generator that starts from this seed.
+    /// Creates a generator with this seed.
     pub fn rng(&self) -> Rng {
         Xoshiro256PlusPlus::from_seed(self.0)
     }
 }
 
-/// SHA-256 of kind, parent and part. The kind has no zero byte and the parent a fixed length, so
+/// SHA-256 of kind, parent and part. The kind contains no zero byte and the parent has a fixed length, so
 /// different derivations never hash the same bytes.
 fn digest(kind: &[u8], parent: &[u8; 32], part: &[u8]) -> [u8; 32] {
     let mut hash = Sha256::new();
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
     use rand_xoshiro::rand_core::Rng as _;
 
-    /// Pinned, so that no dependency can silently move results.
+    /// Pinned values, so that no dependency can silently change results.
     #[test]
     fn stream_is_stable() {
         let mut rng = Seed::new(1).derive("map").derive_index(2).rng();

@@ -1,12 +1,12 @@
 use crate::math;
 use crate::{CoreError, Point, check_finite};
 
-/// A straight piece of a wall: all places between two.
+/// A line segment between two points, such as a straight piece of wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineSegment {
     /// One end, in metres.
     pub start: Point<2>,
-    /// The other end; it may be the same.
+    /// The other end, in metres; it may equal `start`.
     pub end: Point<2>,
 }
 
@@ -16,14 +16,14 @@ impl LineSegment {
         math::hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
     }
 
-    /// Squared distance (m²) from a place, no farther than [`MAX_COORDINATE`](crate::MAX_COORDINATE), to the
-    /// nearest place of the segment.
+    /// Squared distance (m²) from a point to the nearest point of the segment. The coordinates of `place` are at most
+    /// [`MAX_COORDINATE`](crate::MAX_COORDINATE).
     #[inline]
     pub fn distance_squared(&self, place: &Point<2>) -> f64 {
         let [along_x, along_y] = [0, 1].map(|axis| self.end[axis] - self.start[axis]);
         let [x, y] = [0, 1].map(|axis| place[axis] - self.start[axis]);
         let length_squared = along_x * along_x + along_y * along_y;
-        // How far along the foot of the perpendicular is: 0 at the start, 1 at the end.
+        // Position of the foot of the perpendicular along the segment: 0 at the start, 1 at the end.
         let foot = if length_squared > 0.0 {
             ((along_x * x + along_y * y) / length_squared).clamp(0.0, 1.0)
         } else {
@@ -34,18 +34,18 @@ impl LineSegment {
     }
 }
 
-/// A map of line segments, at least one.
+/// A map of one or more line segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SegmentMap {
     segments: Vec<LineSegment>,
 }
 
 impl SegmentMap {
-    /// A map of these segments, in the given order.
+    /// Creates a map of these segments, in the given order.
     ///
     /// # Errors
-    /// [`CoreError::NoPoints`] without segments, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for an
-    /// end that is no place; ends are counted from 0, the two of a segment after each other.
+    /// [`CoreError::NoPoints`] without segments, [`CoreError::NonFinite`] or [`CoreError::TooLarge`] for unusable
+    /// coordinates; the index counts the ends from 0, two per segment.
     pub fn new(segments: Vec<LineSegment>) -> Result<Self, CoreError> {
         if segments.is_empty() {
             return Err(CoreError::NoPoints);
@@ -69,7 +69,7 @@ mod tests {
     fn distances_by_hand() {
         let wall = LineSegment { start: [1.0, 1.0], end: [4.0, 5.0] };
         assert_eq!(wall.length(), 5.0);
-        // The middle is (2.5, 3), (4, −3) points to the right.
+        // The midpoint is (2.5, 3); (4, −3) is normal to the segment, to its right.
         for (place, expected) in [
             ([2.5, 3.0], 0.0),
             ([2.5 + 4.0, 3.0 - 3.0], 25.0),
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_segment_without_length_is_a_point() {
-        // Squares of 10⁻¹⁷⁰ are 0 in floating point, those of 10⁻¹⁶⁰ hardly more.
+        // The square of 10⁻¹⁷⁰ is 0 in floating point, that of 10⁻¹⁶⁰ subnormal.
         for length in [0.0, 1e-170, 1e-160] {
             let place = LineSegment { start: [length, 0.0], end: [0.0, 0.0] };
             assert_eq!(place.distance_squared(&[3.0, 4.0]), 25.0);
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_nowhere_is_refused() {
+    fn unusable_coordinates_are_refused() {
         let wall = LineSegment { start: [0.0, 0.0], end: [1.0, 0.0] };
         let nowhere = LineSegment { start: [0.0, 0.0], end: [1.0, f64::NAN] };
         assert_eq!(SegmentMap::new(Vec::new()), Err(CoreError::NoPoints));

@@ -2,51 +2,51 @@ use std::fmt;
 
 const NANOSECONDS_PER_SECOND: i64 = 1_000_000_000;
 
-/// A point in time: integer nanoseconds since the log's own epoch.
+/// A time stamp: integer nanoseconds since the epoch of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Stamp(i64);
 
-/// Why a text is no stamp.
+/// The error for text that is not a valid stamp.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ParseStampError {
-    /// Not a decimal number at all.
+    /// The text is not a decimal number.
     #[error("not a decimal number of seconds")]
     NotANumber,
-    /// A number, but not a time: not finite, denormal, or beyond the years 1677 to 2262.
+    /// The number is not a usable time: not finite, denormal, or outside the years 1677 to 2262.
     #[error("not a usable time (not finite, below a nanosecond, or too large)")]
     Unusable,
 }
 
 impl Stamp {
-    /// A stamp from integer nanoseconds.
+    /// Creates a stamp from integer nanoseconds.
     pub const fn from_nanoseconds(nanoseconds: i64) -> Self {
         Stamp(nanoseconds)
     }
 
-    /// Integer nanoseconds.
+    /// The stamp in integer nanoseconds.
     pub const fn nanoseconds(self) -> i64 {
         self.0
     }
 
-    /// Seconds as a float; for arithmetic use the nanoseconds, a float loses digits of an epoch time.
+    /// The stamp in seconds. A float cannot hold all digits of an epoch time; use the nanoseconds for arithmetic.
     pub fn seconds(self) -> f64 {
         self.0 as f64 / NANOSECONDS_PER_SECOND as f64
     }
 
-    /// Seconds from `earlier` to this stamp, exact to the nanosecond before the division.
+    /// Seconds from `earlier` to this stamp. The difference is taken in exact nanoseconds.
     pub fn seconds_since(self, earlier: Stamp) -> f64 {
         (i128::from(self.0) - i128::from(earlier.0)) as f64 / NANOSECONDS_PER_SECOND as f64
     }
 
-    /// Reads decimal seconds (`1071078718.462310`) digit by digit, not through a float; digits
-    /// beyond the nanosecond are rounded half away from zero. A negative number is a time before the epoch:
-    /// stamps may be relative to the start of another recording. Scientific notation, which some writers use for
-    /// small or uninitialised values, goes through a float.
+    /// Parses decimal seconds (`1071078718.462310`) digit by digit, not through a float; digits
+    /// beyond the nanosecond are rounded half away from zero. Negative numbers are times before the epoch, because
+    /// stamps may be relative to the start of another recording. Scientific notation, which some programs write for
+    /// small or uninitialised values, is parsed through a float.
     ///
     /// # Errors
-    /// [`ParseStampError::NotANumber`] for text that is no number, [`ParseStampError::Unusable`]
-    /// for numbers that are no time: NaN, infinite, not 0 but below a nanosecond
-    /// (an uninitialised double often reads as 6.9e-310), or beyond the range of 64 bits.
+    /// [`ParseStampError::NotANumber`] for text that is not a number, [`ParseStampError::Unusable`]
+    /// for numbers that are not a time: NaN, infinite, nonzero but below a nanosecond
+    /// (an uninitialised double often prints as 6.9e-310), or outside the range of 64 bits.
     pub fn parse_seconds(text: &str) -> Result<Self, ParseStampError> {
         let value: f64 = text.parse().map_err(|_| ParseStampError::NotANumber)?;
         let smallest = 1.0 / NANOSECONDS_PER_SECOND as f64;
@@ -87,7 +87,7 @@ impl Stamp {
     }
 }
 
-/// Decimal seconds with nine digits after the point, exact.
+/// Writes exact decimal seconds with nine digits after the point.
 impl fmt::Display for Stamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let magnitude = self.0.unsigned_abs();
@@ -114,7 +114,7 @@ mod tests {
         assert_eq!(Stamp::parse_seconds("1.5e3").unwrap().nanoseconds(), 1_500_000_000_000);
     }
 
-    /// Once refused: stamps of a file may be relative to the start of another one.
+    /// These were once refused, but stamps may be relative to the start of another recording.
     #[test]
     fn negative_numbers_are_times_before_the_epoch() {
         let cases = [
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_time_is_refused() {
+    fn text_that_is_not_a_time_is_refused() {
         for text in [
             "nan",
             "inf",

@@ -1,13 +1,13 @@
-//! Numbers, lists and foreign text as people read them in tables, captions and messages.
+//! Formatting of numbers, lists and external text for tables, captions and messages.
 
 use std::borrow::Cow;
 
-/// Text that comes from files or arguments, safe to show: characters that act instead of being seen
-/// become escapes such as `\u{1b}`, all others stay as they are.
+/// Makes text from files or arguments safe to print: invisible control characters become escapes such as `\u{1b}`,
+/// all other characters are unchanged.
 ///
-/// Escaped are control characters (also newlines and tabs), line and paragraph separators, the
-/// controls of text direction, with which a name can pass for another one, and U+FFFE and U+FFFF,
-/// which are no characters.
+/// Escaped are control characters (including newlines and tabs), line and paragraph separators,
+/// text direction controls, which can disguise a name as another, and the noncharacters U+FFFE
+/// and U+FFFF.
 pub fn printable(text: &str) -> Cow<'_, str> {
     let acts = |c: char| {
         c.is_control()
@@ -28,7 +28,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// "p = 0.012", "p = 3.1e-5"; below the smallest number that is told, "p < 1e-300".
+/// Formats a p value: "p = 0.012", "p = 3.1e-5", and "p < 1e-300" below that.
 pub fn p_value(p: f64) -> String {
     match p {
         p if p >= 0.001 => format!("p = {p:.3}"),
@@ -37,7 +37,7 @@ pub fn p_value(p: f64) -> String {
     }
 }
 
-/// At least two significant digits, a minus sign that is one: "31.52", "0.088", "−0.0063".
+/// Formats a number with at least two significant digits and a true minus sign: "31.52", "0.088", "−0.0063".
 pub fn number(value: f64) -> String {
     let decimals = match value.abs() {
         magnitude if magnitude >= 100.0 || magnitude == 0.0 => 0,
@@ -49,7 +49,7 @@ pub fn number(value: f64) -> String {
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// The names, four of them at most: "gbs 1 %, rnd 1 % and 3 more".
+/// Joins names, at most four of them: "gbs 1 %, rnd 1 % and 3 more".
 pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     const SHOWN: usize = 4;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
@@ -60,12 +60,12 @@ pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     text
 }
 
-/// "1 run", "1,234 runs".
+/// Formats a count with its noun: "1 run", "1,234 runs".
 pub fn counted(number: usize, what: &str) -> String {
     format!("{} {what}{}", thousands(number), if number == 1 { "" } else { "s" })
 }
 
-/// 1234567 as `1,234,567`.
+/// Formats a number with digits in groups of three: 1234567 as `1,234,567`.
 pub fn thousands(number: usize) -> String {
     let digits = number.to_string();
     let groups: Vec<&str> = digits

@@ -1,6 +1,6 @@
 use crate::{CoreError, Pose2, Stamp};
 
-/// Stamped poses in the order they were recorded; not necessarily sorted by time.
+/// Stamped poses in recorded order, not necessarily sorted by time.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trajectory {
     stamps: Vec<Stamp>,
@@ -8,10 +8,10 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// A trajectory from as many stamps as poses.
+    /// Creates a trajectory from equally many stamps and poses.
     ///
     /// # Errors
-    /// [`CoreError::LengthMismatch`] when the numbers differ.
+    /// [`CoreError::LengthMismatch`] if the numbers differ.
     pub fn new(stamps: Vec<Stamp>, poses: Vec<Pose2>) -> Result<Self, CoreError> {
         if stamps.len() != poses.len() {
             return Err(CoreError::LengthMismatch { stamps: stamps.len(), poses: poses.len() });

@@ -1,4 +1,4 @@
-//! The file layer: ended, torn and filled up everywhere; and what must never be written to.
+//! The file layer with a stop, a partial write or a full disk at every operation, and paths it must never write to.
 
 use std::fs;
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -11,7 +11,7 @@ use mcl_core::files::{
 };
 use tempfile::{TempDir, tempdir};
 
-/// Every fault of some work: an end, a failure and a full disk at each operation, and within each write.
+/// All faults for some work: a stop, a failure and a full disk at each operation and within each write.
 fn faults(steps: &[Step]) -> Vec<Fault> {
     let mut faults = Vec::new();
     for (at, (operation, length, _)) in steps.iter().enumerate() {
@@ -57,7 +57,7 @@ fn a_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
             };
             failed += usize::from(result.is_err());
             assert_eq!(fs::read_to_string(&path).ok().as_deref(), expected, "{fault:?}");
-            // Only a process that ended leaves something, and that is found.
+            // Only a stopped process leaves a temporary file, and it is recognized.
             let left = names(folder.path()).len() - usize::from(expected.is_some());
             assert!(left == 0 || (left == 1 && matches!(fault, Fault::Stop { .. })), "{fault:?}");
             remove_leftovers(folder.path());
@@ -71,7 +71,7 @@ fn a_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
 
 #[test]
 fn a_file_written_in_pieces_is_whole_or_not_there_as_well() {
-    const PIECE: usize = 200_000; // More than a buffer holds.
+    const PIECE: usize = 200_000; // Larger than the buffer.
     let write = |path: &Path| {
         write_with(path, |file| (0..3).try_for_each(|piece| file.write_all(&[piece; PIECE])))
     };
@@ -167,7 +167,7 @@ fn files_have_the_permissions_of_ordinary_ones() {
     assert_eq!(mode(journal.path()), mode(&ordinary));
 }
 
-/// What may stand where a file is to be written, and what an error calls it.
+/// Paths at which no file can be written, and how the error describes them.
 #[cfg(unix)]
 fn obstacles(folder: &Path) -> Vec<(PathBuf, &'static str)> {
     use rustix::fs::{CWD, FileType, Mode, mknodat};
@@ -193,7 +193,7 @@ fn obstacles(folder: &Path) -> Vec<(PathBuf, &'static str)> {
 
 #[cfg(unix)]
 #[test]
-fn nothing_is_written_through_or_over_what_is_no_file() {
+fn nothing_is_written_through_links_or_over_anything_but_files() {
     let folder = tempdir().unwrap();
     let obstacles = obstacles(folder.path());
     let before = names(folder.path());
@@ -206,9 +206,9 @@ fn nothing_is_written_through_or_over_what_is_no_file() {
         ];
         for result in results {
             let message = result.unwrap_err().to_string();
-            // In the last, the system finds the loop first.
-            let is_told = message.contains(what) || message.contains("symbolic link");
-            assert!(is_told, "{path:?}: {message}");
+            // In the last case, the system detects the loop first.
+            let is_named = message.contains(what) || message.contains("symbolic link");
+            assert!(is_named, "{path:?}: {message}");
         }
         if !path.ends_with("link") {
             assert!(open(&path).is_err(), "{path:?}");
@@ -316,12 +316,12 @@ fn leftovers_are_removed_and_nothing_else() {
     assert!(killed.starts_with(".map.csv.mcl-eval-"), "{killed}");
     assert!(killed.contains(&format!("-{}-", std::process::id())), "{killed}");
 
-    // What is being written stays, however long nothing was added to it.
+    // A file that is being written stays, however old its last write is.
     let output = Output::create(&at("slow.csv")).unwrap();
     let slow = fs::OpenOptions::new().write(true).open(output.temporary_path()).unwrap();
     slow.set_modified(SystemTime::now() - Duration::from_secs(7 * 3600)).unwrap();
 
-    // Of another host, whose processes nobody here knows.
+    // From another host, whose processes are unknown here.
     let young = ".map.csv.mcl-eval-ffffff-1-AbCd1234.tmp";
     let old = ".map.csv.mcl-eval-ffffff-1-AbCd5678.tmp";
     for (name, hours) in [(young, 5), (old, 7)] {
@@ -332,7 +332,7 @@ fn leftovers_are_removed_and_nothing_else() {
     for name in others {
         fs::write(at(name), "").unwrap();
     }
-    // A name alone is not enough.
+    // The name alone is not enough.
     let (link, inner) = (killed.replace("map", "link"), killed.replace("map", "folder"));
     std::os::unix::fs::symlink("map.csv.tmp", at(&link)).unwrap();
     fs::create_dir(at(&inner)).unwrap();
@@ -346,13 +346,13 @@ fn leftovers_are_removed_and_nothing_else() {
     remove_leftovers(&at("absent"));
 }
 
-/// Lines that a journal may hold, of bytes that are not always text.
+/// Lines that a journal may contain, not all of them valid text.
 fn lines() -> Vec<Vec<u8>> {
     let texts: [&[u8]; 5] = [b"{\"a\":1}", b"", b"\xff\xfe\x00", b"\xc3\xa4 and more", b"last"];
     texts.map(<[u8]>::to_vec).to_vec()
 }
 
-/// The whole lines of a journal, and the bytes of a torn one.
+/// The complete lines of a journal, and the length of an incomplete one.
 fn read(path: &Path) -> (Vec<Vec<u8>>, Option<u64>) {
     let (mut whole, mut torn) = (Vec::new(), None);
     for line in journal_lines(path, 1000).unwrap() {
@@ -365,14 +365,14 @@ fn read(path: &Path) -> (Vec<Vec<u8>>, Option<u64>) {
     (whole, torn)
 }
 
-/// Appends all lines, going on after failures, and returns those that were said to be saved.
+/// Appends all lines, continuing after failures, and returns those reported as saved.
 fn append_all(folder: &Path) -> Vec<Vec<u8>> {
     let Ok(mut journal) = Journal::create(folder, "rows") else { return Vec::new() };
     lines().into_iter().filter(|line| journal.append(line).is_ok()).collect()
 }
 
 #[test]
-fn what_a_journal_said_to_have_saved_is_there_wherever_it_ends() {
+fn lines_reported_as_saved_are_there_wherever_writing_stops() {
     let folder = tempdir().unwrap();
     let (saved, steps) = during(Fault::None, || append_all(folder.path()));
     assert_eq!(saved, lines());
@@ -387,7 +387,7 @@ fn what_a_journal_said_to_have_saved_is_there_wherever_it_ends() {
         assert!(found.len() <= 1, "{found:?}");
         let (whole, torn) = found.first().map_or((Vec::new(), None), |path| read(path));
         match fault {
-            // The line at which it ended may be there, or a part of it.
+            // The line at which it stopped may be there, completely or in part.
             Fault::Stop { .. } => {
                 assert_eq!(whole[..saved.len()], saved, "{fault:?}");
                 assert!(whole.len() <= saved.len() + 1, "{fault:?}");
@@ -484,7 +484,7 @@ fn every_journal_is_a_file_of_its_own() {
 }
 
 #[test]
-fn rows_of_a_folder_that_was_removed_or_begun_anew_are_not_taken_for_saved() {
+fn rows_in_a_removed_or_replaced_folder_are_not_reported_as_saved() {
     type Change = fn(&TempDir, &Path);
     let changes: [Change; 6] = [
         |_, path| fs::remove_file(path).unwrap(),
@@ -539,14 +539,14 @@ fn an_own_file_goes_on_where_it_ended() {
     assert!(file.is_in_place().unwrap());
     file.remove().unwrap();
     assert!(!path.exists());
-    // What is to be removed may be absent; what cannot be removed is an error.
+    // Removing a missing file is fine; failing to remove one is an error.
     remove(&path).unwrap();
     remove_folder(&path).unwrap();
     assert!(remove(folder.path()).is_err());
 }
 
 #[test]
-fn while_somebody_holds_nothing_is_written() {
+fn nothing_is_written_while_writes_are_held() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("map.csv");
     let mut journal = Journal::create(folder.path(), "rows").unwrap();

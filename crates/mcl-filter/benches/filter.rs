@@ -1,5 +1,5 @@
 //! Distances, whole steps and the build of the distance field on a synthetic office: the walls of a
-//! 30 m × 30 m building, 155,648 points, and random parts of them.
+//! 30 m × 30 m building, 155,648 points, and random subsets of them.
 //!
 //! The slowest and fastest times are printed with the rate of particle-beams or queries, of which
 //! one million a second is 1 µs each.
@@ -15,7 +15,7 @@ use office::Office;
 use rand::RngExt;
 
 const POINTS: usize = 155_648;
-/// Sizes of maps in per mille of all points.
+/// Map sizes in per mille of all points.
 const SIZES: [usize; 4] = [1, 10, 100, 1000];
 const MAX_DISTANCE: f64 = 2.0;
 const PARTICLES: usize = 500;
@@ -38,7 +38,7 @@ fn build(bencher: Bencher, per_mille: usize) {
     bencher.bench(|| DistanceField::build(black_box(&map), MAX_DISTANCE).unwrap());
 }
 
-/// Places within half a metre of walls.
+/// Query points within half a metre of walls.
 fn places() -> Vec<Point<2>> {
     let mut rng = Seed::new(2).rng();
     (0..10_000)
@@ -67,7 +67,7 @@ fn distances_double(bencher: Bencher, per_mille: usize) {
     });
 }
 
-/// A step of tracking: the particles follow a robot that comes and goes.
+/// A step of tracking: the particles follow a robot that drives back and forth.
 fn bench_step(bencher: Bencher, distances: &MapDistances) {
     let settings = FilterSettings {
         particles: PARTICLES.into(),

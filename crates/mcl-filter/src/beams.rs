@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::FilterError;
 use crate::words::NumberOrWord;
 
-/// Which beams of a scan are used, before those without a usable reading are dropped.
+/// The beams of a scan to use, before those without a usable reading are dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "NumberOrWord<usize>", into = "NumberOrWord<usize>")]
 pub enum Beams {
@@ -43,7 +43,7 @@ impl Beams {
     pub(crate) const EXPECTED: &str =
         "\"all\", a number of beams, at least 1, or degrees from one to the next, as 3deg";
 
-    /// Whether it is any beam at all.
+    /// Whether at least one beam is selected.
     pub(crate) fn is_some(&self) -> bool {
         match *self {
             Beams::All => true,
@@ -56,7 +56,7 @@ impl Beams {
 impl FromStr for Beams {
     type Err = FilterError;
 
-    /// `all`, a number of beams, or degrees from one to the next: `3deg`.
+    /// Parses `all`, a number of beams, or the angle between beams in degrees: `3deg`.
     fn from_str(text: &str) -> Result<Self, FilterError> {
         let error =
             || FilterError::Parse { field: "beams", found: text.into(), expected: Beams::EXPECTED };

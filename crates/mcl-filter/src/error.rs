@@ -1,43 +1,43 @@
 use mcl_core::{CoreError, OutOfMemory, Pose2};
 
-/// What can go wrong between settings and an estimated trajectory.
+/// An error in the settings or a run of the filter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
-    /// A setting has a value that means nothing.
+    /// A setting has an invalid value.
     #[error("setting {field} is {found}, expected {expected}")]
     Setting {
         /// Name of the setting, as written in a settings file.
         field: &'static str,
         /// The value found.
         found: String,
-        /// What would be accepted.
+        /// What is accepted.
         expected: &'static str,
     },
-    /// A text that names no value of a setting.
+    /// A text is not a value of a setting.
     #[error("{field} is {found:?}, expected {expected}")]
     Parse {
-        /// What the text should name.
+        /// The setting.
         field: &'static str,
         /// The text found.
         found: String,
-        /// What would be accepted.
+        /// What is accepted.
         expected: &'static str,
     },
     /// The map could not be indexed.
     #[error("cannot use the map: {0}")]
     Map(#[from] CoreError),
-    /// Distances were prepared for another cut than the settings ask for.
+    /// Distances were prepared for another `max_distance` than that of the settings.
     #[error(
-        "the map's distances are cut at {found} m, but setting max_distance is {expected} m: \
+        "the map's distances are truncated at {found} m, but setting max_distance is {expected} m: \
          build the distances again with the settings' max_distance"
     )]
     MaxDistanceMismatch {
-        /// Cut of the distances in metres.
+        /// Distance at which the distances are truncated, in metres.
         found: f64,
-        /// Cut of the settings in metres.
+        /// `max_distance` of the settings in metres.
         expected: f64,
     },
-    /// Distances of an NDT map were prepared for another σ_hit than the settings ask for.
+    /// Distances of an NDT map were prepared for another σ_hit than that of the settings.
     #[error(
         "the NDT map's distances are for a sigma_hit of {found} m, but setting sigma_hit is {expected} m: \
          build the distances again with the settings' sigma_hit"
@@ -48,31 +48,31 @@ pub enum FilterError {
         /// σ_hit of the settings in metres.
         expected: f64,
     },
-    /// The cells of an occupancy grid are none, or no whole number of rows.
+    /// An occupancy grid has no cells, or their number is not a multiple of its width.
     #[error("{cells} cells in rows of {width}, expected one or more whole rows")]
     GridShape {
         /// Number of cells.
         cells: usize,
-        /// Cells in a row.
+        /// Number of cells in a row.
         width: usize,
     },
-    /// An NDT map too wide for its cells to be looked up in a table.
+    /// An NDT map has too large an extent for a lookup table of its cells.
     #[error("{columns} × {rows} cells of {cell} m are more than 16,777,216; use larger cells")]
     TableSize {
-        /// Columns.
+        /// Number of columns.
         columns: f64,
-        /// Rows.
+        /// Number of rows.
         rows: f64,
         /// Edge length of a cell in metres.
         cell: f64,
     },
-    /// The settings know the spread of the initial pose but nobody said where it is.
+    /// The settings require a known initial pose, but none was given.
     #[error(
         "no initial pose: initial_pose is \"known\", but neither the log nor the user gives one; \
          pass a pose, or set initial_pose to \"uniform\""
     )]
     NoInitialPose,
-    /// An initial pose or a mount with a component that is NaN or infinite.
+    /// An initial pose or sensor pose has a component that is NaN or infinite.
     #[error("{what} is {pose:?}, expected finite metres and radians")]
     NonFinitePose {
         /// Which pose.
@@ -80,30 +80,30 @@ pub enum FilterError {
         /// The pose found.
         pose: Pose2,
     },
-    /// An odometry increment with a component that is NaN or infinite.
+    /// An odometry increment has a component that is NaN or infinite.
     #[error("scan {scan}: the odometry increment is {increment:?}, expected finite numbers")]
     NonFiniteOdometry {
-        /// Index of the scan the increment leads to, from 0 (a step of the filter when stepped by
-        /// hand).
+        /// Index of the scan the increment leads to, from 0 (for a filter driven step by step, the index of the
+        /// step).
         scan: usize,
         /// The increment found.
         increment: Pose2,
     },
-    /// The motion of the robot is not known on so many steps that they cannot be bridged.
+    /// Odometry is missing on too many steps to bridge them.
     #[error(
         "scan {scan} has no odometry increment, nor have {unknown} of {steps} steps: the filter cannot \
          follow the robot (this log has no odometry, or lost most of it; a quarter of the steps may be \
          without)"
     )]
     MissingOdometry {
-        /// Index of the first scan without, in log order, from 0.
+        /// Index of the first scan without odometry, in log order, from 0.
         scan: usize,
-        /// Number of steps without.
+        /// Number of steps without odometry.
         unknown: usize,
         /// Number of all steps.
         steps: usize,
     },
-    /// As many increments as scans are needed.
+    /// The number of increments is not that of the scans.
     #[error("{increments} odometry increments for {scans} scans, expected one per scan")]
     IncrementCount {
         /// Number of increments.
@@ -111,7 +111,7 @@ pub enum FilterError {
         /// Number of scans of the recording.
         scans: usize,
     },
-    /// The list of scans to use is not a strictly increasing list of scans of the recording.
+    /// The list of scans to use is not strictly increasing, or has scans that the recording does not have.
     #[error(
         "scan list entry {entry} is {scan}, expected increasing scan numbers below {scans} \
          (entries and scans count from 0)"
@@ -124,7 +124,7 @@ pub enum FilterError {
         /// Number of scans of the recording.
         scans: usize,
     },
-    /// A scan whose beams have no direction.
+    /// The beam directions of a scan are not finite.
     #[error(
         "scan geometry starts at {start_angle} rad and steps by {angle_step} rad, expected finite \
          angles"
@@ -135,7 +135,7 @@ pub enum FilterError {
         /// Angle between beams in radians.
         angle_step: f64,
     },
-    /// A particle left the plane, or went farther than [`mcl_core::MAX_COORDINATE`].
+    /// The pose of a particle is not finite, or farther from the origin than [`mcl_core::MAX_COORDINATE`].
     #[error(
         "particle {particle} is at {pose:?}, expected finite numbers of at most 1e12 m: are the initial \
          pose, the alpha settings or the odometry far too large?"
@@ -146,16 +146,16 @@ pub enum FilterError {
         /// The pose found.
         pose: Pose2,
     },
-    /// The weights of all particles vanished or one was NaN.
+    /// The weights of all particles are 0, or one is NaN.
     #[error("the logarithm of the sum of all weights is {log_sum}, expected a finite number")]
     DegenerateWeights {
         /// The logarithm found.
         log_sum: f64,
     },
-    /// Too few steps to fit a motion model to.
+    /// There are too few steps to fit a motion model.
     #[error(
-        "{steps} steps with odometry and a reference on which the robot moves, expected at least {least} to fit a \
-         motion model to"
+        "found {steps} steps with odometry and a reference on which the robot moves, expected at least {least} to fit \
+         a motion model"
     )]
     FewSteps {
         /// Number of steps found.
@@ -163,10 +163,10 @@ pub enum FilterError {
         /// Number of steps needed.
         least: usize,
     },
-    /// Odometry without errors.
+    /// The odometry equals the reference.
     #[error(
-        "the odometry is the reference on all of {steps} steps, so nothing can be learned of its errors: give \
-         another reference, of SLAM or motion capture"
+        "the odometry equals the reference on all {steps} steps, so its errors cannot be estimated: use another \
+         reference, from SLAM or motion capture"
     )]
     ExactOdometry {
         /// Number of steps.

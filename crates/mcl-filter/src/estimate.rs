@@ -1,10 +1,10 @@
 use mcl_core::{Pose2, math, wrap_angle};
 use nalgebra::{Matrix3, Vector3};
 
-/// The weighted mean of particles and their spread.
+/// Weighted mean and covariance of the particles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// Weighted mean pose of the robot in the map's frame; the heading is the direction of the
+    /// Weighted mean pose of the robot in the map frame; the heading is the direction of the
     /// weighted mean of the unit vectors (cos θ, sin θ), so that headings about ±π average to ±π.
     pub map_from_robot: Pose2,
     /// Weighted covariance of (x, y, θ) about the mean in m², m·rad and rad², heading differences
@@ -13,8 +13,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// From positions (m), headings (rad) with their sines and cosines, and weights that sum to one.
-    /// Headings that cancel out have no mean direction; then any is given.
+    /// Computes the estimate from positions (m), headings (rad) with their sines and cosines, and weights that sum to
+    /// one. If the headings cancel out, their mean direction is undefined and arbitrary.
     pub(crate) fn of(
         (x, y): (&[f64], &[f64]),
         theta: &[f64],
@@ -35,8 +35,8 @@ impl Estimate {
         Estimate { map_from_robot, covariance }
     }
 
-    /// Covariance of the pose of something mounted on the robot, to first order: J·C·Jᵀ, J the derivative of the
-    /// mounted pose by the robot's. Same units, in the map's frame.
+    /// Covariance of the pose of a sensor on the robot, to first order: J·C·Jᵀ, with J the derivative of the
+    /// sensor pose with respect to the robot pose. Same units, in the map frame.
     pub fn covariance_at(&self, robot_from_mounted: &Pose2) -> Matrix3<f64> {
         let turned = Pose2::new(0.0, 0.0, self.map_from_robot.theta);
         let [x, y] = turned.transform_point([robot_from_mounted.x, robot_from_mounted.y]);
@@ -70,7 +70,7 @@ mod tests {
         assert!((found.covariance - expected).amax() < 1e-14);
     }
 
-    /// A laser 0.4 m ahead of a robot that looks up the y axis: its x moves by −0.4 m per radian, its y not.
+    /// A laser 0.4 m ahead of a robot that faces +y: its x changes by −0.4 m per radian, its y does not change.
     #[test]
     fn the_covariance_of_a_laser_by_hand() {
         let estimate = Estimate {
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(estimate.covariance_at(&Pose2::IDENTITY), estimate.covariance);
     }
 
-    /// The covariance of poses composed one by one is that of the formula where headings differ little.
+    /// For small heading differences, the formula gives the covariance of the individually composed poses.
     #[test]
     fn the_covariance_of_a_laser_is_that_of_its_poses() {
         let mount = Pose2::new(0.3, -0.2, 0.7);

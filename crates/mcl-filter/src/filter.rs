@@ -11,59 +11,59 @@ use rand_distr::Distribution;
 
 use crate::motion::{Motion, MotionModel};
 use crate::particles::{PARTICLES, effective_sample_size};
-use crate::proposal::{FOLDS, Noise, NoiseProposal, Pilots, Weighing};
+use crate::proposal::{FOLDS, FitBuffers, Noise, NoiseProposal, Pilots};
 use crate::recovery::Averages;
 use crate::sensor::{LikelihoodField, MapDistances, Poses, ScanEndpoints, Scratch};
-use crate::start::LikelyPlaces;
+use crate::start::LikelyPoses;
 use crate::{
     CheckedSettings, Estimate, FilterError, FilterSettings, InitialPose, Particles, Proposal,
     Resampling,
 };
 
-/// After unknown motion the robot is looked for within so many standard deviations along each axis, and the scan
-/// counts as so many independent beams.
+/// After unknown motion the robot is searched within this many standard deviations along each axis, and the scan
+/// counts as this many independent beams.
 const BRIDGE_DEVIATIONS: f64 = 4.0;
 const BRIDGE_BEAMS: f64 = 8.0;
 
-/// What one step of the filter found.
+/// Result of one step of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepReport {
     /// Weighted mean of the particles and their covariance, before resampling.
     pub estimate: Estimate,
     /// Effective sample size 1/Σw², before resampling.
     pub effective_sample_size: f64,
-    /// ln Σ w·p(scan | particle), w the weights before this scan: how well the particles explain the
-    /// scan, the likelihood tempered as the settings say. 0 without used beams.
+    /// ln Σ w·p(scan | particle), with w the weights before this scan: the log evidence of the
+    /// scan, with the likelihood tempered according to the settings. 0 without used beams.
     pub log_evidence: f64,
     /// Whether the particles were resampled after the estimate.
     pub resampled: bool,
-    /// Number of beams that were used: chosen by the settings, with a usable reading, and not left out as
+    /// Number of beams that were used: selected by the settings, with a usable reading, and not left out as
     /// ending at something unknown. With none, the weights are those of the step before. 0 as well for a scan that was
     /// not used because the robot had hardly moved: then the estimate is predicted.
     pub used_beams: usize,
-    /// Number of particles that the estimate is made of.
+    /// Number of particles from which the estimate was computed.
     pub particles: usize,
-    /// Exponent on the likelihood of the scan: that of the settings, or less while particles that started from a
-    /// scan do not agree.
+    /// Exponent on the likelihood of the scan: that of the settings, or less until particles that were initialized
+    /// from a scan agree.
     pub likelihood_exponent: f64,
-    /// Share of the beams with a usable reading that the map explains: those to whose likelihood, seen from the
-    /// estimate, the Gaussian contributes more than z_rand/z_max does. Beams left out as ending at something unknown
-    /// are not explained. `None` where no scan was used, or none of its beams.
+    /// Fraction of the beams with a usable reading that the map explains: beams for which the Gaussian term of the
+    /// likelihood at the estimate exceeds z_rand/z_max. Beams left out as ending at something unknown do not count as
+    /// explained. `None` if no scan or none of its beams was used.
     pub explained_beams: Option<f64>,
 }
 
 /// Monte Carlo localization (*Probabilistic Robotics*, table 8.2) with selective resampling.
 ///
-/// The particles are poses of the *robot*, whose wheels the motion model describes; the scanner's
-/// mount is taken into account when a scan comes in. All draws come from the seed, what they are for
-/// and the step, so a filter is the same to the last bit on every machine that computes IEEE doubles.
+/// The particles are poses of the *robot*, to which the motion model applies; the pose of the scanner on the robot is
+/// applied to the scans. Each random draw depends only on the seed, its purpose and the step, so the results are the
+/// same bit for bit on every machine with IEEE doubles.
 ///
 /// # Example
 /// ```
 /// use mcl_core::{LaserScan, PointMap, Pose2, ScanGeometry, Seed};
 /// use mcl_filter::{FilterSettings, MapDistances, ParticleFilter};
 ///
-/// // A wall 2 m ahead of where the robot starts, and one 3 m to its left.
+/// // A wall 2 m ahead of the robot's initial pose, and one 3 m to its left.
 /// let ahead = (-20..=30).map(|i| [2.0, 0.1 * f64::from(i)]);
 /// let left = (-20..=20).map(|i| [0.1 * f64::from(i), 3.0]);
 /// let map = PointMap::new(ahead.chain(left).collect())?;
@@ -74,7 +74,7 @@ pub struct StepReport {
 /// let mut filter =
 ///     ParticleFilter::new(&settings, &distances, Pose2::IDENTITY, start, Seed::new(1))?;
 ///
-/// // The odometry says half a metre; beams ahead and to the left say 0.4 m.
+/// // The odometry reports half a metre; the beams ahead and to the left indicate 0.4 m.
 /// let scan = LaserScan {
 ///     stamp: None,
 ///     geometry: ScanGeometry { start_angle: 0.0, angle_step: std::f64::consts::FRAC_PI_2, beams: 2 },
@@ -98,32 +98,32 @@ pub struct ParticleFilter<'a> {
     robot_from_laser: Pose2,
     seed: Seed,
     particles: Particles,
-    /// The last motion, until a scan comes in.
+    /// The last motion, until the next scan.
     moved: Option<Motion>,
-    /// Path (m) and turns (rad) by the odometry since particles were last resampled.
+    /// Path (m) and rotation (rad) by the odometry since the particles were last resampled.
     travelled: f64,
     turned: f64,
     predictions: u64,
     updates: u64,
-    /// Motion since the last used scan, while scans are left out.
+    /// Motion since the last used scan, while scans are skipped.
     pending: Option<Pose2>,
-    /// Whether the next scan is used wherever it is from.
+    /// Whether the next scan is used however little the robot has moved.
     is_due: bool,
     predicted: u64,
-    start: Start,
+    start: GlobalLocalization,
     averages: Averages,
     buffers: Buffers,
 }
 
-/// How far global localization has come.
+/// State of global localization.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Start {
-    /// No scan has said yet where the robot may be.
+enum GlobalLocalization {
+    /// No scan has been used yet.
     Waiting {
         beams: f64,
         agreement: f64,
     },
-    /// Particles are in places that differ.
+    /// Particles are at different positions.
     Searching {
         beams: f64,
         agreement: f64,
@@ -131,19 +131,20 @@ enum Start {
     Done,
 }
 
-impl Start {
+impl GlobalLocalization {
     /// The exponent for a scan of this many beams.
     fn exponent(self, exponent: f64, used_beams: usize) -> f64 {
         match self {
-            Start::Done => exponent,
-            Start::Waiting { beams, .. } | Start::Searching { beams, .. } => {
+            GlobalLocalization::Done => exponent,
+            GlobalLocalization::Waiting { beams, .. }
+            | GlobalLocalization::Searching { beams, .. } => {
                 exponent.min(beams / used_beams as f64)
             }
         }
     }
 }
 
-/// Reused from step to step.
+/// Buffers that are reused in every step.
 #[derive(Default)]
 struct Buffers {
     endpoints: ScanEndpoints,
@@ -157,11 +158,11 @@ struct Buffers {
     /// For an adaptive proposal: the poses before the last motion, and its noise.
     before: [Vec<f64>; 3],
     noise: Vec<Noise>,
-    weighing: Weighing,
+    weighing: FitBuffers,
 }
 
 impl Buffers {
-    /// With room for everything that the number of particles decides, so that no step takes more.
+    /// Allocates everything that depends on the number of particles, so that no step allocates more.
     fn for_particles(settings: &FilterSettings) -> Result<Self, OutOfMemory> {
         let number = settings.particles.most;
         let room = || with_room(number, PARTICLES);
@@ -177,12 +178,12 @@ impl Buffers {
         if settings.proposal == Proposal::Adaptive {
             buffers.before = [room()?, room()?, room()?];
             buffers.noise = with_room(number, PARTICLES)?;
-            buffers.weighing = Weighing::with_room(number)?;
+            buffers.weighing = FitBuffers::with_room(number)?;
         }
         Ok(buffers)
     }
 
-    /// The estimate by the weights as they are, which are left in the buffers.
+    /// Computes the estimate from the current weights, which are left in the buffers.
     fn estimate(&mut self, particles: &Particles) -> Estimate {
         let Particles { x, y, theta, log_weight } = particles;
         let Buffers { sin, cos, weights, .. } = self;
@@ -194,8 +195,8 @@ impl Buffers {
 }
 
 impl<'a> ParticleFilter<'a> {
-    /// A filter whose particles are drawn about `map_from_robot`, or over the map, as
-    /// [`initial_pose`](crate::FilterSettings::initial_pose) says.
+    /// Creates a filter with particles drawn around `map_from_robot` or over the map, according to
+    /// [`initial_pose`](crate::FilterSettings::initial_pose).
     ///
     /// # Errors
     /// [`FilterError::MaxDistanceMismatch`], [`FilterError::NoInitialPose`],
@@ -221,8 +222,10 @@ impl<'a> ParticleFilter<'a> {
             &mut seed.derive("initial-pose").rng(),
         )?;
         let start = match values.initial_pose {
-            InitialPose::Scan { beams, agreement } => Start::Waiting { beams, agreement },
-            InitialPose::Known { .. } | InitialPose::Uniform {} => Start::Done,
+            InitialPose::Scan { beams, agreement } => {
+                GlobalLocalization::Waiting { beams, agreement }
+            }
+            InitialPose::Known { .. } | InitialPose::Uniform {} => GlobalLocalization::Done,
         };
         Ok(ParticleFilter {
             field: LikelihoodField::new(distances, settings)?,
@@ -245,13 +248,13 @@ impl<'a> ParticleFilter<'a> {
         })
     }
 
-    /// The particles as they are now.
+    /// The current particles.
     pub fn particles(&self) -> &Particles {
         &self.particles
     }
 
-    /// A motion and the scan at its end: [`predict`](Self::predict), then
-    /// [`update`](Self::update). For the first scan, which no motion leads to, call `update` alone.
+    /// Processes a motion and the scan at its end: [`predict`](Self::predict), then [`update`](Self::update). For the
+    /// first scan, which has no motion before it, call only `update`.
     ///
     /// # Errors
     /// Those of both.
@@ -260,11 +263,11 @@ impl<'a> ParticleFilter<'a> {
         self.update(scan)
     }
 
-    /// Moves every particle by an odometry increment, the robot's pose in the frame of the robot
-    /// before, with noise of its own. Particles may change places in their list.
+    /// Moves every particle by an odometry increment (the pose of the robot in its previous frame) with independent
+    /// noise. The order of the particles may change.
     ///
     /// # Errors
-    /// [`FilterError::NonFiniteOdometry`], or [`FilterError::NonFiniteParticle`] when the motion
+    /// [`FilterError::NonFiniteOdometry`], or [`FilterError::NonFiniteParticle`] if the motion
     /// overflows.
     pub fn predict(&mut self, increment: &Pose2) -> Result<(), FilterError> {
         if !increment.is_finite() {
@@ -301,11 +304,10 @@ impl<'a> ParticleFilter<'a> {
         self.particles.check_places()
     }
 
-    /// Takes the place of a motion that nobody knows, before the scan at its end: the robot may then be anywhere
-    /// about where the particles are, with independent Gaussian noise of these standard deviations on x and y (m) and
-    /// on the heading (rad). So few particles spread like that would be where the robot is that they are drawn from
-    /// where the scan is likely instead, as when the robot starts, and weighed by the Gaussian that they would have
-    /// been spread over.
+    /// Processes a step whose motion is unknown, and the scan at its end. The motion is modelled as independent
+    /// Gaussian noise with these standard deviations on x and y (m) and on the heading (rad). Particles spread so
+    /// widely would rarely be near the robot. They are therefore drawn from poses where the scan is likely, as in
+    /// global localization, and reweighted by the Gaussian.
     ///
     /// # Errors
     /// [`FilterError::NonFiniteParticle`], and those of [`update`](Self::update).
@@ -318,7 +320,7 @@ impl<'a> ParticleFilter<'a> {
         if let Some(pending) = self.pending.take() {
             self.apply(&pending)?;
         }
-        // The last motion says nothing any more of where to draw particles from.
+        // The last motion is no longer relevant for the proposal.
         self.moved = None;
         self.is_due = true;
         self.load(scan)?;
@@ -335,11 +337,11 @@ impl<'a> ParticleFilter<'a> {
             }
             return self.particles.check_places();
         }
-        if let Start::Waiting { beams, agreement } | Start::Searching { beams, agreement } =
-            self.start
+        if let GlobalLocalization::Waiting { beams, agreement }
+        | GlobalLocalization::Searching { beams, agreement } = self.start
         {
-            // All of the map is searched, by this scan.
-            self.start = Start::Waiting { beams, agreement };
+            // This scan is searched for on the whole map.
+            self.start = GlobalLocalization::Waiting { beams, agreement };
             return Ok(());
         }
         let Estimate { map_from_robot: mean, covariance } = self.buffers.estimate(&self.particles);
@@ -360,8 +362,8 @@ impl<'a> ParticleFilter<'a> {
         })
     }
 
-    /// Moves the particles and keeps what it takes to move some of them anew. They are shuffled first,
-    /// so that pilots and others, and the folds of both, are chosen at random.
+    /// Moves the particles and keeps what is needed to move some of them again. They are shuffled first,
+    /// so that pilots and others, and the folds of both, are selected at random.
     fn predict_for_adaptation(&mut self, motion: Motion, rng: &mut Rng) {
         let Buffers { chosen, scratch, before, noise, .. } = &mut self.buffers;
         chosen.clear();
@@ -381,11 +383,11 @@ impl<'a> ParticleFilter<'a> {
         self.moved = Some(motion);
     }
 
-    /// Weighs every particle by a scan, estimates the pose, and resamples the particles when the settings
-    /// say so.
+    /// Weights every particle by the likelihood of a scan, estimates the pose, and resamples the particles if the
+    /// settings require it.
     ///
     /// # Errors
-    /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] when the adapted motion
+    /// [`FilterError::ScanGeometry`], or [`FilterError::NonFiniteParticle`] if the adapted motion
     /// overflows; [`FilterError::DegenerateWeights`] would be a bug.
     pub fn update(&mut self, scan: &LaserScan) -> Result<StepReport, FilterError> {
         if self.settings.values().leaves_out_scans() {
@@ -408,7 +410,7 @@ impl<'a> ParticleFilter<'a> {
                 self.weigh(0..pilots, outlier_fraction);
                 let proposals = self.redraw(&motion, pilots);
                 self.particles.check_places()?;
-                // By the beams that the pilots left.
+                // Uses the beams that were not left out by the pilots.
                 self.weigh(pilots..number, 1.0);
                 self.correct(&proposals, pilots);
             }
@@ -434,10 +436,10 @@ impl<'a> ParticleFilter<'a> {
         });
         let exponent = self.start.exponent(settings.likelihood_exponent, used_beams);
         let mut injected = 0.0;
-        if let Start::Searching { agreement, .. } = self.start {
+        if let GlobalLocalization::Searching { agreement, .. } = self.start {
             let covariance = &estimate.covariance;
             if covariance[(0, 0)] + covariance[(1, 1)] < agreement * agreement {
-                self.start = Start::Done;
+                self.start = GlobalLocalization::Done;
             }
         } else if let (Some(recovery), true) = (&settings.recover, used_beams > 0) {
             let beam = math::exp(log_sum / (exponent * used_beams as f64));
@@ -462,7 +464,8 @@ impl<'a> ParticleFilter<'a> {
         Ok(report)
     }
 
-    /// Replaces the particles by as many as the settings ask for, a share of them from where the scan is likely.
+    /// Resamples the particles to the number required by the settings, with a fraction injected where the scan is
+    /// likely.
     fn resample(&mut self, injected: f64) -> Result<(), FilterError> {
         (self.travelled, self.turned) = (0.0, 0.0);
         let seed = |purpose| self.seed.derive(purpose).derive_index(self.updates);
@@ -486,7 +489,7 @@ impl<'a> ParticleFilter<'a> {
         particles.choose(chosen, scratch);
         if let (Some(recovery), true) = (recover, random > 0) {
             let exponent = recovery.beams / endpoints.len() as f64;
-            let places = LikelyPlaces::search(&self.field, endpoints, None, exponent.min(1.0))?;
+            let places = LikelyPoses::search(&self.field, endpoints, None, exponent.min(1.0))?;
             places.draw(random, |_, uniform| uniform, &mut rng, particles);
             particles.make_equal();
             particles.check_places()?;
@@ -494,9 +497,9 @@ impl<'a> ParticleFilter<'a> {
         Ok(())
     }
 
-    /// Replaces the particles by poses drawn from where the first scan with readings is likely.
+    /// Replaces the particles by poses drawn where the first scan with readings is likely.
     fn draw_from_scan(&mut self) -> Result<(), FilterError> {
-        let Start::Waiting { beams, agreement } = self.start else { return Ok(()) };
+        let GlobalLocalization::Waiting { beams, agreement } = self.start else { return Ok(()) };
         let endpoints = &self.buffers.endpoints;
         if endpoints.is_empty() {
             return Ok(());
@@ -504,12 +507,12 @@ impl<'a> ParticleFilter<'a> {
         let mut rng = self.seed.derive("start").rng();
         self.draw_likely(None, beams, &mut rng, |_, uniform| uniform)?;
         self.moved = None;
-        self.start = Start::Searching { beams, agreement };
+        self.start = GlobalLocalization::Searching { beams, agreement };
         Ok(())
     }
 
-    /// Replaces the particles by poses from where the loaded scan is likely, as so many independent beams, and
-    /// weighs them by a prior density ([`LikelyPlaces::draw`]).
+    /// Replaces the particles by poses drawn where the loaded scan is likely, counting as this many independent beams,
+    /// and weights them by a prior density ([`LikelyPoses::draw`]).
     fn draw_likely(
         &mut self,
         window: Option<Bounds<2>>,
@@ -520,14 +523,14 @@ impl<'a> ParticleFilter<'a> {
         let endpoints = &self.buffers.endpoints;
         let FilterSettings { likelihood_exponent, particles, .. } = *self.settings.values();
         let exponent = likelihood_exponent.min(beams / endpoints.len() as f64);
-        let places = LikelyPlaces::search(&self.field, endpoints, window, exponent)?;
+        let places = LikelyPoses::search(&self.field, endpoints, window, exponent)?;
         self.particles.clear();
         places.draw(particles.most, log_prior, rng, &mut self.particles);
         self.make_room();
         self.particles.check_places()
     }
 
-    /// The estimate moved by the motion since the last used scan.
+    /// Predicts the estimate by the motion since the last used scan.
     fn report_prediction(&mut self) -> StepReport {
         let mut rng = self.seed.derive("prediction").derive_index(self.predicted).rng();
         self.predicted += 1;
@@ -548,7 +551,7 @@ impl<'a> ParticleFilter<'a> {
         }
     }
 
-    /// Takes over the beams of a scan, and makes room for what is computed of them.
+    /// Loads the beams of a scan, and allocates room for the results.
     fn load(&mut self, scan: &LaserScan) -> Result<(), FilterError> {
         let FilterSettings { beams, max_range, .. } = *self.settings.values();
         self.buffers.endpoints.load(scan, &self.robot_from_laser, beams, max_range)?;
@@ -556,7 +559,7 @@ impl<'a> ParticleFilter<'a> {
         Ok(())
     }
 
-    /// Room for what is computed of each particle.
+    /// Resizes the buffers with one entry per particle.
     fn make_room(&mut self) {
         let Buffers { log_likelihoods, sin, cos, .. } = &mut self.buffers;
         for buffer in [log_likelihoods, sin, cos] {
@@ -564,8 +567,8 @@ impl<'a> ParticleFilter<'a> {
         }
     }
 
-    /// Log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
-    /// end at something unknown for more than a share of them.
+    /// Computes log-likelihoods of the scan, sines and cosines for a range of the particles, without the beams that
+    /// end at something unknown for more than the given fraction of them.
     fn weigh(&mut self, range: Range<usize>, outlier_fraction: f64) {
         let Buffers { endpoints, sin, cos, log_likelihoods, likelihoods, .. } = &mut self.buffers;
         let Particles { x, y, theta, .. } = &self.particles;
@@ -587,15 +590,15 @@ impl<'a> ParticleFilter<'a> {
         if !endpoints.is_empty() {
             self.field.add_log_likelihoods(endpoints, poses, likelihoods, log_likelihoods);
         }
-        if self.start != Start::Done {
+        if self.start != GlobalLocalization::Done {
             let exponent = self.settings.values().likelihood_exponent;
             let tempering = self.start.exponent(exponent, endpoints.len()) / exponent;
             log_likelihoods.iter_mut().for_each(|likelihood| *likelihood *= tempering);
         }
     }
 
-    /// Moves the particles from `pilots` on anew, those of each fold with noise from a proposal fitted to the
-    /// pilots of the other folds. Without one they stay.
+    /// Moves the particles from index `pilots` on again, those of each fold with noise from a proposal fitted to the
+    /// pilots of the other folds. Without a proposal they keep their poses.
     fn redraw(&mut self, motion: &Motion, pilots: usize) -> [Option<NoiseProposal>; FOLDS] {
         let Buffers { log_likelihoods, before, noise, weighing, .. } = &mut self.buffers;
         let Particles { x, y, theta, log_weight } = &mut self.particles;
@@ -625,7 +628,7 @@ impl<'a> ParticleFilter<'a> {
         })
     }
 
-    /// Reweights the particles of each fold by the mixture that their noise was drawn from.
+    /// Reweights the particles of each fold by the mixture from which their noise was drawn.
     fn correct(&mut self, proposals: &[Option<NoiseProposal>; FOLDS], pilots: usize) {
         let others = self.particles.len() - pilots;
         for (fold, proposal) in proposals.iter().enumerate() {
@@ -640,7 +643,7 @@ impl<'a> ParticleFilter<'a> {
     }
 }
 
-/// Which of `number` particles belong to a fold.
+/// The range of the particles of a fold, of `number` in total.
 fn part(fold: usize, number: usize) -> Range<usize> {
     fold * number / FOLDS..(fold + 1) * number / FOLDS
 }

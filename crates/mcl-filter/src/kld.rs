@@ -1,4 +1,4 @@
-//! KLD sampling: as many particles as the spread of the posterior asks for (Fox, *Adapting the sample size in
+//! KLD sampling: the number of particles adapts to the spread of the posterior (Fox, *Adapting the sample size in
 //! particle filters through KLD-sampling*, 2003; *Probabilistic Robotics*, table 8.4).
 
 use std::collections::HashSet;
@@ -9,18 +9,18 @@ use serde::{Deserialize, Serialize};
 use crate::FilterError;
 use crate::check::{check_length, check_positive};
 
-/// Bins and error bound of KLD sampling. They count where [`particles`](crate::FilterSettings::particles) is a range.
+/// Bins and error bound of KLD sampling, used if [`particles`](crate::FilterSettings::particles) is a range.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Kld {
-    /// Side of a bin along x and y (m).
+    /// Size of a bin along x and y (m).
     pub position: f64,
-    /// Width of a bin along the heading (rad).
+    /// Size of a bin in heading (rad).
     pub heading: f64,
-    /// ε: largest Kullback-Leibler distance between the particles and the posterior, both by bins.
+    /// ε: bound on the Kullback-Leibler divergence between the binned particles and the binned posterior.
     pub epsilon: f64,
-    /// Quantile z of the standard normal: with its probability 1 − δ the distance stays below ε. 2.326 leaves
-    /// a δ of 0.01.
+    /// Quantile z of the standard normal distribution for the probability 1 − δ that the divergence is below ε; 2.326
+    /// for δ = 0.01.
     pub quantile: f64,
 }
 
@@ -31,7 +31,7 @@ impl Default for Kld {
 }
 
 impl Kld {
-    /// Refuses what is no bin or no bound.
+    /// Returns an error unless bins and bounds are positive.
     pub(crate) fn check(&self) -> Result<(), FilterError> {
         check_length("kld.position", self.position)?;
         for (field, value) in [
@@ -44,9 +44,9 @@ impl Kld {
         Ok(())
     }
 
-    /// The number of particles that `bins` occupied bins ask for (table 8.4, line 16): the quantile of the
-    /// chi-square distribution with bins − 1 degrees of freedom over 2ε, by Wilson and Hilferty. 0 for fewer
-    /// than two bins.
+    /// The number of particles required for `bins` occupied bins (table 8.4, line 16): the quantile of the
+    /// chi-square distribution with bins − 1 degrees of freedom over 2ε, by the Wilson-Hilferty approximation. 0 for
+    /// fewer than two bins.
     pub fn number(&self, bins: usize) -> usize {
         if bins < 2 {
             return 0;
@@ -57,8 +57,8 @@ impl Kld {
         (freedom / (2.0 * self.epsilon) * cube).ceil() as usize
     }
 
-    /// How many of the poses, drawn one after the other, it takes until there are as many as their bins ask
-    /// for; within the limits, the upper one included.
+    /// The number of successively drawn poses after which their number reaches that required for their bins, within
+    /// the limits, both inclusive.
     pub(crate) fn enough(
         &self,
         least: usize,
@@ -111,7 +111,7 @@ mod tests {
         assert_eq!(kld.enough(20, 1000, poses(2)), 66);
         assert_eq!(kld.enough(20, 1000, poses(10)), kld.number(10));
         assert_eq!(kld.enough(20, 1000, poses(1000)), 1000);
-        // Bins are told apart by the heading, and on both sides of 0.
+        // Bins differ by heading, and on either side of 0.
         let turned = (0..).map(|i| Pose2::new(0.5, 0.5, if i % 2 == 0 { -0.1 } else { 0.1 }));
         assert_eq!(kld.enough(20, 1000, turned), 66);
     }

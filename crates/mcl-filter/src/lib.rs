@@ -2,13 +2,12 @@
 //! odometry motion model and the likelihood field of *Probabilistic Robotics* (Thrun, Burgard and
 //! Fox, 2005).
 //!
-//! [`localize`] runs the filter over a recording; [`ParticleFilter`] is the same, step by step. The
-//! parts it is made of stand in folders named after the theory: [`motion`], [`sensor`], and beside
-//! them [`Particles`], [`Resampling`] and [`Estimate`].
+//! [`localize`] runs the filter over a recording; [`ParticleFilter`] does the same step by step. Its components are
+//! in [`motion`] (motion models), [`sensor`] (likelihood field), [`Particles`], [`Resampling`] and [`Estimate`].
 //!
-//! Settings are plain values ([`FilterSettings`], with serde) that are checked once into
-//! [`CheckedSettings`]. Nothing here has a generator of its own: every draw comes from a
-//! [`Seed`](mcl_core::Seed), what it is for, and the step.
+//! Settings are plain values ([`FilterSettings`], with serde) that are checked once and become
+//! [`CheckedSettings`]. There is no global random generator: every draw is derived from a
+//! [`Seed`](mcl_core::Seed), its purpose, and the step.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 

@@ -5,23 +5,23 @@ use mcl_core::{Pose2, Recording, Seed, math};
 
 use crate::{CheckedSettings, FilterError, MapDistances, ParticleFilter, Particles, StepReport};
 
-/// What is replayed to the filter: a recording, the odometry to believe, and which scans to use.
+/// Input of a filter run: a recording, the odometry to use, and the scans to use.
 #[derive(Debug, Clone, Copy)]
 pub struct Replay<'a> {
-    /// Scans and the mount of the laser. Its own odometry is not looked at.
+    /// The scans and the pose of the laser on the robot. The odometry of the recording is not used.
     pub recording: &'a Recording,
-    /// Per scan of the recording the increment since the scan before (pose of the laser in the frame
-    /// of the laser before), with or without [noise](crate::noisy_increments). The one of the first
-    /// used scan, and those before it, are not looked at.
+    /// For each scan of the recording the odometry increment since the previous scan (pose of the laser in the
+    /// previous frame of the laser), with or without [noise](crate::noisy_increments). The increments up to and
+    /// including that of the first used scan are not used.
     pub increments: &'a [Option<Pose2>],
-    /// Indices of the scans to use, increasing. The increments of scans left out are composed into
-    /// the next one that is used.
+    /// Indices of the scans to use, increasing. The increments of skipped scans are composed with that of the next
+    /// used scan.
     pub scans: &'a [usize],
 }
 
 impl Replay<'_> {
-    /// Per used scan after the first the motion of the laser since the used scan before it, and of how many steps in
-    /// between nobody knows any, as if there had been none.
+    /// For each used scan after the first, the motion of the laser since the previous used scan, and the number of
+    /// steps in between with unknown motion, which the motion does not include.
     ///
     /// # Errors
     /// Those of [`Bridge::over`], and [`FilterError::NonFiniteOdometry`] with the scan concerned.
@@ -35,28 +35,27 @@ impl Replay<'_> {
 /// An estimated trajectory, one entry per used scan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
-    /// Estimated poses of the laser in the map's frame, to be compared with the recording's
-    /// reference.
+    /// Estimated poses of the laser in the map frame, for comparison with the reference of the recording.
     pub map_from_laser: Vec<Pose2>,
-    /// What the filter reported, about the robot.
+    /// The reports of the filter, for the robot.
     pub reports: Vec<StepReport>,
 }
 
-/// A step of a run, as [`localize_with`] shows it.
+/// A step of a run, as passed to the observer of [`localize_with`].
 #[derive(Debug, Clone, Copy)]
 pub struct Step<'a> {
     /// Index of the scan in the recording.
     pub scan: usize,
     /// What the filter reported, about the robot.
     pub report: &'a StepReport,
-    /// The particles after the scan; where [`StepReport::resampled`] says so, resampled.
+    /// The particles after the scan, resampled if [`StepReport::resampled`] is set.
     pub particles: &'a Particles,
 }
 
 /// Localizes the robot of a recording on a map: one run of the particle filter over the used scans.
 ///
-/// `initial_map_from_laser` is the pose of the laser at the first used scan, needed for
-/// [`InitialPose::Known`](crate::InitialPose::Known): its reference pose, or what a user gives. A few steps
+/// `initial_map_from_laser` is the pose of the laser at the first used scan, required for
+/// [`InitialPose::Known`](crate::InitialPose::Known): its reference pose, or one given by the user. A few steps
 /// without odometry are bridged ([`Bridge`]).
 ///
 /// # Errors
@@ -72,8 +71,7 @@ pub fn localize(
     localize_with(replay, distances, settings, initial_map_from_laser, seed, |_| Ok(()))
 }
 
-/// [`localize`], showing each step to `observe`, which changes nothing of the run but ends it by an
-/// error.
+/// [`localize`] with a call of `observe` after each step, which can end the run with an error but not change it.
 ///
 /// # Errors
 /// Those of [`localize`] and of `observe`.
@@ -100,7 +98,7 @@ pub fn localize_with<E: From<FilterError>>(
     for &scan in replay.scans {
         if let Some(previous) = previous {
             let (motion, unknown) = composed(replay.increments, previous + 1, scan)?;
-            // The increment of the laser, seen by the robot it is mounted on.
+            // The increment of the laser, converted to the robot.
             filter.predict(&robot_from_laser.compose(&motion).compose(&laser_from_robot))?;
             if unknown > 0 {
                 let times = (unknown as f64).sqrt();
@@ -131,31 +129,31 @@ fn check_replay(replay: &Replay<'_>) -> Result<(), FilterError> {
     Ok(())
 }
 
-/// The largest share of steps without odometry that is bridged.
+/// Largest fraction of steps without odometry that is bridged.
 const MOST_UNKNOWN: f64 = 0.25;
-/// The least that a robot may have moved on such a step (m).
+/// Smallest assumed standard deviation of the position on such a step (m).
 const LEAST_REACH: f64 = 0.25;
 /// Standard deviation of the heading after such a step (rad): half a turn is three of them.
 const TURN: f64 = FRAC_PI_3;
 
-/// Steps whose motion nobody knows, and how the filter bridges them.
+/// Steps with unknown motion, and how the filter bridges them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bridge {
     /// The scans that these steps lead to.
     pub scans: Vec<usize>,
     /// Number of all steps.
     pub steps: usize,
-    /// Standard deviation of the position along each axis after such a step (m): the longest step that is
-    /// known, at least 0.25 m. The heading has one of 60°.
+    /// Standard deviation of the position along each axis after such a step (m): the length of the longest known
+    /// step, at least 0.25 m. That of the heading is 60°.
     pub reach: f64,
 }
 
 impl Bridge {
-    /// Finds the steps of a replay without odometry. Unknown motion is never taken as none: on a few steps the
-    /// robot is looked for about where it was ([`ParticleFilter::bridge`]).
+    /// Finds the steps of a replay without odometry. Unknown motion is never treated as no motion: if there are few
+    /// such steps, the robot is searched for around its previous pose ([`ParticleFilter::bridge`]).
     ///
     /// # Errors
-    /// [`FilterError::IncrementCount`] and [`FilterError::ScanList`]; [`FilterError::MissingOdometry`] where more
+    /// [`FilterError::IncrementCount`] and [`FilterError::ScanList`]; [`FilterError::MissingOdometry`] if more
     /// than a quarter of the steps are unknown.
     pub fn over(replay: &Replay<'_>) -> Result<Self, FilterError> {
         check_replay(replay)?;
@@ -176,7 +174,7 @@ impl Bridge {
     }
 }
 
-/// The increments of scans `first..=last` that are known, one after the other, and the number of others.
+/// The composition of the known increments of scans `first..=last`, and the number of unknown ones.
 fn composed(
     increments: &[Option<Pose2>],
     first: usize,

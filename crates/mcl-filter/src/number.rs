@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 use crate::FilterError;
 use crate::words::NumberOrWord;
 
-/// How many particles there are: always the same number (`500`), or as many as KLD sampling asks for within a
-/// range (`"100..20000"`), the most at the start.
+/// The number of particles: fixed (`500`), or determined by KLD sampling within a range (`"100..20000"`), starting
+/// with the maximum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "NumberOrWord<usize>", into = "NumberOrWord<usize>")]
 pub struct ParticleNumber {
-    /// There are never fewer.
+    /// Smallest number of particles.
     pub least: usize,
-    /// There are never more, and so many at the start.
+    /// Largest number of particles, used at the start.
     pub most: usize,
 }
 
@@ -21,7 +21,7 @@ impl ParticleNumber {
     pub(crate) const EXPECTED: &str =
         "a number of particles from 1 to 10,000,000, or a range of them, as 100..20000";
 
-    /// Whether the number never changes.
+    /// Whether the number is fixed.
     pub fn is_fixed(&self) -> bool {
         self.least == self.most
     }
@@ -36,7 +36,7 @@ impl From<usize> for ParticleNumber {
 impl FromStr for ParticleNumber {
     type Err = FilterError;
 
-    /// `500` or `100..20000`.
+    /// Parses `500` or `100..20000`.
     fn from_str(text: &str) -> Result<Self, FilterError> {
         let number = |number: &str| {
             number.parse().map_err(|_| FilterError::Parse {

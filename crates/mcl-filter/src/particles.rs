@@ -8,10 +8,10 @@ use rand_distr::Distribution;
 use crate::sensor::FreeSpace;
 use crate::{FilterError, InitialPose};
 
-/// What memory for particles is asked for as.
+/// What out-of-memory errors call the memory of particles.
 pub(crate) const PARTICLES: &str = "particles";
 
-/// Weighted poses of the robot in the map's frame, as a structure of arrays.
+/// Weighted poses of the robot in the map frame, as a structure of arrays.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Particles {
     /// x (m).
@@ -25,13 +25,13 @@ pub struct Particles {
 }
 
 impl Particles {
-    /// `number` particles of equal weight: for [`InitialPose::Known`] Gaussian about
-    /// `map_from_robot`, else uniform over the free space, or `bounds` where none is known, and all headings: for
-    /// [`InitialPose::Scan`] until there is a scan.
+    /// Draws `number` particles of equal weight: for [`InitialPose::Known`] from a Gaussian around
+    /// `map_from_robot`, otherwise uniformly over the free space (over `bounds` if no free space is known) and all
+    /// headings, for [`InitialPose::Scan`] until the first scan.
     ///
     /// # Errors
-    /// [`FilterError::NoInitialPose`] when a pose is needed and `None`;
-    /// [`FilterError::NonFinitePose`] when it is no pose; [`FilterError::Memory`].
+    /// [`FilterError::NoInitialPose`] if a pose is needed and `None`;
+    /// [`FilterError::NonFinitePose`] if it is not finite; [`FilterError::Memory`].
     pub fn draw(
         number: usize,
         initial: InitialPose,
@@ -80,7 +80,7 @@ impl Particles {
         Ok(particles)
     }
 
-    /// Appends a pose; its weight is left to the caller.
+    /// Appends a pose; the caller sets its weight.
     pub(crate) fn push(&mut self, pose: Pose2) {
         self.x.push(pose.x);
         self.y.push(pose.y);
@@ -88,12 +88,12 @@ impl Particles {
     }
 
     /// Number of particles, at least 1.
-    #[allow(clippy::len_without_is_empty)] // Settings allow no filter without particles.
+    #[allow(clippy::len_without_is_empty)] // A filter always has particles.
     pub fn len(&self) -> usize {
         self.x.len()
     }
 
-    /// Poses with the natural logarithms of their weights, which are normalized.
+    /// The poses with the natural logarithms of their normalized weights.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (Pose2, f64)> + '_ {
         (0..self.len()).map(|i| (self.pose(i), self.log_weight[i]))
     }
@@ -102,7 +102,7 @@ impl Particles {
         Pose2::new(self.x[i], self.y[i], self.theta[i])
     }
 
-    /// Refuses particles that are nowhere, or farther away than maps can be.
+    /// Returns an error for particles with coordinates that are not finite or too large for a map.
     pub(crate) fn check_places(&self) -> Result<(), FilterError> {
         let is_place =
             |pose: Pose2| pose.is_finite() && pose.x.abs().max(pose.y.abs()) <= MAX_COORDINATE;
@@ -114,18 +114,18 @@ impl Particles {
         }
     }
 
-    /// Makes the weights sum to one and writes them, no longer as logarithms, to `weights`. Returns
-    /// the logarithm of their sum before: ln Σ exp(l) = m + ln Σ exp(l − m), m the largest l, in
-    /// which the largest term is 1, so that nothing overflows and not everything underflows.
+    /// Normalizes the weights to sum to one and writes them, not as logarithms, to `weights`. Returns
+    /// the logarithm of their previous sum: ln Σ exp(l) = m + ln Σ exp(l − m), with m the largest l, so that the
+    /// largest term is 1, nothing overflows and not everything underflows.
     ///
     /// # Errors
-    /// [`FilterError::DegenerateWeights`] when no weight is above 0, or one is NaN or infinite.
+    /// [`FilterError::DegenerateWeights`] if no weight is above 0, or one is NaN or infinite.
     pub(crate) fn normalize(&mut self, weights: &mut Vec<f64>) -> Result<f64, FilterError> {
         let largest = self.log_weight.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         weights.clear();
         weights.extend(self.log_weight.iter().map(|l| math::exp(l - largest)));
         let sum: f64 = weights.iter().sum();
-        // NaN also when the largest is −∞, or any is NaN, which `f64::max` passes over.
+        // Also NaN if the largest is −∞ or any is NaN, which `f64::max` ignores.
         let log_sum = largest + math::ln(sum);
         if !log_sum.is_finite() {
             return Err(FilterError::DegenerateWeights { log_sum });
@@ -135,7 +135,7 @@ impl Particles {
         Ok(log_sum)
     }
 
-    /// Replaces the particles by those chosen, with equal weights; `buffer` is overwritten.
+    /// Replaces the particles by the selected ones, with equal weights; `buffer` is overwritten.
     pub(crate) fn choose(&mut self, chosen: &[usize], buffer: &mut Vec<f64>) {
         self.reorder(chosen, buffer);
         self.make_equal();
@@ -148,7 +148,7 @@ impl Particles {
         self.log_weight.resize(self.len(), equal);
     }
 
-    /// No particles yet.
+    /// Creates an empty set.
     #[cfg(test)]
     pub(crate) fn empty() -> Self {
         Particles { x: Vec::new(), y: Vec::new(), theta: Vec::new(), log_weight: Vec::new() }
@@ -171,8 +171,8 @@ impl Particles {
     }
 }
 
-/// 1/Σw², between 1 and N: how many particles of equal weight would be worth as much (Kong, Liu and
-/// Wong 1994). The weights sum to one.
+/// The effective sample size 1/Σw², between 1 and N: the number of equally weighted particles with the same
+/// information (Kong, Liu and Wong 1994). The weights must sum to one.
 pub fn effective_sample_size(weights: &[f64]) -> f64 {
     1.0 / weights.iter().map(|w| w * w).sum::<f64>()
 }
@@ -233,7 +233,7 @@ mod tests {
         .unwrap();
         let mean_x = particles.x.iter().sum::<f64>() / N as f64;
         let mean_theta = particles.theta.iter().sum::<f64>() / N as f64;
-        // A uniform variable over a width w has the variance w²/12.
+        // A uniform variable of width w has the variance w²/12.
         let bound = |width: f64| 4.5 * width / (12.0 * N as f64).sqrt();
         assert!((mean_x - 1.0).abs() < bound(4.0) && mean_theta.abs() < bound(2.0 * PI));
         assert!(particles.iter().all(|(p, _)| {
@@ -243,7 +243,7 @@ mod tests {
         assert!(particles.iter().any(|(p, _)| p.x < -0.9 && p.y > 3.9));
     }
 
-    /// The map's box has eight cells, of which the robot can be in two.
+    /// The bounding box of the map has eight cells, two of which are free.
     #[test]
     fn an_unknown_pose_is_in_free_space() {
         let grid = ObstacleGrid {
@@ -315,7 +315,7 @@ mod tests {
             prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
             let ess = effective_sample_size(&weights);
             prop_assert!((1.0 - 1e-9..=logs.len() as f64 + 1e-9).contains(&ess));
-            // Once normalized, always normalized.
+            // Normalizing again changes nothing.
             prop_assert!(particles.normalize(&mut weights).unwrap().abs() < 1e-12);
         }
     }

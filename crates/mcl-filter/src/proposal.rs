@@ -1,4 +1,4 @@
-//! Drawing the noise of a motion where the scan is likely.
+//! Adaptive proposal: drawing the noise of a motion where the scan is likely.
 
 use std::ops::Range;
 
@@ -9,32 +9,32 @@ use rand_distr::Distribution;
 
 use crate::particles::PARTICLES;
 
-/// Particles are split into this many folds; each draws from what the pilots of the others found. More folds
-/// leave more pilots to each fit.
+/// Number of folds of the particles; each draws from a proposal fitted to the pilots of the others. More folds
+/// leave more pilots for each fit.
 pub(crate) const FOLDS: usize = 4;
-/// Fewer pilots than this say too little about where the scan is likely.
+/// Smallest number of pilots for a fit.
 const LEAST_PILOTS: usize = 20;
-/// Effective sample size of the pilots that the fit asks for, as a fraction of their number. At a
-/// tenth, a mean and three variances are known to a quarter of a standard deviation or so for 190.
+/// Effective sample size of the pilots required for the fit, as a fraction of their number. With a
+/// tenth of 190 pilots, a mean and three variances are known to about a quarter of a standard deviation.
 const FIT_FRACTION: f64 = 0.1;
-/// Factor on the fitted variances: what a proposal leaves out is left to the pilots, while one that is
+/// Factor on the fitted variances: regions missed by a proposal are covered only by the pilots, while one that is
 /// too wide only wastes draws.
 const WIDENING: f64 = 2.0;
-/// Factor on the variance of the fitted mean, which is added.
+/// Factor on the variance of the fitted mean, which is added to the fitted variances.
 const MEAN_WIDENING: f64 = 2.0;
-/// Fitted variances are not below this (of the noise's): rounding would be all there is.
+/// Smallest fitted variance, relative to that of the noise; below it there is only rounding.
 const LEAST_VARIANCE: f64 = 1e-8;
 
 /// Standard normal noise of one motion, on its three parts.
 pub(crate) type Noise = [f64; 3];
 
-/// A Gaussian q over the noise of a motion, to draw from in place of the standard normal N.
+/// A Gaussian proposal q for the noise of a motion, used in place of the standard normal N.
 ///
 /// Adaptive importance sampling with deterministic-mixture weights (Owen and Zhou, *Safe and effective
 /// importance sampling*, JASA 2000; Veach and Guibas's balance heuristic, 1995), cross-fitted: the particles
-/// are split at random into folds, and each fold into pilots, which draw their noise from N, as the motion model
-/// says, and others, which draw from the fold's own q, fitted to the noise that the scan found likely among the
-/// pilots of the *other* folds. With s the share of those that draw from q among the particles of the fold,
+/// are split at random into folds, and each fold into pilots, which draw their noise from N according to the motion
+/// model, and others, which draw from the q of the fold. q is fitted to the noise of the pilots of the *other* folds,
+/// weighted by the likelihood of the scan. With s the fraction of the particles of the fold that draw from q,
 /// every particle is reweighted by
 /// ```text
 /// N(ε) / ((1 − s)·N(ε) + s·q(ε)) ≤ 1/(1 − s)
@@ -42,9 +42,9 @@ pub(crate) type Noise = [f64; 3];
 /// times the likelihood of the scan. A particle of the fold is a pilot with probability 1 − s, whatever its pose and
 /// weight, and q does not depend on it. So the expectation of its new weight, given the other folds, is
 /// (1 − s)·∫N·N·L/(…) + s·∫q·N·L/(…) = ∫N·L, as if it had been drawn from N alone: evidence and unnormalized weights
-/// are unbiased for any number of particles, any q and any weights before. (Fitted to the pilots that it weighs, q
-/// would lie where they lie by chance, and the evidence would come out too small.) As the factor is bounded, a bad q
-/// costs at most the draws from it.
+/// are unbiased for any number of particles, any q and any previous weights. (If q were fitted to the same pilots that
+/// it reweights, it would follow their chance positions and the evidence would be too small.) The factor is bounded,
+/// so a bad q costs at most the draws from it.
 pub(crate) struct NoiseProposal {
     mean: Vector3<f64>,
     /// Symmetric square root of the covariance.
@@ -59,19 +59,19 @@ pub(crate) struct NoiseProposal {
 #[derive(Clone, Copy)]
 pub(crate) struct Pilots<'a> {
     pub(crate) noise: &'a [Noise],
-    /// Logarithms of their weights before the scan.
+    /// Log-weights before the scan.
     pub(crate) log_weights: &'a [f64],
     /// Log-likelihoods of the scan.
     pub(crate) log_likelihoods: &'a [f64],
 }
 
 impl NoiseProposal {
-    /// Fits q to the pilots but those left out; `None` when they are too few, or their weights differ too much
-    /// by themselves. `scratch` holds buffers.
+    /// Fits q to all pilots except those left out; `None` if they are too few, or their previous weights differ too
+    /// much. `scratch` provides buffers.
     pub(crate) fn fit(
         pilots: Pilots<'_>,
         left_out: Range<usize>,
-        scratch: &mut Weighing,
+        scratch: &mut FitBuffers,
     ) -> Option<Self> {
         let all = pilots.noise.len();
         if all - left_out.len() < LEAST_PILOTS {
@@ -105,7 +105,7 @@ impl NoiseProposal {
         })
     }
 
-    /// A draw from q.
+    /// Draws from q.
     pub(crate) fn draw(&self, rng: &mut Rng) -> Noise {
         let standard: Noise = std::array::from_fn(|_| StandardNormal.sample(rng));
         (self.mean + self.spread * Vector3::from(standard)).into()
@@ -115,8 +115,8 @@ impl NoiseProposal {
     pub(crate) fn log_correction(&self, noise: &Noise, share: f64) -> f64 {
         let noise = Vector3::from(*noise);
         let whitened = self.whitening * (noise - self.mean);
-        // ln q(ε)/N(ε); far out it may overflow, and the correction is then −∞: a draw that the motion
-        // model would not make.
+        // ln q(ε)/N(ε); far out it may overflow, and the correction is then −∞: the motion model would never make
+        // such a draw.
         let log_ratio = 0.5 * (noise.norm_squared() - whitened.norm_squared()) - self.log_det;
         -math::ln(1.0 - share + share * math::exp(log_ratio))
     }
@@ -124,30 +124,30 @@ impl NoiseProposal {
 
 /// Buffers of a fit.
 #[derive(Default)]
-pub(crate) struct Weighing {
-    /// Weights before the scan, powers of the likelihood, and the weights under it.
+pub(crate) struct FitBuffers {
+    /// Weights before the scan, powers of the likelihood, and the resulting weights.
     prior: Vec<f64>,
     power: Vec<f64>,
     weights: Vec<f64>,
 }
 
-/// A likelihood whose power leaves enough effective pilots.
+/// An exponent of the likelihood that leaves enough effective pilots.
 struct Tempered {
     exponent: f64,
-    /// Effective sample size under it.
+    /// Effective sample size with this exponent.
     effective: f64,
 }
 
-impl Weighing {
-    /// Room for this many pilots.
+impl FitBuffers {
+    /// Allocates buffers for this many pilots.
     pub(crate) fn with_room(number: usize) -> Result<Self, OutOfMemory> {
         let room = || with_room(number, PARTICLES);
-        Ok(Weighing { prior: room()?, power: room()?, weights: room()? })
+        Ok(FitBuffers { prior: room()?, power: room()?, weights: room()? })
     }
 
-    /// The largest of the exponents 1, ½, ¼, … on the likelihood that leaves the wanted effective sample size
-    /// to pilots with these logarithms of weights and likelihoods, with the normalized weights under it in
-    /// `weights`. `None` when there is none: weights that differ by themselves, or are none.
+    /// Finds the largest of the exponents 1, ½, ¼, … on the likelihood with the required effective sample size for
+    /// pilots with these log-weights and log-likelihoods, and leaves the normalized weights in `weights`. `None` if
+    /// there is none: the previous weights differ too much, or are all 0.
     fn temper(&mut self, pilots: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Tempered> {
         let wanted = FIT_FRACTION * pilots.clone().count() as f64;
         let largest =
@@ -156,7 +156,7 @@ impl Weighing {
         let heaviest = largest(&mut pilots.clone().map(|(weight, _)| weight));
         self.prior.clear();
         self.prior.extend(pilots.clone().map(|(weight, _)| math::exp(weight - heaviest)));
-        // 2⁻⁶⁰ of any likelihood that f64 can tell from 0 is 1.
+        // Any likelihood above 0 in f64 is 1 to the power of 2⁻⁶⁰.
         let mut exponent = 1.0;
         let mut effective = f64::NAN;
         for _ in 0..6 {
@@ -191,7 +191,7 @@ impl Weighing {
     }
 }
 
-/// (Σw)²/Σw² of the products.
+/// Effective sample size (Σw)²/Σw² of the products.
 fn effective_size(prior: &[f64], power: &[f64]) -> f64 {
     let (mut sum, mut squares) = (0.0, 0.0);
     for (prior, power) in prior.iter().zip(power) {
@@ -202,9 +202,9 @@ fn effective_size(prior: &[f64], power: &[f64]) -> f64 {
     sum * sum / squares
 }
 
-/// How many times as far from the mean 0 of a standard normal prior the mean of the posterior is than that of
-/// the posterior of variance `tempered` under a power of a Gaussian likelihood; the variance is tempered·exponent
-/// times this. 1/tempered = 1 + exponent·λ, and the posterior's variance is 1/(1 + λ).
+/// Factor from the mean of the posterior of variance `tempered`, under a power of a Gaussian likelihood and a standard
+/// normal prior, to the mean of the posterior under the likelihood itself. The variance of the latter is
+/// tempered·exponent times this factor, as 1/tempered = 1 + exponent·λ and its variance is 1/(1 + λ).
 fn untempering(tempered: f64, exponent: f64) -> f64 {
     if tempered >= 1.0 { 1.0 } else { 1.0 / (tempered * exponent + 1.0 - tempered) }
 }
@@ -224,7 +224,7 @@ mod tests {
         (0..number).map(|_| std::array::from_fn(|_| StandardNormal.sample(&mut rng))).collect()
     }
 
-    /// For a Gaussian likelihood the posterior is known: precision 1 + 1/v, mean (m/v)/(1 + 1/v).
+    /// For a Gaussian likelihood the posterior is known in closed form: precision 1 + 1/v, mean (m/v)/(1 + 1/v).
     #[test]
     fn finds_a_gaussian_posterior_through_the_tempering() {
         let (means, variances) = ([0.8, -0.5, 0.0], [0.01, 0.04, 1e9]);
@@ -234,7 +234,7 @@ mod tests {
         let log_weights = vec![-(4000f64.ln()); 4000];
         let pilots =
             Pilots { noise: &noise, log_weights: &log_weights, log_likelihoods: &log_likelihoods };
-        let mut weighing = Weighing::default();
+        let mut weighing = FitBuffers::default();
         let all = log_weights.iter().copied().zip(log_likelihoods.iter().copied());
         let Tempered { exponent, effective } = weighing.temper(all).unwrap();
         assert!(exponent < 1.0, "the likelihood is to be sharp: {exponent}");
@@ -243,8 +243,8 @@ mod tests {
         for k in 0..3 {
             let variance = 1.0 / (1.0 + 1.0 / variances[k]);
             let mean = means[k] / variances[k] * variance;
-            // Wider than the posterior, but not much: where the scan says nothing, a sample that is
-            // narrow by chance looks as if it did, and untempering enlarges that.
+            // Wider than the posterior, but not by much. Without information from the scan, a sample that is
+            // narrow by chance looks informative, and undoing the tempering amplifies that.
             let found = (proposal.spread * proposal.spread)[(k, k)] / variance;
             assert!(found > 1.0 && found < 1.5 * WIDENING, "axis {k}: {found} of {variance}");
             let off = (proposal.mean[k] - mean).abs();
@@ -252,8 +252,7 @@ mod tests {
         }
     }
 
-    /// ∫ N = 1: the mean of the correction over draws from the mixture, for a bad proposal as for a
-    /// good one.
+    /// The mean of the correction over draws from the mixture is ∫ N = 1, for good and bad proposals.
     #[test]
     fn corrections_make_any_proposal_right() {
         let proposal = |mean: Noise, std: f64| NoiseProposal {
@@ -297,12 +296,12 @@ mod tests {
         let noise = standard(LEAST_PILOTS - 1, 2);
         let zeros = vec![0.0; noise.len()];
         let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
-        assert!(NoiseProposal::fit(pilots, 0..0, &mut Weighing::default()).is_none());
-        // As do those that are left after a fold.
+        assert!(NoiseProposal::fit(pilots, 0..0, &mut FitBuffers::default()).is_none());
+        // Likewise for those that remain after leaving out a fold.
         let noise = standard(LEAST_PILOTS, 2);
         let zeros = vec![0.0; noise.len()];
         let pilots = Pilots { noise: &noise, log_weights: &zeros, log_likelihoods: &zeros };
-        assert!(NoiseProposal::fit(pilots, 3..4, &mut Weighing::default()).is_none());
-        assert!(NoiseProposal::fit(pilots, 3..3, &mut Weighing::default()).is_some());
+        assert!(NoiseProposal::fit(pilots, 3..4, &mut FitBuffers::default()).is_none());
+        assert!(NoiseProposal::fit(pilots, 3..3, &mut FitBuffers::default()).is_some());
     }
 }

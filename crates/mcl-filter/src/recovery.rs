@@ -1,21 +1,21 @@
-//! Recovery from a wrong pose: augmented Monte Carlo localization (*Probabilistic Robotics*, table 8.3).
+//! Recovery from localization failure: augmented Monte Carlo localization (*Probabilistic Robotics*, table 8.3).
 
 use serde::{Deserialize, Serialize};
 
 use crate::FilterError;
 use crate::check::{check_positive, check_share};
 
-/// When and where particles are injected that do not come from others.
+/// Settings for injecting random particles.
 ///
-/// The likelihood of a scan, averaged over the particles, has two running averages: w_slow with a small rate and
-/// w_fast with a large one. Here it is that of a beam, the geometric mean over the used ones, so that it depends
-/// on neither their number nor the likelihood's exponent. When particles are resampled, each is replaced with
-/// probability
+/// The likelihood of a scan, averaged over the particles, is smoothed by two exponential averages: w_slow with a small
+/// rate and w_fast with a large one. The likelihood per beam is used (the geometric mean over the used beams), which
+/// depends neither on their number nor on the exponent of the likelihood. In resampling, each particle is replaced
+/// with probability
 /// ```text
 /// max(0, 1 − ν·w_fast/w_slow)
 /// ```
-/// by a pose drawn from where the current scan is likely. The book has ν = 1, so that half of all steps
-/// inject a few particles; a larger ν waits for a larger fall (Gutmann and Fox, *An experimental comparison of
+/// by a pose drawn where the current scan is likely. The book uses ν = 1, which injects a few particles in half of
+/// all steps; a larger ν requires a larger fall (Gutmann and Fox, *An experimental comparison of
 /// localization methods continued*, 2002).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -24,9 +24,9 @@ pub struct Recovery {
     pub slow: f64,
     /// α_fast: rate of the fast average per scan.
     pub fast: f64,
-    /// ν: how many times w_fast may fall below w_slow without consequence.
+    /// ν: the factor by which w_fast may fall below w_slow before particles are injected.
     pub tolerance: f64,
-    /// The scan counts as so many independent beams when poses are drawn by it.
+    /// Number of independent beams that the scan counts as when poses are drawn from it.
     pub beams: f64,
 }
 
@@ -37,7 +37,7 @@ impl Default for Recovery {
 }
 
 impl Recovery {
-    /// Refuses rates that are none.
+    /// Returns an error for settings out of range.
     pub(crate) fn check(&self) -> Result<(), FilterError> {
         check_share("recover.slow", self.slow)?;
         check_share("recover.fast", self.fast)?;
@@ -51,14 +51,14 @@ impl Recovery {
 pub(crate) struct Averages(Option<[f64; 2]>);
 
 impl Averages {
-    /// Takes in the likelihood of a scan's beam, averaged over the particles, and returns the share of particles to
-    /// be injected.
+    /// Updates the averages with the likelihood per beam of a scan, averaged over the particles, and returns the
+    /// fraction of particles to inject.
     pub(crate) fn add(&mut self, likelihood: f64, recovery: &Recovery) -> f64 {
         let [slow, fast] = self.0.unwrap_or([likelihood; 2]);
         let slow = slow + recovery.slow * (likelihood - slow);
         let fast = fast + recovery.fast * (likelihood - fast);
         self.0 = Some([slow, fast]);
-        // NaN only if all scans so far were impossible: then nothing is known of what is usual.
+        // NaN only if the likelihood of all scans so far was 0: then there is no usual level to compare with.
         (1.0 - recovery.tolerance * fast / slow).max(0.0)
     }
 }

@@ -1,4 +1,4 @@
-//! Drawing particles anew in proportion to their weights.
+//! Resampling: drawing particles in proportion to their weights.
 
 use mcl_core::Rng;
 use rand::RngExt;
@@ -6,8 +6,9 @@ use rand::RngExt;
 use crate::Resampling;
 
 impl Resampling {
-    /// Fills `chosen` with `number` indices, such that index i is expected number·wᵢ times. The weights are at least 0 and not all 0; they need not sum to one. An index of
-    /// weight 0 is never chosen. `scratch` is a buffer.
+    /// Fills `chosen` with `number` indices, such that the expected number of copies of index i is number·wᵢ for
+    /// weights that sum to one. The weights are at least 0 and not all 0; they need not be normalized. An index of
+    /// weight 0 is never drawn. `scratch` is a buffer.
     pub fn draw(
         self,
         weights: &[f64],
@@ -41,7 +42,7 @@ impl Resampling {
                 for (i, weight) in weights.iter().enumerate() {
                     let copies = (weight * per_weight).floor();
                     scratch.push(weight * per_weight - copies);
-                    // Rounding of the sum could make one copy too many.
+                    // Rounding of the sum could give one copy too many.
                     let room = n - chosen.len();
                     chosen.extend(std::iter::repeat_n(i, (copies as usize).min(room)));
                 }
@@ -54,8 +55,8 @@ impl Resampling {
 /// Appends the index at each of the increasing positions, fractions in [0, 1) of the sum of the
 /// weights.
 ///
-/// Positions are scaled by the very sum that the running total ends with, and the last index of
-/// positive weight takes what rounding leaves: weights that sum to a little less than one are safe.
+/// Positions are scaled by the final value of the running total, and the last index of positive weight takes
+/// positions left over by rounding, so weights that sum to a little less than one are safe.
 fn at_increasing(weights: &[f64], positions: impl Iterator<Item = f64>, chosen: &mut Vec<usize>) {
     let sum: f64 = weights.iter().sum();
     let last = last_positive(weights);
@@ -70,7 +71,7 @@ fn at_increasing(weights: &[f64], positions: impl Iterator<Item = f64>, chosen: 
     }
 }
 
-/// Appends `draws` independent draws; turns the weights into their running totals.
+/// Appends `draws` independent draws; replaces the weights by their running totals.
 fn multinomial(weights: &mut [f64], draws: usize, rng: &mut Rng, chosen: &mut Vec<usize>) {
     let last = last_positive(weights);
     let mut sum = 0.0;
@@ -104,7 +105,7 @@ mod tests {
         copies
     }
 
-    /// Copies of index i are expected N·wᵢ times, with a variance of at most that of a multinomial,
+    /// The number of copies of index i has mean N·wᵢ, and at most the variance of multinomial resampling,
     /// N·wᵢ·(1 − wᵢ).
     #[test]
     fn every_kind_is_unbiased() {
@@ -126,7 +127,7 @@ mod tests {
         }
     }
 
-    /// The kinds are really different: their variances of the number of copies are in the order
+    /// The schemes differ: the variances of their numbers of copies have the order
     /// known from the literature (Douc, Cappé and Moulines 2005).
     #[test]
     fn variance_falls_from_multinomial_to_stratified() {
@@ -162,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Pinned, so that no dependency can silently move results.
+    /// Pinned values, so that no dependency can silently change results.
     #[test]
     fn draws_are_stable() {
         let drawn = Resampling::ALL
@@ -201,7 +202,7 @@ mod tests {
                         Resampling::Systematic => {
                             prop_assert!((copies - expected).abs() < 1.0 + 1e-9)
                         }
-                        // A stratum is cut by at most two ends of a particle's share.
+                        // At most two ends of a particle's interval fall in a stratum.
                         Resampling::Stratified => {
                             prop_assert!((copies - expected).abs() < 2.0 + 1e-9)
                         }

@@ -1,4 +1,4 @@
-//! Settings of the filter: plain values, checked once into values that are known good.
+//! Settings of the filter: plain values, and the same values once they have been checked.
 
 use std::f64::consts::TAU;
 
@@ -13,28 +13,28 @@ use crate::recovery::Recovery;
 use crate::sigma_hit::SigmaHit;
 use crate::words::words;
 
-/// More particles than this would not fit the memory of the machines this is for.
+/// Largest number of particles; more would not fit in the memory of typical machines.
 const MAX_PARTICLES: usize = 10_000_000;
 
-/// Settings of Monte Carlo localization as written in a file; [`check`](Self::check) them once.
+/// Settings of Monte Carlo localization, as in a settings file; [`check`](Self::check) them before use.
 ///
-/// Lengths are metres, angles radians. The symbols are those of *Probabilistic Robotics* (Thrun,
+/// Lengths are in metres, angles in radians. The symbols are those of *Probabilistic Robotics* (Thrun,
 /// Burgard, Fox 2005).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilterSettings {
     /// M: number of particles, fixed or adapted within a range.
     pub particles: ParticleNumber,
-    /// How many particles within the range.
+    /// How the number of particles adapts within the range.
     pub kld: Kld,
-    /// Where the particles start.
+    /// How the particles are initialized.
     pub initial_pose: InitialPose,
-    /// Which model moves the particles.
+    /// The motion model.
     pub motion: MotionKind,
-    /// Noise of the Gaussian motion model along each of x and y of the robot: standard deviations of every step
+    /// Noise of the Gaussian motion model along each of x and y of the robot: standard deviations per step
     /// (m), per metre (m/m) and per radian (m/rad); their squares add up.
     pub position_noise: [f64; 3],
-    /// Noise of the heading in the Gaussian motion model: standard deviations of every step (rad), per metre
+    /// Noise of the heading in the Gaussian motion model: standard deviations per step (rad), per metre
     /// (rad/m) and per radian (rad/rad); their squares add up.
     pub heading_noise: [f64; 3],
     /// α₁…α₄ of the book's motion model (table 5.6), such that α·δ² are variances: rotation noise
@@ -42,54 +42,53 @@ pub struct FilterSettings {
     /// translation (dimensionless) and from rotation (m²/rad²).
     pub alpha: [f64; 4],
     /// Translations shorter than this (m) count as turning in place in the book's motion model. The default
-    /// is that of AMCL's model of a differential drive (nav2_amcl, `differential_motion_model.cpp`).
+    /// is that of AMCL's differential drive model (nav2_amcl, `differential_motion_model.cpp`).
     pub turning_in_place: f64,
-    /// σ_hit: standard deviation of a measured endpoint about the nearest map point.
+    /// σ_hit: standard deviation of a measured endpoint around the nearest map point.
     pub sigma_hit: SigmaHit,
-    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. Does not count where `beam_floor`
-    /// is given.
+    /// z_rand: probability of a random measurement; z_hit is 1 − z_rand. Ignored if `beam_floor` is given.
     pub z_rand: f64,
-    /// The same said as CARMEN says it: the least likelihood of a beam as a fraction of the largest. A
-    /// beam at distance d counts floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None`:
-    /// z_rand counts.
+    /// The same parameter as CARMEN defines it: the smallest likelihood of a beam as a fraction of the largest. A
+    /// beam at distance d has likelihood floor + (1 − floor)·exp(−d²/2σ_hit²), times a constant. `None` to use
+    /// z_rand.
     pub beam_floor: Option<f64>,
-    /// A beam that ends where the map has nothing along it, seen from more than this share of the particles, is left
-    /// out of the scan: it ends at a person, or at something else that the map does not know. 1 leaves out none; 0.9
-    /// is for places with many people. The name is CARMEN's, whose outliers are beams below the floor.
+    /// A beam is left out of the scan if, for more than this fraction of the particles, the map has nothing along it
+    /// near its end: it then ends at a person or another obstacle that is not in the map. 1 leaves out none; 0.9
+    /// suits environments with many people. The name is CARMEN's, whose outliers are beams below the floor.
     pub outlier_fraction: f64,
-    /// Distances to the map are cut at this (m), so that places off the map are all equally bad.
+    /// Distances to the map are truncated at this (m), so that all points off the map are equally unlikely.
     pub max_distance: f64,
-    /// z_max: longest reading that is used (m), inclusive; also the range over which random
+    /// z_max: largest reading that is used (m), inclusive; also the range over which random
     /// measurements are uniform.
     pub max_range: f64,
-    /// Which beams of a scan are used.
+    /// The beams of a scan to use.
     pub beams: Beams,
-    /// Exponent on the likelihood of a scan. 1 takes the beams as independent, as the book does; a
-    /// smaller one tempers the likelihood, for neighbouring beams see the same surface and the same
-    /// errors of the map.
+    /// Exponent on the likelihood of a scan. 1 treats the beams as independent, as in the book; a
+    /// smaller value tempers the likelihood, because neighbouring beams see the same surface and the same
+    /// map errors.
     pub likelihood_exponent: f64,
-    /// Where the noise of a motion is drawn from.
+    /// The proposal distribution for the noise of a motion.
     pub proposal: Proposal,
-    /// How particles are resampled.
+    /// The resampling scheme.
     pub resampling: Resampling,
-    /// Particles are resampled when the effective sample size is below this fraction of their
+    /// Particles are resampled if the effective sample size is below this fraction of their
     /// number: 0 never, 1 whenever the weights differ.
     pub ess_fraction: f64,
-    /// Particles are resampled no sooner than after this path of the robot by its odometry (m) …
+    /// Particles are resampled only after the robot has moved this far by its odometry (m) …
     pub resample_distance: f64,
-    /// … or after turns that add up to this (rad), whichever comes first; until then the likelihoods of
+    /// … or turned by this total angle (rad), whichever comes first; until then the likelihoods of
     /// scans multiply. 0: at every scan.
     pub resample_angle: f64,
-    /// Scans are used only after the odometry has moved the robot this far (m) since the last used one …
+    /// Scans are used only after the robot has moved this far by its odometry (m) since the last used one …
     pub update_distance: f64,
-    /// … or turned it this far (rad), whichever comes first; until then the motion is composed, and the
+    /// … or turned by this angle (rad), whichever comes first; until then the motion is accumulated and the
     /// estimate is predicted. 0: every scan is used.
     pub update_angle: f64,
-    /// Whether and how a lost robot is looked for.
+    /// Recovery from localization failure; `None` for none.
     pub recover: Option<Recovery>,
 }
 
-/// The one place of the defaults. The noise of the motion, z_rand and the proposal are what tracked best on ACES,
+/// The defaults. Motion noise, z_rand and proposal are those that tracked best on ACES,
 /// Freiburg 079, Freiburg 101, Seattle, CSAIL and the simulated office (experiments/sensitivity.toml,
 /// docs/filter.md).
 impl Default for FilterSettings {
@@ -123,7 +122,7 @@ impl Default for FilterSettings {
     }
 }
 
-/// A whole set of settings with a source.
+/// A complete set of settings with a source.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
@@ -131,23 +130,23 @@ pub enum Preset {
     #[default]
     Default,
     /// *Probabilistic Robotics*: table 8.2 with the motion model of table 5.6 as the proposal, and the product over
-    /// all beams of table 6.3. The book gives no σ_hit, z_rand and α: 0.3 m, 0.5 and 0.05 are what tracked best with
+    /// all beams of table 6.3. The book gives no values of σ_hit, z_rand and α; 0.3 m, 0.5 and 0.05 tracked best with
     /// these models on the ACES log, Freiburg 079 and the simulated office.
     Book,
     /// CARMEN's `localize`, the program of the paper's group: σ_hit = 0.3 m (`lmap_std`), floor 0.45
-    /// (`tracking_beam_minlikelihood`), a beam per 3° (`integrate_angle`); likelihoods multiply until the
-    /// robot has moved 0.2 m (`update_distance`) or turned 0.2 rad (the angle is that of descendants),
-    /// then particles are resampled. Its `outlier_fraction` is 0.9 of the particles with beams *below*
-    /// the floor, which no beam can be since the floor is added: none is left out. CARMEN learns a motion
-    /// model of its own; here it is that of `Book`.
+    /// (`tracking_beam_minlikelihood`), one beam per 3° (`integrate_angle`). Likelihoods multiply until the
+    /// robot has moved 0.2 m (`update_distance`) or turned 0.2 rad (the angle used by its descendants),
+    /// then particles are resampled. Its `outlier_fraction` of 0.9 refers to beams *below*
+    /// the floor; since the floor is added, there are none, so no beam is left out. CARMEN learns its own motion
+    /// model; this preset uses that of `Book`.
     Carmen,
 }
 
 impl Preset {
-    /// All sets.
+    /// All presets.
     pub const ALL: [Preset; 3] = [Preset::Default, Preset::Book, Preset::Carmen];
 
-    /// The set's name, as in a study.
+    /// The name of the preset, as in a study.
     pub const fn name(self) -> &'static str {
         match self {
             Preset::Default => "default",
@@ -156,7 +155,7 @@ impl Preset {
         }
     }
 
-    /// The settings.
+    /// The settings of the preset.
     pub fn settings(self) -> FilterSettings {
         let book = || FilterSettings {
             motion: MotionKind::Book,
@@ -182,11 +181,11 @@ impl Preset {
 
 words!(Preset, "preset", "default, book or carmen");
 
-/// Where the particles start.
+/// The initial distribution of the particles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum InitialPose {
-    /// Position tracking: a Gaussian about a known pose, independent in x, y (the map's axes) and θ.
+    /// Position tracking: a Gaussian around a known pose, independent in x, y (the map axes) and θ.
     Known {
         /// Standard deviation in x (m).
         std_x: f64,
@@ -195,17 +194,16 @@ pub enum InitialPose {
         /// Standard deviation of the heading (rad).
         std_theta: f64,
     },
-    /// Global localization: uniform over the smallest axis-aligned box around the map's points, and
-    /// over all headings.
+    /// Global localization: uniform over the free space of the map, or over its axis-aligned bounding box if no free
+    /// space is known, and over all headings.
     Uniform {},
-    /// Global localization: where the first scan with readings is likely, of all places from which it can have seen
-    /// the map. A single scan looks alike from many places, and so the likelihoods of the scans are tempered
-    /// until the particles agree.
+    /// Global localization: poses at which the first scan with readings is likely, searched over the whole map. A
+    /// single scan is similar at many poses, so the likelihoods of the scans are tempered until the particles agree.
     Scan {
-        /// Until then a scan counts as so many independent beams.
+        /// Number of independent beams that a scan counts as until then.
         #[serde(default = "start_beams")]
         beams: f64,
-        /// Particles agree when the standard deviations of x and y together are below this (m).
+        /// Particles agree if the combined standard deviation of x and y is below this (m).
         #[serde(default = "agreement")]
         agreement: f64,
     },
@@ -226,21 +224,21 @@ fn agreement() -> f64 {
     1.0
 }
 
-/// Which model moves the particles.
+/// The kind of motion model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MotionKind {
-    /// Gaussian noise in the robot's frame, with a floor per step: [`GaussianModel`](crate::motion::GaussianModel).
+    /// Gaussian noise in the robot frame, with a minimum per step: [`GaussianModel`](crate::motion::GaussianModel).
     Gaussian,
     /// *Probabilistic Robotics*, table 5.6: [`OdometryModel`](crate::motion::OdometryModel).
     Book,
 }
 
 impl MotionKind {
-    /// Both kinds.
+    /// All kinds.
     pub const ALL: [MotionKind; 2] = [MotionKind::Gaussian, MotionKind::Book];
 
-    /// The kind's name, as in a settings file.
+    /// The name, as in a settings file.
     pub const fn name(self) -> &'static str {
         match self {
             MotionKind::Gaussian => "gaussian",
@@ -251,24 +249,24 @@ impl MotionKind {
 
 words!(MotionKind, "motion", "gaussian or book");
 
-/// Where the noise of a motion is drawn from. Both stand for the same posterior and cost the same
-/// number of likelihoods; they differ in how many particles end up where the scan is likely.
+/// The proposal distribution for the noise of a motion. Both represent the same posterior and need the same
+/// number of likelihood evaluations; they differ in how many particles are where the scan is likely.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Proposal {
     /// The motion model, as in *Probabilistic Robotics*, table 8.2.
     Motion,
-    /// Half of the particles from the motion model, the others from Gaussians fitted to where those of other
-    /// folds found the scan likely; all are weighed by the mixture of both (Owen and Zhou 2000). With fewer
-    /// than some 50 particles it is the motion model.
+    /// Half of the particles from the motion model, the others from Gaussians fitted to where the scan is likely
+    /// among the particles of other folds; all are weighted by the mixture of both (Owen and Zhou 2000). With fewer
+    /// than about 50 particles it equals the motion model.
     Adaptive,
 }
 
 impl Proposal {
-    /// Both kinds.
+    /// All kinds.
     pub const ALL: [Proposal; 2] = [Proposal::Motion, Proposal::Adaptive];
 
-    /// The kind's name, as in a settings file.
+    /// The name, as in a settings file.
     pub const fn name(self) -> &'static str {
         match self {
             Proposal::Motion => "motion",
@@ -279,23 +277,23 @@ impl Proposal {
 
 words!(Proposal, "proposal", "motion or adaptive");
 
-/// How particles are resampled; all four are unbiased and differ in their variance (Douc, Cappé and
+/// The resampling scheme. All four are unbiased and differ in their variance (Douc, Cappé and
 /// Moulines, *Comparison of resampling schemes for particle filtering*, 2005).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Resampling {
-    /// One random number, N equally spaced places (*Probabilistic Robotics*, table 4.4).
+    /// N equally spaced positions with one random offset (*Probabilistic Robotics*, table 4.4).
     Systematic,
     /// One random number in each of N equal strata.
     Stratified,
-    /// ⌊N·w⌋ copies of each, the rest multinomial on what is left of the weights.
+    /// ⌊N·w⌋ copies of each particle, the rest multinomial on the remaining weights.
     Residual,
     /// N independent draws.
     Multinomial,
 }
 
 impl Resampling {
-    /// All kinds.
+    /// All schemes.
     pub const ALL: [Resampling; 4] = [
         Resampling::Systematic,
         Resampling::Stratified,
@@ -303,7 +301,7 @@ impl Resampling {
         Resampling::Multinomial,
     ];
 
-    /// The kind's name, as in a settings file.
+    /// The name, as in a settings file.
     pub const fn name(self) -> &'static str {
         match self {
             Resampling::Systematic => "systematic",
@@ -316,7 +314,7 @@ impl Resampling {
 
 words!(Resampling, "resampling", "systematic, stratified, residual or multinomial");
 
-/// Settings known to be good: what everything behind [`FilterSettings::check`] takes.
+/// Settings that have passed [`FilterSettings::check`], as required by the filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckedSettings(FilterSettings);
 
@@ -328,7 +326,7 @@ impl CheckedSettings {
 }
 
 impl FilterSettings {
-    /// These settings, checked, for a data set with this limit of readings (m).
+    /// Checks these settings with another `max_range` (m), for data sets with their own limit of readings.
     ///
     /// # Errors
     /// As [`check`](Self::check).
@@ -339,8 +337,7 @@ impl FilterSettings {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`FilterError::Setting`] names the first field that cannot be used, its value, and what is
-    /// expected.
+    /// [`FilterError::Setting`] with the first invalid field, its value, and what is expected.
     pub fn check(self) -> Result<CheckedSettings, FilterError> {
         check("particles", self.particles, ParticleNumber::EXPECTED, |number| {
             number.least <= number.most && number.least >= 1 && number.most <= MAX_PARTICLES
@@ -387,19 +384,18 @@ impl FilterSettings {
         Ok(CheckedSettings(self))
     }
 
-    /// Whether scans are used only after some motion.
+    /// Whether scans are skipped until the robot has moved.
     pub(crate) fn leaves_out_scans(&self) -> bool {
         self.update_distance > 0.0 || self.update_angle > 0.0
     }
 
-    /// Least likelihood of a beam as a fraction of the largest for this σ_hit (m), whichever setting it comes
-    /// from.
+    /// Smallest likelihood of a beam as a fraction of the largest for this σ_hit (m), from either setting.
     pub fn relative_floor(&self, sigma_hit: f64) -> f64 {
         let [hit, random] = self.mixture(sigma_hit);
         random / (hit + random)
     }
 
-    /// The two parts of a beam's likelihood where it ends on the map (table 6.3): z_hit/(σ_hit·√2π) and
+    /// The two terms of the likelihood of a beam that ends on the map (table 6.3): z_hit/(σ_hit·√2π) and
     /// z_rand/z_max.
     pub(crate) fn mixture(&self, sigma_hit: f64) -> [f64; 2] {
         let width = sigma_hit * TAU.sqrt();
@@ -553,7 +549,7 @@ mod tests {
         assert!((SigmaHit::Auto.metres(0.4) - 0.0808_f64.sqrt()).abs() < 1e-15);
     }
 
-    /// Both ways to say how little a beam can count: CARMEN's 0.45 of the peak is close to z_rand = 0.9.
+    /// Both parameters for the smallest likelihood of a beam: CARMEN's 0.45 of the peak is close to z_rand = 0.9.
     #[test]
     fn the_floor_of_a_beam_by_hand() {
         assert!((Preset::Carmen.settings().relative_floor(0.3) - 0.45).abs() < 1e-12);

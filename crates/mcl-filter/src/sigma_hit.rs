@@ -7,18 +7,18 @@ use serde::{Deserialize, Serialize};
 use crate::FilterError;
 use crate::words::NumberOrWord;
 
-/// σ_hit, a length or what the map's spacing makes of it.
+/// σ_hit, given as a length or computed from the spacing of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "NumberOrWord<f64>", into = "NumberOrWord<f64>")]
 pub enum SigmaHit {
-    /// By the spacing s of the map (`"auto"`): σ_hit² = (0.18 m)² + (0.55·s)².
+    /// From the spacing s of the map (`"auto"`): σ_hit² = (0.18 m)² + (0.55·s)².
     ///
-    /// A reading of a wall is s/√12 from the nearest of points that are s apart (root mean square), beside its own
-    /// error and that of the map. But neighbouring readings share the gap that they lie in, and the
-    /// likelihood multiplies them as if they did not: it takes a wider Gaussian for the spread of the
-    /// particles to be what the errors are. The factor of s is what the 1 % maps of ACES, Freiburg 101, Seattle, CSAIL
-    /// and the office ask for. On denser maps, errors are those of the reference poses that the map was built from:
-    /// between 0.12 and 0.16 m the error of the filter is the same, and 0.18 m puts 90 % of the scans or more into the
+    /// The distance of a reading of a wall to the nearest of points with spacing s is s/√12 (root mean square), plus
+    /// the errors of the reading and the map. But neighbouring readings fall in the same gap, while the
+    /// likelihood multiplies them as if they were independent, so a wider Gaussian is needed for the spread of the
+    /// particles to match the errors. The factor of s is tuned on the 1 % maps of ACES, Freiburg 101, Seattle, CSAIL
+    /// and the office. On denser maps, the errors of the reference poses that the map was built from dominate:
+    /// between 0.12 and 0.16 m the error of the filter is the same, and 0.18 m puts at least 90 % of the scans in the
     /// 95 % ellipsoid on all of these logs but one.
     Auto,
     /// Metres (a number).
@@ -29,10 +29,10 @@ impl SigmaHit {
     const EXPECTED: &str = "metres, or auto: by the map's spacing";
     /// σ_hit on a map without gaps (m).
     const OF_READINGS: f64 = 0.18;
-    /// σ_hit per spacing of the map.
+    /// Ratio of σ_hit to the spacing of the map.
     const OF_SPACING: f64 = 0.55;
 
-    /// σ_hit (m) on a map of this spacing (m).
+    /// Returns σ_hit (m) for a map of this spacing (m).
     pub fn metres(self, spacing: f64) -> f64 {
         match self {
             SigmaHit::Auto => math::hypot(Self::OF_READINGS, Self::OF_SPACING * spacing),

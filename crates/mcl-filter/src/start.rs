@@ -1,4 +1,4 @@
-//! Where a robot may be, by one scan: the start of global localization, and where a lost robot is looked for.
+//! Search for the poses at which a single scan is likely, for global localization and recovery.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -9,35 +9,36 @@ use rand::RngExt;
 use crate::particles::Particles;
 use crate::sensor::{FreeSpace, LikelihoodField, MapDistances, ScanEndpoints};
 
-/// Beams of a scan that the search looks at, evenly spread over the used ones.
+/// Number of beams that the search uses, evenly spread over the used beams of a scan.
 const BEAMS: usize = 30;
-/// How often a box of poses is halved along each axis.
+/// Number of times a box of poses is halved along each axis.
 const LEVELS: u32 = 2;
-/// There are no more boxes to start from than this: on very large maps all of them are larger.
+/// Largest number of initial boxes; on very large maps all boxes are larger instead.
 const MOST_ROOTS: f64 = 1e6;
-/// Half of a leaf's side is 0.7·σ_hit, within these limits (m).
+/// Half the side of a leaf is 0.7·σ_hit, within these limits (m).
 const HALF: [f64; 2] = [0.1, 0.25];
-/// Half of a leaf's headings (rad), at most.
+/// Largest half width of a leaf in heading (rad).
 const MOST_TURN: f64 = 0.1;
 /// Leaves whose density is below e⁻⁶ of the largest are left out.
 const CUT: f64 = 6.0;
-/// The table of a beam's log-likelihood has this many steps over so many standard deviations.
+/// Number of steps of the log-likelihood table of a beam, and its range in standard deviations.
 const TABLE: usize = 4096;
 const TABLE_END: f64 = 8.0;
-/// Boxes whose distances are looked up together.
+/// Number of boxes whose distances are looked up together.
 const BATCH: usize = 64;
-/// What memory is asked for as.
+/// What out-of-memory errors call this memory.
 const BOXES: &str = "boxes of a search for the robot";
 
-/// How likely a beam is by its distance from the map, in logarithms: the mixture of the likelihood field, as a
-/// falling step function, so that bounds of it are exact.
+/// Log-likelihood of a beam by its distance from the map: the mixture of the likelihood field as a decreasing step
+/// function, so that bounds are exact.
 struct BeamTable {
     per_metre: f64,
     values: Vec<f64>,
 }
 
 impl BeamTable {
-    /// `hit` and `random`: the two parts where a beam ends on the map, for a Gaussian of this σ (m).
+    /// Creates the table; `hit` and `random` are the two terms for a beam that ends on the map, with a Gaussian of
+    /// this σ (m).
     fn new(hit: f64, random: f64, sigma: f64) -> Self {
         let per_metre = TABLE as f64 / (TABLE_END * sigma);
         let value = |step: usize| {
@@ -47,14 +48,14 @@ impl BeamTable {
         BeamTable { per_metre, values: (0..=TABLE).map(value).collect() }
     }
 
-    /// The value at the step below a distance (m); that of 0 where it is negative.
+    /// The value at the step below a distance (m); that of distance 0 for negative distances.
     #[inline]
     fn at(&self, distance: f64) -> f64 {
         self.values[((distance * self.per_metre) as usize).min(TABLE)]
     }
 }
 
-/// A box of poses of the robot, by its place in the grid of its level.
+/// A box of poses of the robot, identified by its position in the grid of its level.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     place: [u32; 3],
@@ -68,7 +69,7 @@ struct Node {
 #[derive(Debug, Clone, Copy)]
 struct Level {
     corner: Point<2>,
-    /// Half of a box's side (m) and of its headings (rad).
+    /// Half the side of a box (m) and its half width in heading (rad).
     half: f64,
     turn: f64,
 }
@@ -90,13 +91,13 @@ impl Level {
 
 /// A search for the poses that explain a scan: branch and bound over boxes of poses.
 ///
-/// From anywhere in a box whose halves are h (m) and a (rad), the endpoint of a beam of length r lies within
-/// h·√2 + r·a of where it lies from the centre, so its distance from the map is smaller by no more than that.
-/// The likelihood falls with the distance; put together, no pose in the box is more likely than the bound.
-/// Boxes whose bound is too far below the likelihood found somewhere are left out, the others cut into eight.
+/// For any pose in a box with half widths h (m) and a (rad), the endpoint of a beam of length r is within
+/// h·√2 + r·a of its position for the centre of the box, so its distance from the map is smaller by at most that.
+/// The likelihood decreases with the distance, which gives an upper bound for all poses in the box.
+/// Boxes whose bound is too far below the largest likelihood found are discarded, the others divided into eight.
 ///
-/// The likelihood is that of some of the beams, with a Gaussian as wide as σ_hit and the leaves' size together:
-/// poses drawn from the leaves are reweighted by the filter's own.
+/// The likelihood uses some of the beams and a Gaussian with the combined width of σ_hit and the leaves. Poses drawn
+/// from the leaves are reweighted by the likelihood of the filter.
 struct Search<'a> {
     distances: &'a MapDistances,
     table: BeamTable,
@@ -107,8 +108,8 @@ struct Search<'a> {
     free: Option<FreeBoxes>,
 }
 
-/// Which boxes are in free space, from the leaves' level up to the first, each row by row. A leaf is if it holds the centre
-/// of a free cell, or its own centre lies in one, and so is every box around it.
+/// The boxes in free space, from the level of the leaves up to the first, each row by row. A leaf is in free space if
+/// it contains the centre of a free cell, or its own centre is in one; so is every box that contains such a leaf.
 struct FreeBoxes {
     levels: Vec<Vec<bool>>,
     /// Columns of the first level.
@@ -150,7 +151,7 @@ impl FreeBoxes {
         Some(FreeBoxes { levels, columns })
     }
 
-    /// Whether a box is one, `left` levels above the leaves.
+    /// Whether a box, `left` levels above the leaves, is in free space.
     fn hold(&self, left: u32, [column, row, _]: [u32; 3]) -> bool {
         let width = (self.columns << (LEVELS - left)) as usize;
         self.levels[left as usize][row as usize * width + column as usize]
@@ -158,8 +159,8 @@ impl FreeBoxes {
 }
 
 impl<'a> Search<'a> {
-    /// A search for a scan with endpoints; of places within `window`, or without one of all from where a beam can
-    /// end on the map.
+    /// Creates a search for a scan with endpoints, over positions within `window` or, without one, over all positions
+    /// from which a beam can end on the map.
     fn new(
         field: &LikelihoodField<'a>,
         endpoints: &ScanEndpoints,
@@ -199,7 +200,7 @@ impl<'a> Search<'a> {
         let free = distances.free_space();
         let free = free.and_then(|free| FreeBoxes::of(free, &leaf, [boxes[0], boxes[1]]));
 
-        // Of a place in a leaf: h²/3 along each direction, and r²a²/3 by its heading.
+        // Variance of a position in a leaf: h²/3 along each axis, and r²a²/3 due to the heading.
         let widened = (sigma * sigma + (half * half + math::square(lever * turn)) / 3.0).sqrt();
         Search {
             distances,
@@ -211,12 +212,12 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether a robot may be in a box, `left` levels above the leaves.
+    /// Whether the robot may be in a box, `left` levels above the leaves.
     fn may_hold(&self, left: u32, node: &Node) -> bool {
         self.free.as_ref().is_none_or(|free| free.hold(left, node.place))
     }
 
-    /// Number of leaves that the robot may be in.
+    /// Number of leaves in which the robot may be.
     fn number_of_leaves(&self) -> f64 {
         let [columns, rows, headings] = self.boxes.map(|boxes| f64::from(boxes << LEVELS));
         let places = match &self.free {
@@ -226,7 +227,7 @@ impl<'a> Search<'a> {
         places * headings
     }
 
-    /// Computes the values and bounds of some boxes of a level.
+    /// Computes the log-likelihoods and bounds of some boxes of a level.
     fn weigh(&self, level: &Level, nodes: &mut [Node], scratch: &mut Lookups) {
         let Lookups { points, distances, floors, ways } = scratch;
         ways.clear();
@@ -277,7 +278,7 @@ impl<'a> Search<'a> {
         let mut best = largest(&nodes, f64::NEG_INFINITY);
         for left in (0..LEVELS).rev() {
             level = level.next();
-            // Likely boxes first: what they hold lets others be left out.
+            // Likely boxes first, because their likelihoods allow others to be discarded.
             nodes.sort_by(|a, b| b.bound.total_cmp(&a.bound));
             let mut kept: Vec<Node> = Vec::new();
             for parents in nodes.chunks(BATCH) {
@@ -305,7 +306,7 @@ impl Node {
         Node { place, value: f64::NEG_INFINITY, bound: f64::INFINITY }
     }
 
-    /// The eight halves along each axis.
+    /// The eight boxes from halving along each axis.
     fn children(&self) -> impl Iterator<Item = Node> + use<> {
         let place = self.place;
         (0..8u32)
@@ -322,21 +323,21 @@ struct Lookups {
     ways: Vec<f64>,
 }
 
-/// Where the robot may be by one scan: boxes of poses with the tempered likelihood at their centres.
-pub(crate) struct LikelyPlaces {
+/// The poses at which a scan is likely: boxes of poses with the tempered likelihood at their centres.
+pub(crate) struct LikelyPoses {
     level: Level,
     places: Vec<[u32; 3]>,
-    /// Running totals of the densities, in proportion to that of the likeliest box.
+    /// Running totals of the densities, relative to that of the most likely box.
     totals: Vec<f64>,
     /// ln of the volume of a box (m²·rad).
     log_volume: f64,
-    /// The number of boxes that all poses searched would fill: those in free space, where the map knows it.
+    /// The number of boxes in the whole search space, or in its free space if known.
     boxes: f64,
 }
 
-impl LikelyPlaces {
-    /// Searches all poses in a window (m) from which a scan with endpoints may have been taken, or without one all
-    /// poses; the scan's likelihood is taken to the power of `exponent`.
+impl LikelyPoses {
+    /// Searches the poses at which a scan with endpoints is likely, within a window (m) or, without one, over the
+    /// whole map; the likelihood of the scan is raised to the power of `exponent`.
     ///
     /// # Errors
     /// [`OutOfMemory`].
@@ -347,7 +348,7 @@ impl LikelyPlaces {
         exponent: f64,
     ) -> Result<Self, OutOfMemory> {
         let search = Search::new(field, endpoints, window);
-        // The beams that are looked at stand for all.
+        // The beams that are used represent all.
         let exponent = exponent * endpoints.len() as f64 / search.beams.len() as f64;
         let (level, leaves, best) = search.leaves(CUT / exponent)?;
         let mut totals = with_room(leaves.len(), BOXES)?;
@@ -360,13 +361,13 @@ impl LikelyPlaces {
         let mut places = with_room(leaves.len(), BOXES)?;
         places.extend(leaves.iter().map(|leaf| leaf.place));
         let log_volume = math::ln(8.0 * level.half * level.half * level.turn);
-        Ok(LikelyPlaces { level, places, totals, log_volume, boxes })
+        Ok(LikelyPoses { level, places, totals, log_volume, boxes })
     }
 
-    /// Appends poses drawn from the boxes in proportion to their densities, uniformly within each; their
-    /// log-weights are those of a prior density over the one they are drawn from, over their number: the likelihood
-    /// has yet to be multiplied in. `log_prior` gives the logarithm of the prior (1/m²·rad) of a pose and of the
-    /// uniform density of all poses that were searched.
+    /// Appends poses drawn from the boxes in proportion to their densities, uniformly within each. Their log-weights
+    /// are the logarithm of the prior density over the proposal density, over their number; the likelihood has yet to
+    /// be multiplied in. `log_prior` returns the logarithm of the prior (1/m²·rad), given a pose and the logarithm of
+    /// the uniform density over all searched poses.
     pub(crate) fn draw(
         &self,
         number: usize,
@@ -415,7 +416,7 @@ mod tests {
         LikelihoodField::new(distances, &settings.check().unwrap()).unwrap()
     }
 
-    /// A room of 6 m × 4 m without symmetry: a pillar and a niche.
+    /// A room of 6 m × 4 m without symmetry, with a pillar and a niche.
     fn room() -> Vec<Point<2>> {
         let along = |from: Point<2>, to: Point<2>| {
             (0..=20).map(move |i| [0, 1].map(|k| from[k] + (to[k] - from[k]) * f64::from(i) / 20.0))
@@ -435,7 +436,7 @@ mod tests {
         walls.chain(along([4.0, 1.0], [4.0, 1.5])).collect()
     }
 
-    /// What a scanner that looks all around sees from a pose: per beam the nearest point within half a beam.
+    /// The scan of a 360° scanner at a pose: for each beam the nearest point within half a beam.
     fn scan(points: &[Point<2>], pose: Pose2) -> LaserScan {
         let beams = 72;
         let angle_step = 2.0 * PI / f64::from(beams);
@@ -486,7 +487,7 @@ mod tests {
     }
 
     proptest! {
-        /// No pose in a box is likelier than the box's bound, of any size and on any kind of map with bounds.
+        /// No pose in a box is more likely than the bound of the box, for any size and any kind of map with bounds.
         #[test]
         fn the_bound_is_a_bound(
             points in prop::collection::vec([0.0..6.0f64, 0.0..5.0f64], 1..40),
@@ -530,7 +531,7 @@ mod tests {
         }
     }
 
-    /// Branch and bound keeps exactly the leaves that weighing all of them keeps.
+    /// Branch and bound keeps exactly the leaves that an evaluation of all leaves keeps.
     #[test]
     fn no_leaf_is_lost() {
         let points = room();
@@ -570,7 +571,7 @@ mod tests {
         let field = field(&distances);
         for pose in [Pose2::new(1.7, 1.2, 0.4), Pose2::new(5.0, 3.0, -2.5)] {
             let scan = endpoints(&scan(&points, pose));
-            let places = LikelyPlaces::search(&field, &scan, None, 1.0).unwrap();
+            let places = LikelyPoses::search(&field, &scan, None, 1.0).unwrap();
             let mut particles = Particles::empty();
             places.draw(1000, |_, uniform| uniform, &mut Seed::new(1).rng(), &mut particles);
             let near = particles.iter().filter(|(found, _)| found.distance(&pose) < 0.5);
@@ -578,8 +579,8 @@ mod tests {
         }
     }
 
-    /// A room that looks the same from both ends: with one half free, the robot is there, and no draw is elsewhere; the
-    /// leaves are those of the whole search, but for those that are not free.
+    /// A room that looks the same from both ends. If only one half is free, all draws are there, and the
+    /// leaves are the free ones of the whole search.
     #[test]
     fn only_free_space_is_searched() {
         let points: Vec<Point<2>> = (0..=60)
@@ -599,7 +600,7 @@ mod tests {
         let distances = MapDistances::grid(&map, 2.0).unwrap();
         let halved = MapDistances::grid(&map, 2.0).unwrap().with_free_space(Some(free.clone()));
         let drawn = |distances: &MapDistances| {
-            let places = LikelyPlaces::search(&field(distances), &scan, None, 1.0).unwrap();
+            let places = LikelyPoses::search(&field(distances), &scan, None, 1.0).unwrap();
             let mut particles = Particles::empty();
             places.draw(1_000, |_, uniform| uniform, &mut Seed::new(1).rng(), &mut particles);
             let other = Pose2::new(4.5, 3.0, 0.0);
@@ -615,7 +616,7 @@ mod tests {
         let of_both = everywhere.places.iter().filter(|place| holds(place));
         assert!(of_both.clone().count() > 0);
         assert!(of_both.into_iter().all(|place| in_half.places.contains(place)));
-        // A leaf is as large a part of all as there are fewer of them.
+        // With fewer leaves in total, each is a larger part of them.
         let leaves = search.number_of_leaves();
         assert_eq!(in_half.boxes, leaves);
         let cells = free.centres().count() as f64 * 0.01;
@@ -625,17 +626,17 @@ mod tests {
         assert!((cells..1.3 * cells).contains(&area), "{area} for {cells} m²");
     }
 
-    /// The weights make up for where poses are drawn: the mean of L/q is ∫L over all poses, whatever the
-    /// exponent that q has, as long as it is small enough for nothing of L to be cut off.
+    /// The weights compensate for the proposal: the mean of L/q is ∫L over all poses, whatever the
+    /// exponent of q, as long as it is small enough that no part of L is discarded.
     #[test]
-    fn draws_are_weighed_by_their_density() {
+    fn draws_are_weighted_by_their_density() {
         let points = room();
         let map = PointMap::new(points.clone()).unwrap();
         let distances = MapDistances::grid(&map, 2.0).unwrap();
         let field = field(&distances);
         let scan = endpoints(&scan(&points, Pose2::new(1.7, 1.2, 0.4)));
         let evidence = [0.5, 0.25, 0.125].map(|exponent| {
-            let places = LikelyPlaces::search(&field, &scan, None, exponent).unwrap();
+            let places = LikelyPoses::search(&field, &scan, None, exponent).unwrap();
             let mut particles = Particles::empty();
             places.draw(100_000, |_, uniform| uniform, &mut Seed::new(2).rng(), &mut particles);
             let terms: Vec<f64> = particles

@@ -1,8 +1,8 @@
-//! How settings are written: as words, and as numbers that may be words.
+//! Serialization of settings as words, and as numbers or words.
 
 use serde::{Deserialize, Serialize};
 
-/// A number, or what is written in its place.
+/// A number, or a word in its place.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 pub(crate) enum NumberOrWord<N> {
@@ -10,8 +10,8 @@ pub(crate) enum NumberOrWord<N> {
     Word(String),
 }
 
-/// Reads and writes a setting by its words, which `ALL` and `name` give: the type, the setting's name, and what is
-/// expected.
+/// Implements parsing and display of a setting by the words from `ALL` and `name`. Arguments: the type, the name of
+/// the setting, and what is expected.
 macro_rules! words {
     ($kind:ident, $field:literal, $expected:literal) => {
         impl std::str::FromStr for $kind {

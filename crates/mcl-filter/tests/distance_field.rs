@@ -1,5 +1,5 @@
-//! The grid answers what a search through all points answers, whatever the map looks like: to the
-//! last bits one by one, within 10⁻⁵ m many at a time.
+//! The grid gives the distances of a search through all points, whatever the map looks like: up to the
+//! last bits for single points, within 10⁻⁵ m for many at a time.
 
 use std::f64::consts::TAU;
 
@@ -12,10 +12,10 @@ use rand::RngExt;
 /// with it (in the tree or in the grid) its different rounding.
 const TOLERANCE: f64 = 4.0 * f64::EPSILON;
 
-/// Largest difference of distances (m) that answers for many places at a time may have.
+/// Largest error of distances (m) for many points at a time.
 const TOLERANCE_OF_MANY: f64 = 1e-5;
 
-/// Panics unless the field and the reference answer the nearest neighbour's distance, cut.
+/// Panics unless the field and the reference return the truncated distance of the nearest neighbour.
 fn compare(map: &PointMap<2>, max_distance: f64, queries: impl Iterator<Item = Point<2>>) {
     let field = DistanceField::build(map, max_distance).unwrap();
     let exact = ExactDistances::build(map, max_distance).unwrap();
@@ -35,7 +35,7 @@ fn compare(map: &PointMap<2>, max_distance: f64, queries: impl Iterator<Item = P
     }
 }
 
-/// Places about a map: anywhere in its box and a little beyond, close to its points, on them, and
+/// Query points around a map: anywhere in its bounding box and a little beyond, close to its points, on them, and
 /// half way between two of them.
 fn queries(map: &PointMap<2>, number: usize, seed: u64) -> impl Iterator<Item = Point<2>> {
     let (points, bounds) = (map.points().to_vec(), map.bounds());
@@ -64,7 +64,7 @@ fn uniform(rng: &mut Rng, width: f64) -> f64 {
     width * (rng.random::<f64>() - 0.5)
 }
 
-/// Noisy walls of a 30 m × 30 m floor of rooms, like the points of a log.
+/// Noisy walls of rooms on a 30 m × 30 m floor, like the points of a log.
 fn floor(number: usize, seed: u64) -> PointMap<2> {
     let mut rng = Seed::new(seed).rng();
     map_of(number, |_| {
@@ -148,7 +148,7 @@ fn degenerate_maps() {
     }
 }
 
-/// The grid's cells are not known here, but these queries step over every one of their borders.
+/// The cells of the grid are not known here, but these queries cross each of their borders.
 #[test]
 fn fine_steps_across_cells() {
     let map = floor(1_000, 7);

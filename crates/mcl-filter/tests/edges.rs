@@ -1,4 +1,4 @@
-//! Numbers at the edge of what floats can say: refused with an error, or answered with finite numbers.
+//! Numbers at the limits of floating point give an error or finite results.
 
 use mcl_core::{LaserScan, PointMap, Pose2, Recording, ScanGeometry, Seed};
 use mcl_filter::sensor::DistanceField;
@@ -128,7 +128,7 @@ fn scans() -> impl Strategy<Value = Vec<LaserScan>> {
         })
 }
 
-/// A run over all of these scans by their odometry.
+/// A run over all of these scans with their odometry.
 fn run(
     map: &PointMap<2>,
     settings: &FilterSettings,
@@ -147,7 +147,7 @@ fn run(
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// With everything that changes the number of particles, or when and where they are.
+    /// With all settings that change the number of particles, or when and where they are drawn.
     #[test]
     fn starts_and_recoveries_are_finite_or_errors(
         map in map(),
@@ -220,7 +220,7 @@ proptest! {
     }
 }
 
-/// Found by the property above: the weighted mean of such places overflowed.
+/// Found by the property above: the weighted mean of such positions overflowed.
 #[test]
 fn a_start_beyond_all_maps_is_refused() {
     let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
@@ -235,8 +235,8 @@ fn a_start_beyond_all_maps_is_refused() {
     }
 }
 
-/// Sums over so many weights lose nothing: the posterior is that of fewer particles, on average over runs (the first
-/// scan leaves only 200 of 10,000, so the evidence of a single run scatters by 0.1).
+/// Sums over this many weights lose no accuracy: on average over runs, the posterior is that of fewer particles (the
+/// first scan leaves only 200 of 10,000, so the evidence of a single run varies by 0.1).
 #[test]
 fn a_million_particles_agree_with_ten_thousand() {
     let walls = (0..400).map(|i| f64::from(i) * 0.02).flat_map(|s| [[s, 0.0], [0.0, 0.7 * s]]);

@@ -20,7 +20,7 @@ fn corner() -> MapDistances {
     MapDistances::grid(&PointMap::new(points.collect()).unwrap(), 2.0).unwrap()
 }
 
-/// What a robot sees that stands `x` and `y` from the origin, looking ahead and to the left.
+/// The scan of a robot at `x` and `y` from the origin, with beams ahead and to the left.
 fn scan(x: f64, y: f64) -> LaserScan {
     LaserScan {
         stamp: None,
@@ -93,7 +93,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Fitted to the very pilots that it weighs, the adaptive proposal found 0.77 of the evidence with 100
+/// When it was fitted to the same pilots that it reweights, the adaptive proposal gave 0.77 of the evidence with 100
 /// particles and 0.98 with 500.
 #[test]
 fn evidence_is_unbiased_for_any_number_of_particles() {
@@ -108,14 +108,14 @@ fn evidence_is_unbiased_for_any_number_of_particles() {
                 (average - 1.0).abs() < 4.0 * error,
                 "{proposal}, {particles} particles: {average} ± {error}"
             );
-            // Enough runs to see a bias of a tenth.
+            // Enough runs to detect a bias of a tenth.
             assert!(error < 0.025, "{proposal}, {particles} particles: ± {error}");
         }
     }
 }
 
-/// The root mean square error of the evidence: a quarter of the motion model's where the odometry is right,
-/// and no more than that 2.5 and 1.5 standard deviations off.
+/// The root mean square error of the evidence: a quarter of that of the motion model if the odometry is right,
+/// and no larger if it is off by 2.5 and 1.5 standard deviations.
 #[test]
 fn the_adaptive_proposal_varies_less_than_the_motion_model() {
     let distances = corner();

@@ -63,7 +63,7 @@ fn normal_nodes(number: usize) -> Vec<(f64, f64)> {
 /// likelihood of each scan given what came before.
 fn exact() -> ([f64; 3], [f64; 3], [f64; 2]) {
     let (poses, noises) = (normal_nodes(19), normal_nodes(7));
-    // Table 5.6 by hand: the robot drives forward, so the rotations are as they come.
+    // Table 5.6 by hand: the robot drives forward, so the rotations are not reduced.
     let rotation1 = INCREMENT.y.atan2(INCREMENT.x);
     let translation = INCREMENT.x.hypot(INCREMENT.y);
     let rotation2 = INCREMENT.theta - rotation1;
@@ -85,7 +85,7 @@ fn exact() -> ([f64; 3], [f64; 3], [f64; 2]) {
                     [START.x + STD[0] * nx, START.y + STD[1] * ny, START.theta + STD[2] * nt];
                 let weight = wx * wy * wt * likelihood(&FIRST, pose);
                 add(&mut before, weight, pose);
-                // What cannot matter to the fourth digit need not be integrated over the noise.
+                // Skips poses that cannot affect the fourth digit.
                 if weight < 1e-9 {
                     continue;
                 }

@@ -221,7 +221,7 @@ fn left_out_scans_are_bridged_by_their_increments() {
     let (position, heading) = worst(&run, &recording, scans.iter().copied());
     assert!(position < 0.15 && heading < 0.06, "{position} m, {heading} rad");
 
-    // With neither noise nor usable beams the estimate is the composition itself.
+    // With neither noise nor usable beams, the estimate is the composition of the increments.
     let still = InitialPose::Known { std_x: 0.0, std_y: 0.0, std_theta: 0.0 };
     let blind =
         FilterSettings { alpha: [0.0; 4], initial_pose: still, max_range: 1e-6, ..settings() };
@@ -251,7 +251,7 @@ fn a_lost_robot_finds_itself() {
     let (last, truth) = (run.map_from_laser.last().unwrap(), recording.scans.last().unwrap());
     let off = last.distance(&truth.map_from_laser.unwrap());
     assert!(off < 0.1, "{off} m");
-    // It knows that it is no longer lost.
+    // The covariance shows that the robot is no longer lost.
     let spread = run.reports.last().unwrap().estimate.covariance.trace().sqrt();
     assert!(spread < 0.2, "{spread}");
 }
@@ -265,7 +265,7 @@ fn a_scan_without_usable_beams_keeps_the_weights() {
     let mut filter =
         ParticleFilter::new(&settings, &distances, Pose2::IDENTITY, start, Seed::new(1)).unwrap();
     filter.update(&recording.scans[0]).unwrap();
-    // Particles may change places when they move.
+    // The order of particles may change when they move.
     let sorted = |filter: &ParticleFilter| {
         let mut weights: Vec<f64> = filter.particles().iter().map(|(_, weight)| weight).collect();
         weights.sort_unstable_by(f64::total_cmp);
@@ -300,7 +300,7 @@ fn what_is_missing_is_named() {
         attempt(&holes, &[2, 3, 5], start),
         Some(FilterError::MissingOdometry { scan: 3, unknown: 1, steps: 3 })
     );
-    // The way to the first used scan need not be known.
+    // The motion to the first used scan need not be known.
     assert_eq!(attempt(&holes, &[3, 4], start), None);
     holes[3] = Some(Pose2::new(f64::NAN, 0.0, 0.0));
     assert!(matches!(
@@ -319,8 +319,8 @@ fn what_is_missing_is_named() {
     }
 }
 
-/// As in the log of Seattle, where the robot turned by 81° on a step that the odometry does not know: taken as no
-/// motion, the robot was lost.
+/// As in the Seattle log, where the robot turned by 81° on a step without odometry: treated as no motion, the robot was
+/// lost.
 #[test]
 fn a_turn_that_the_odometry_does_not_know_is_bridged() {
     let distances = MapDistances::grid(&map(), 2.0).unwrap();
@@ -343,7 +343,7 @@ fn a_turn_that_the_odometry_does_not_know_is_bridged() {
             lost += usize::from(position > 0.1 || heading > 0.05);
         }
         assert_eq!(lost, 0, "{proposal}");
-        // As if it had stood still.
+        // As if the robot had stood still.
         increments[15..=20].fill(Some(Pose2::IDENTITY));
         let replay = Replay { recording: &recording, increments: &increments, scans: &scans };
         let run = localize(&replay, &distances, &settings, start, Seed::new(1)).unwrap();
@@ -352,8 +352,8 @@ fn a_turn_that_the_odometry_does_not_know_is_bridged() {
     }
 }
 
-/// Fault: a robot that had not been found yet, and had come down to few particles, was looked for again at a step that
-/// its odometry does not know, by more particles than there was room for: the program panicked.
+/// Fault: while a robot had not been found yet and few particles were left, a step without odometry started a new
+/// search with more particles than the buffers had room for, and the program panicked.
 #[test]
 fn a_robot_that_is_looked_for_may_lose_its_odometry() {
     let distances = MapDistances::grid(&map(), 2.0).unwrap();
@@ -365,7 +365,7 @@ fn a_robot_that_is_looked_for_may_lose_its_odometry() {
     let settings = FilterSettings {
         particles: "100..2000".parse().unwrap(),
         proposal: Proposal::Adaptive,
-        // So near that the search goes on.
+        // So close that the search continues.
         initial_pose: InitialPose::Scan { beams: 5.0, agreement: 1e-9 },
         ..settings()
     };

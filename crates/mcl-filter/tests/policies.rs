@@ -1,4 +1,4 @@
-//! How many particles there are, which scans are used, and how a robot is found that is nowhere known.
+//! Adaptive numbers of particles, skipped scans, global localization and recovery.
 
 use std::f64::consts::PI;
 
@@ -7,7 +7,6 @@ use mcl_filter::{
     FilterSettings, InitialPose, MapDistances, ParticleFilter, Recovery, Replay, Run, localize,
 };
 
-/// Motion with a floor per step, and σ_hit by the map.
 /// Walls of an office of 16 m by 8 m: two rooms that differ in size, and a corridor.
 fn office() -> Vec<[f64; 2]> {
     let walls = [
@@ -71,7 +70,7 @@ fn run(poses: &[Pose2], settings: FilterSettings, start: Option<Pose2>, seed: u6
     localize(&replay, &distances, &settings, start, Seed::new(seed)).unwrap()
 }
 
-/// Fault: of all the places on a map, 2,000 uniform particles and one untempered scan picked a wrong one.
+/// Fault: with 2,000 uniform particles and one untempered scan, global localization selected a wrong pose.
 #[test]
 fn a_robot_is_found_that_starts_anywhere() {
     let poses: Vec<Pose2> = path(2.0, 40).collect();
@@ -86,7 +85,7 @@ fn a_robot_is_found_that_starts_anywhere() {
             assert!(estimate.distance(pose) < 0.3, "seed {seed}: {estimate:?} for {pose:?}");
         }
         let [first, last] = [&found.reports[0], &found.reports[39]];
-        // 8 of 180 beams; later all count.
+        // 8 of 180 beams; later all are used.
         assert!((first.likelihood_exponent - 8.0 / first.used_beams as f64).abs() < 1e-12);
         assert_eq!(last.likelihood_exponent, 1.0);
         assert_eq!(first.particles, 2000);
@@ -94,7 +93,7 @@ fn a_robot_is_found_that_starts_anywhere() {
     }
 }
 
-/// Fault: a robot that was carried away stayed lost.
+/// Fault: a kidnapped robot stayed lost.
 #[test]
 fn a_kidnapped_robot_is_found_again() {
     let carried: Vec<Pose2> = path(1.0, 20).chain(path(9.0, 30)).collect();
@@ -111,7 +110,7 @@ fn a_kidnapped_robot_is_found_again() {
     assert!(lost > 0, "the robot is found without recovery: this tests nothing");
 }
 
-/// While scans are what they used to be, recovery does nothing.
+/// As long as the likelihood of scans does not fall, recovery does nothing.
 #[test]
 fn recovery_leaves_a_tracked_robot_alone() {
     let poses: Vec<Pose2> = path(1.0, 40).collect();
@@ -131,12 +130,12 @@ fn scans_are_used_after_some_motion() {
         assert_eq!(report.used_beams > 0, step % 3 == 0, "{step}");
         assert!(found.map_from_laser[step].distance(&poses[step]) < 0.2, "{step}");
     }
-    // What is predicted is less certain than what it is predicted from.
+    // A prediction is less certain than the estimate it starts from.
     let spread = |step: usize| found.reports[step].estimate.covariance.trace();
     assert!(spread(4) > spread(3) && spread(7) > spread(6));
 }
 
-/// Turning alone is motion as well, and a robot that stands still is predicted to stand still.
+/// Turning alone is motion too, and a robot that stands still is predicted to stand still.
 #[test]
 fn a_turn_makes_the_next_scan_count() {
     let points = office();

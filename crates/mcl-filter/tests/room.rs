@@ -10,7 +10,7 @@
 //!    0 1 2 3 4  x
 //! ```
 //!
-//! σ_hit = 0.5 m, z_rand = 0.2, z_max = 5 m, distances cut at 1 m. So
+//! σ_hit = 0.5 m, z_rand = 0.2, z_max = 5 m, distances truncated at 1 m:
 //!
 //! p(d) = 0.8/(0.5·√2π)·exp(−d²/0.5) + 0.2/5 = 0.638308·exp(−2d²) + 0.04
 //!
@@ -19,7 +19,7 @@
 //! | (2, 2), 0° | on map points | 0 | 0.678308 | −1.552617 |
 //! | (2.5, 2), 0° | (0.5, 2) and three like it: half a metre from a point | 0.25 | 0.427154 | −3.402451 |
 //! | (2, 2), 45° | (2 ± √2, 2 ± √2); nearest of (3.414, 3.414) is (4, 3) | (2 − √2)² + (√2 − 1)² = 0.514719 | 0.268008 | −5.266955 |
-//! | (20, 20), 0° | far off the map | 1 (cut) | 0.126386 | −8.273673 |
+//! | (20, 20), 0° | far off the map | 1 (truncated) | 0.126386 | −8.273673 |
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -97,8 +97,8 @@ fn likelihoods_are_those_worked_out_by_hand() {
     }
 }
 
-/// The walls without gaps. Half a metre to the right of the middle, two beams still end on them, where
-/// points are half a metre away: 2·ln 0.678308 + 2·ln 0.427154. Turned by 45°, they end 2 − √2 from a wall:
+/// Walls without gaps. Half a metre to the right of the middle, two beams still end on them, where
+/// points are half a metre away: 2·ln 0.678308 + 2·ln 0.427154. Rotated by 45°, they end 2 − √2 from a wall:
 /// 4·ln(0.638308·exp(−0.686292) + 0.04).
 #[test]
 fn walls_are_near_between_their_ends() {
@@ -113,7 +113,7 @@ fn walls_are_near_between_their_ends() {
     }
 }
 
-/// A Gaussian of standard deviation σ_hit per map point makes Mahalanobis distances those to points.
+/// With a Gaussian of standard deviation σ_hit per map point, Mahalanobis distances equal those to points.
 #[test]
 fn an_ndt_map_of_round_gaussians_is_the_room() {
     let cell = |&[x, y]: &[f64; 2]| NdtCell {
@@ -136,9 +136,9 @@ fn an_ndt_map_of_round_gaussians_is_the_room() {
     );
 }
 
-/// The room's points as cells of a metre about them: wherever in its cell a beam ends, the cell's distance
-/// counts. 0.6 m to the right of the middle, two beams end on a wall's cells, one beside a wall's (1 m), and
-/// one outside of the grid (cut at 1 m): 2·ln 0.678308 + 2·ln 0.126386.
+/// The points of the room as cells of one metre around them: wherever a beam ends in a cell, the distance of the cell
+/// is used. 0.6 m to the right of the middle, two beams end on cells of a wall, one beside those of a wall (1 m), and
+/// one outside the grid (truncated at 1 m): 2·ln 0.678308 + 2·ln 0.126386.
 #[test]
 fn an_occupancy_grid_has_a_distance_per_cell() {
     let occupied: Vec<bool> =
@@ -154,8 +154,8 @@ fn an_occupancy_grid_has_a_distance_per_cell() {
     }
 }
 
-/// A wall 2 m ahead that is 0.5 m thick, in cells of 5 cm. With all of its cells in the field, a robot that has gone too
-/// far by up to that is as likely as one that has not, and the estimate is a quarter of a metre off; with those that a
+/// A wall 2 m ahead that is 0.5 m thick, in cells of 5 cm. With all of its cells in the field, poses up to 0.5 m too far
+/// ahead are as likely as the true one, and the estimate is a quarter of a metre off; with only the cells that a
 /// beam can see, two cells deep, it is 5 cm off.
 #[test]
 fn thick_walls_do_not_swallow_the_robot() {
@@ -171,7 +171,7 @@ fn thick_walls_do_not_swallow_the_robot() {
         free: of_columns(0..60),
     };
     let solid = ObstacleGrid { free: Vec::new(), ..seen.clone() };
-    // The mean of poses along the beams, weighed by what one beam ahead says.
+    // The mean of poses along the beam, weighted by the likelihood of one beam ahead.
     let settings = FilterSettings { sigma_hit: SigmaHit::Metres(0.1), ..settings() };
     let mean = |distances: &MapDistances| {
         let ranges = [f64::NAN, 2.0, f64::NAN, f64::NAN];
@@ -200,7 +200,7 @@ fn thick_walls_do_not_swallow_the_robot() {
 #[test]
 fn readings_beyond_the_limit_do_not_count() {
     for distances in &distances() {
-        // The reading of exactly z_max counts: it ends 3 m behind the wall, so its distance is cut.
+        // A reading of exactly z_max is used: it ends 3 m behind the wall, so its distance is truncated.
         let ranges = [5.0, 2.0, 5.1, f64::NAN];
         let found = log_likelihood(distances, settings(), ranges, POSES[0].0);
         assert!((found - (-8.273_673 - 1.552_617) / 4.0).abs() < 1e-5, "{found}");
@@ -232,7 +232,7 @@ fn without_random_measurements_nothing_underflows() {
         let sharp = FilterSettings { sigma_hit: SigmaHit::Metres(0.01), ..pure };
         let found = log_likelihood(distances, sharp, [2.0; 4], POSES[3].0);
         // ln(1/(0.01·√2π)) = 3.686232; d²/2σ² = 1/0.0002. An error of d of 10⁻⁷ m, a unit in the
-        // last place of the fast path's f32, makes one of d/σ²·10⁻⁷ = 10⁻³ per beam.
+        // last place of the fast path's f32, gives an error of d/σ²·10⁻⁷ = 10⁻³ per beam.
         let tolerance = match distances {
             MapDistances::Grid(_) => 4e-3,
             _ => 1e-4,
@@ -285,8 +285,8 @@ fn the_filter_weighs_by_the_product_of_likelihoods() {
     assert!(!report.resampled && report.used_beams == 4);
 }
 
-/// CARMEN's way to say the mixture: a floor of f of the largest likelihood makes logarithms those of
-/// f + (1 − f)·exp(−2d²) up to a constant. Of f = 0.04/0.678308 it is the very mixture.
+/// CARMEN's parametrization of the mixture: with a floor of f of the largest likelihood, logarithms are those of
+/// f + (1 − f)·exp(−2d²) up to a constant. With f = 0.04/0.678308 it is the same mixture.
 #[test]
 fn a_floor_bounds_what_a_beam_can_cost() {
     for distances in &distances() {
@@ -303,7 +303,7 @@ fn a_floor_bounds_what_a_beam_can_cost() {
     }
 }
 
-/// Likelihoods multiply until the robot has moved or turned far enough; then the weights start anew.
+/// Likelihoods multiply until the robot has moved or turned far enough; then the weights are reset.
 #[test]
 fn particles_are_resampled_after_a_distance_or_an_angle() {
     let [grid, _] = &distances();

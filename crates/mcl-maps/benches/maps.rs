@@ -1,6 +1,6 @@
-//! Map building and likelihood on walls of a building, as many points as the Intel log has.
+//! Map building and likelihood on the walls of a building, with as many points as the Intel log.
 //!
-//! `cargo bench -p mcl-maps`; rayon's threads are those of the machine, `RAYON_NUM_THREADS=1` for one.
+//! `cargo bench -p mcl-maps`; rayon uses all cores, or one with `RAYON_NUM_THREADS=1`.
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
@@ -56,8 +56,8 @@ fn sample_by_size(bencher: Bencher, percent: f64) {
     bencher.bench(|| sample_grid_of_size(black_box(&points), size, GridOffset::ORIGIN).unwrap());
 }
 
-/// How many pairs of a point and a component matter: those with d² ≤ d₁² + 2σ²·ln(K/ε), d₁ the
-/// distance to the nearest component and ε = 10⁻¹². The program itself evaluates somewhat more.
+/// Number of relevant pairs of a point and a component: those with d² ≤ d₁² + 2σ²·ln(K/ε), d₁ the
+/// distance to the nearest component and ε = 10⁻¹². The program evaluates somewhat more.
 fn pairs(data: &PointSet<2>, map: &PointMap<2>) -> usize {
     let reach = 2.0 * SIGMA * SIGMA * (map.len() as f64 / 1e-12).ln();
     let components = NearestNeighbors::new(map.points()).unwrap();
@@ -70,7 +70,7 @@ fn pairs(data: &PointSet<2>, map: &PointMap<2>) -> usize {
 }
 
 /// One update of fuzzy k-means: two E steps with their sums for the M step, of which the first is
-/// shared by a run, and one M step. Counts pairs that matter.
+/// shared by a run, and one M step. Counts relevant pairs.
 #[divan::bench(args = PERCENT, sample_count = 10)]
 fn one_update(bencher: Bencher, percent: f64) {
     let data = PointSet::new(walls(POINTS)).unwrap();
@@ -81,7 +81,7 @@ fn one_update(bencher: Bencher, percent: f64) {
         .bench(|| fuzzy_k_means(&data, black_box(&map), &settings, |_, _| {}).unwrap());
 }
 
-/// An E step without the sums for the M step. Counts pairs that matter.
+/// An E step without the sums for the M step. Counts relevant pairs.
 #[divan::bench(args = PERCENT, sample_count = 10)]
 fn likelihood(bencher: Bencher, percent: f64) {
     let data = PointSet::new(walls(POINTS)).unwrap();

@@ -5,59 +5,59 @@ use crate::refine::{RefineReport, RefineSettings, RefineStep, Refined, refine};
 use crate::sampling::{sample_grid, sample_grid_of_size, sample_random};
 use crate::{GridOffset, MapError, MapSize, PointSet, snap_to_data};
 
-/// How to choose the initial map.
+/// The method that chooses the initial map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InitialMap<const D: usize> {
-    /// Every point.
+    /// All points.
     All,
-    /// Distinct points at random, without replacement (*rnd* in the paper).
+    /// Distinct points drawn at random without replacement (*rnd* in the paper).
     Random {
         /// Number of points.
         size: MapSize,
-        /// Seed of the draw.
+        /// Random seed.
         seed: Seed,
     },
     /// Grid-based sampling by cell size (*gbs* in the paper).
     GridCell {
-        /// Edge length of a cell in metres.
+        /// Edge length of a grid cell in metres.
         cell: f64,
-        /// Where the grid's lines lie.
+        /// Position of the grid lines.
         offset: GridOffset<D>,
     },
     /// Grid-based sampling by number of points.
     GridSize {
-        /// Number of points, an upper bound.
+        /// Largest number of points.
         size: MapSize,
-        /// Where the grid's lines lie.
+        /// Position of the grid lines.
         offset: GridOffset<D>,
     },
 }
 
-/// How to build a map.
+/// Settings of [`build_map`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapSettings<const D: usize> {
-    /// The initial map.
+    /// How to choose the initial map.
     pub initial: InitialMap<D>,
-    /// Improve it ([`Refinement::Fkm`](crate::Refinement::Fkm): *+f-km* in the paper).
+    /// How to refine it, if at all ([`Refinement::Fkm`](crate::Refinement::Fkm): *+f-km* in the paper).
     pub refinement: Option<RefineSettings>,
 }
 
-/// A map with how it came about.
+/// A map with a record of how it was built.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuiltMap<const D: usize> {
     /// The map: a subset of the data.
     pub map: PointMap<D>,
     /// Indices of the map's points in the data.
     pub indices: Vec<usize>,
-    /// Edge length of a grid cell (m), where a grid was used.
+    /// Edge length of a grid cell (m), if a grid was used.
     pub cell: Option<f64>,
-    /// A corner of a grid cell (m), where a grid was used.
+    /// A corner of a grid cell (m), if a grid was used.
     pub offset: Option<Point<D>>,
-    /// Report of the refinement, where one was asked for.
+    /// Report of the refinement, if one was requested.
     pub refinement: Option<RefineReport>,
 }
 
-/// Builds a map: the initial one, refined when asked.
+/// Builds a map: chooses the initial map and refines it if requested.
 ///
 /// # Errors
 /// [`MapError`] for sizes, cells or settings out of range.
@@ -70,13 +70,13 @@ pub fn build_map<const D: usize>(
     initial.refined(data, refinement, |_| {})
 }
 
-/// What memory is asked for as.
+/// What out-of-memory errors call this memory.
 const POINTS: &str = "points of a map";
 
-/// The initial map alone.
+/// Builds the initial map only.
 ///
 /// # Errors
-/// [`MapError`] for sizes or cells out of range, and when there is not enough memory.
+/// [`MapError`] for sizes or cells out of range, and if there is not enough memory.
 pub fn initial_map<const D: usize>(
     data: &PointSet<D>,
     initial: &InitialMap<D>,
@@ -89,7 +89,7 @@ pub fn initial_map<const D: usize>(
             (indices, None)
         }
         InitialMap::Random { size, seed } => {
-            // The library keeps a list of all points to draw from, at worst.
+            // In the worst case the library allocates a list of all points to draw from.
             check_room(points.len(), 2 * size_of::<usize>(), POINTS)?;
             (sample_random(points.len(), size.resolve(points.len())?, seed), None)
         }
@@ -110,7 +110,7 @@ pub fn initial_map<const D: usize>(
 }
 
 impl<const D: usize> BuiltMap<D> {
-    /// The map that a refinement makes of this one. `observe` is called with every accepted step.
+    /// Refines this map. `observe` is called with every accepted step.
     ///
     /// # Errors
     /// [`MapError::Setting`] for settings out of range.
@@ -124,16 +124,16 @@ impl<const D: usize> BuiltMap<D> {
         Ok(BuiltMap { refinement: Some(report), ..self.with(data, indices)? })
     }
 
-    /// The map that means fitted from this one become as a subset of the data ([`snap_to_data`]).
+    /// Snaps means fitted from this map to the data ([`snap_to_data`]); the result is a subset of the data.
     ///
     /// # Errors
-    /// [`MapError::Points`] when there is no mean; [`MapError::Memory`].
+    /// [`MapError::Points`] without means; [`MapError::Memory`].
     pub fn snapped(&self, data: &PointSet<D>, means: &[Point<D>]) -> Result<Self, MapError> {
         data.check_neighbors_fit()?;
         self.with(data, snap_to_data(data, means))
     }
 
-    /// The same with other points of the data.
+    /// This record with other points of the data.
     fn with(&self, data: &PointSet<D>, indices: Vec<usize>) -> Result<Self, MapError> {
         let map = PointMap::new(indices.iter().map(|&index| data.points()[index]).collect())?;
         Ok(BuiltMap { map, indices, ..self.clone() })

@@ -1,25 +1,25 @@
-//! Bytes of a map: what its content takes, packed as its kind of map commonly is. Headers (resolution,
-//! origin, counts: some tens of bytes) are left out of all of them.
+//! Size of a map in bytes: its content, packed as is usual for its kind of map. Headers (resolution, origin,
+//! counts: some tens of bytes) are not counted.
 
 use mcl_core::{NdtMap, PointMap, SegmentMap};
 
 use crate::occupancy::{Cell, OccupancyGrid};
 
-/// A point map: an `f32` per coordinate. In `f64` it is twice as much, for coordinates that need it.
+/// Bytes of a point map: one `f32` per coordinate. Coordinates that need `f64` take twice as much.
 pub fn point_bytes<const D: usize>(map: &PointMap<D>) -> usize {
     map.len() * D * size_of::<f32>()
 }
 
-/// An occupancy grid as it is loaded: a byte per cell, as in the images and messages of ROS.
+/// Bytes of an occupancy grid in memory: one per cell, as in the images and messages of ROS.
 pub fn grid_bytes(grid: &OccupancyGrid) -> usize {
     grid.cells().len()
 }
 
-/// The cells of an occupancy grid as run lengths.
+/// Encodes the cells of an occupancy grid as run lengths.
 ///
-/// Cells are taken row by row, runs go on from row to row. A run of n equal cells is the number
-/// 3·(n − 1) + k, k = 0 for unknown, 1 for free and 2 for occupied ones, as a LEB128 varint: seven bits a
-/// byte, the lowest first, the eighth set when more follow. Runs of up to 42 cells take a byte.
+/// Cells are read row by row, and runs continue across rows. A run of n equal cells is encoded as the number
+/// 3·(n − 1) + k, with k = 0 for unknown, 1 for free and 2 for occupied cells, as a LEB128 varint: seven bits
+/// per byte, lowest first, the eighth set if more bytes follow. Runs of up to 42 cells take one byte.
 pub fn grid_run_lengths(grid: &OccupancyGrid) -> Vec<u8> {
     let mut bytes = Vec::new();
     for run in grid.cells().chunk_by(|a, b| a == b) {
@@ -38,13 +38,13 @@ pub fn grid_run_lengths(grid: &OccupancyGrid) -> Vec<u8> {
     bytes
 }
 
-/// An NDT map: per Gaussian the number of its cell (4 bytes), the mean (two `f32`) and the covariance
-/// (three `f32`), 24 bytes.
+/// Bytes of an NDT map: 24 per Gaussian, for the cell index (4 bytes), the mean (two `f32`) and the covariance
+/// (three `f32`).
 pub fn ndt_bytes(map: &NdtMap) -> usize {
     map.cells().len() * (size_of::<u32>() + 5 * size_of::<f32>())
 }
 
-/// A map of line segments: an `f32` per coordinate of both ends, 16 bytes a segment.
+/// Bytes of a map of line segments: 16 per segment, one `f32` per coordinate of both ends.
 pub fn segment_bytes(map: &SegmentMap) -> usize {
     map.segments().len() * 4 * size_of::<f32>()
 }
@@ -71,7 +71,7 @@ mod tests {
         let (o, f, u) = (Cell::Occupied, Cell::Free, Cell::Unknown);
         let small = grid(4, vec![u, f, f, f, f, f, o, o]);
         assert_eq!(grid_bytes(&small), 8);
-        // One unknown: 0; five free, over the end of a row: 3·4 + 1; two occupied: 3·1 + 2.
+        // One unknown: 0; five free, across the end of a row: 3·4 + 1; two occupied: 3·1 + 2.
         assert_eq!(grid_run_lengths(&small), [0, 13, 5]);
         // 3·299 + 1 = 898 = 7·128 + 2.
         assert_eq!(grid_run_lengths(&grid(30, vec![f; 300])), [0x82, 7]);

@@ -1,11 +1,11 @@
-//! Choosing a number that spans orders of magnitude by a score that is costly and not quite smooth.
+//! Minimization of a costly, not quite smooth score over a positive number that spans orders of magnitude.
 
 use mcl_core::math;
 
 /// Golden ratio: 1.618…
 const GOLDEN: f64 = 1.618_033_988_749_895;
 
-/// A value that was tried.
+/// A value with its score.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Tried {
     /// The value.
@@ -14,26 +14,25 @@ pub struct Tried {
     pub score: f64,
 }
 
-/// How [`minimize`] goes about it.
+/// Settings of [`minimize`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Search {
-    /// The smallest and the largest value; positive.
+    /// Smallest and largest value to try; positive.
     pub range: [f64; 2],
-    /// Ratio of the values that are tried first, from the smallest up.
+    /// Ratio of successive values in the first pass, from the smallest up.
     pub factor: f64,
-    /// Values further up are not tried after so many in a row that are worse than the best.
+    /// The first pass stops after this many values in a row that are worse than the best.
     pub patience: usize,
-    /// The search ends when the best value is known within this ratio.
+    /// The search stops when the best value is known within this ratio.
     pub precision: f64,
 }
 
-/// Looks for the value with the smallest score: at equal ratios first, then between the neighbours of
-/// the best by golden sections of the logarithm. Exact for scores with one minimum; else a good value
-/// near the best of the first ones. Returns everything tried, by value; the first with the smallest
-/// score is the choice ([`best`]).
+/// Searches for the value with the smallest score: first at equal ratios, then between the neighbours of the best
+/// by golden section search in the logarithm. Exact for scores with one minimum; otherwise it finds a good value near
+/// the best of the first pass. Returns all values tried, sorted by value; [`best`] selects the result.
 ///
 /// # Errors
-/// The first error of a score.
+/// The first error returned by `score`.
 pub fn minimize<E>(
     search: &Search,
     mut score: impl FnMut(f64) -> Result<f64, E>,
@@ -56,7 +55,7 @@ pub fn minimize<E>(
     let mut below = math::ln(tried[at.saturating_sub(1)].value);
     let mut above = math::ln(tried[(at + 1).min(tried.len() - 1)].value);
     let mut middle = (math::ln(tried[at].value), tried[at].score);
-    // Always the larger of the two parts is cut.
+    // The larger of the two parts is split.
     while above - below > 2.0 * math::ln(precision) {
         let larger_is_above = above - middle.0 > middle.0 - below;
         let place = match larger_is_above {
@@ -77,7 +76,7 @@ pub fn minimize<E>(
     Ok(tried)
 }
 
-/// The smallest value with the smallest score.
+/// Returns the value with the smallest score; of equal scores the smallest value.
 pub fn best(tried: &[Tried]) -> Option<Tried> {
     tried.iter().copied().min_by(|a, b| a.score.total_cmp(&b.score))
 }

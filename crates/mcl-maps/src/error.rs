@@ -1,32 +1,32 @@
 use mcl_core::{CoreError, OutOfMemory};
 
-/// Why a map could not be built or evaluated.
+/// An error in building or evaluating a map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MapError {
-    /// The points themselves are unusable.
+    /// The points are unusable.
     #[error(transparent)]
     Points(#[from] CoreError),
-    /// A size of zero, of more points than there are, or a percentage outside (0, 100].
+    /// The size is zero, exceeds the number of points, or is a percentage outside (0, 100].
     #[error("map size {size} of {available} points: expected {expected}")]
     Size {
-        /// The size asked for.
+        /// The size requested.
         size: String,
-        /// Points given to the builder.
+        /// Number of points given to the builder.
         available: usize,
-        /// What would be accepted.
+        /// What is accepted.
         expected: &'static str,
     },
-    /// A setting outside its range.
+    /// A setting is outside its range.
     #[error("{setting} is {value}, expected {expected}")]
     Setting {
         /// Name of the setting, with its unit.
         setting: &'static str,
         /// The value found.
         value: f64,
-        /// What would be accepted.
+        /// What is accepted.
         expected: &'static str,
     },
-    /// Cells so small, or points so far away, that cell indices lose their meaning.
+    /// The cells are so small, or the points so far away, that cell indices overflow.
     #[error(
         "a cell of {cell} m is too small for a coordinate of {coordinate} m: \
          the cell index would exceed 2^52; use a larger cell"
@@ -40,7 +40,7 @@ pub enum MapError {
     /// There was not enough memory.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
-    /// No cell of an NDT map has the points that a Gaussian needs.
+    /// No cell of an NDT map has enough points for a Gaussian.
     #[error(
         "no cell of {cell} m holds {min_points} points, which a Gaussian needs; use larger cells or \
          denser data"
@@ -48,10 +48,10 @@ pub enum MapError {
     NoGaussian {
         /// Edge length of a cell in metres.
         cell: f64,
-        /// Points that a cell needs.
+        /// Number of points that a cell needs.
         min_points: usize,
     },
-    /// Nothing in the scans is a line segment.
+    /// No line segment was found in the scans.
     #[error(
         "no line of at least {min_length} m and {min_points} points in the scans; allow shorter ones or a \
          larger tolerance"
@@ -59,7 +59,7 @@ pub enum MapError {
     NoSegment {
         /// Smallest length of a segment in metres.
         min_length: f64,
-        /// Points that a segment needs.
+        /// Number of points that a segment needs.
         min_points: usize,
     },
 }

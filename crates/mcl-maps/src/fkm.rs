@@ -4,15 +4,15 @@ use serde::{Deserialize, Serialize};
 use crate::mixture::{Expectation, Pull, check_sigma, expectation, log_likelihood};
 use crate::{MapError, PointSet};
 
-/// A component whose points give it less than this in all (the bound on what sums leave out) has no
-/// point that is responsible for it, and stays where it is.
+/// A component with a total responsibility below this (the bound on what sums omit) is not responsible for any point,
+/// and keeps its mean.
 const NO_RESPONSIBILITY: f64 = 1e-12;
 
 /// Settings of fuzzy k-means.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FkmSettings {
-    /// σ: standard deviation of every component in metres, the same along all axes.
+    /// σ: standard deviation of every component in metres, equal along all axes.
     pub sigma: f64,
     /// Stop when an update gains less than this log-likelihood per point (nats).
     pub tolerance: f64,
@@ -44,7 +44,7 @@ impl FkmSettings {
     }
 }
 
-/// What fuzzy k-means did.
+/// Report of a run of fuzzy k-means.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FkmReport {
     /// Number of updates of the means.
@@ -55,15 +55,15 @@ pub struct FkmReport {
     pub log_likelihood_trace: Vec<f64>,
 }
 
-/// Fuzzy k-means: EM for the means of a mixture of equal, equally weighted isotropic Gaussians (paper,
-/// equations 4 and 5), from the points of `initial` to a local maximum of the data's likelihood.
+/// Runs fuzzy k-means: EM for the means of a mixture of equal, equally weighted isotropic Gaussians (paper,
+/// equations 4 and 5), from the points of `initial` to a local maximum of the likelihood of the data.
 ///
-/// Stops after update *t* when `trace[t] − trace[t−1] < tolerance`. A component that no point is
-/// responsible for stays where it is. `observe` is called with the updates done and the log-likelihood
-/// per point after each evaluation.
+/// Stops after update *t* when `trace[t] − trace[t−1] < tolerance`. A component that is not responsible for any
+/// point keeps its mean. `observe` is called after each evaluation with the number of updates and the log-likelihood
+/// per point.
 ///
 /// Returns the means, in the order of `initial`, and a report; [`snap_to_data`] turns the means into a
-/// subset of the data. The same bits for any number of threads.
+/// subset of the data. The result is the same bit for bit for any number of threads.
 ///
 /// # Errors
 /// [`MapError::Setting`] for settings out of range; [`MapError::Memory`].
@@ -90,9 +90,9 @@ pub fn fuzzy_k_means<const D: usize>(
     Ok((data.absolute(&model.means), report))
 }
 
-/// Means, what the E step says of them, and where the M step takes them.
+/// The means with the result of the E step and the displacements of the M step.
 pub(crate) struct Model<const D: usize> {
-    /// Relative to the middle of the data: adding to UTM coordinates would lose digits.
+    /// Relative to the centre of the data, because sums of UTM coordinates would lose digits.
     pub means: Vec<Point<D>>,
     /// Log-likelihood per point in nats.
     pub per_point: f64,
@@ -123,8 +123,8 @@ impl<const D: usize> Model<D> {
     }
 }
 
-/// Replaces each mean by its nearest data point (of those within 10⁻⁹ m of the smallest distance the
-/// earliest) and drops duplicates: indices into the data, in the order of the means.
+/// Replaces each mean by its nearest data point (of those within 10⁻⁹ m of the smallest distance, the one with the
+/// lowest index) and drops duplicates. Returns indices into the data, in the order of the means.
 pub fn snap_to_data<const D: usize>(data: &PointSet<D>, means: &[Point<D>]) -> Vec<usize> {
     let neighbors = data.neighbors();
     let mut taken = vec![false; data.len()];

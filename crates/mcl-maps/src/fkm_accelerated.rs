@@ -3,21 +3,21 @@ use mcl_core::{Point, PointMap};
 use crate::fkm::Model;
 use crate::{FkmReport, FkmSettings, MapError, PointSet};
 
-/// By how much the longest step that is tried grows when it succeeds and shrinks when it fails.
+/// Factor by which the largest step length grows after a success and shrinks after a failure.
 const STEP_FACTOR: f64 = 4.0;
 
-/// Fuzzy k-means in fewer updates: SQUAREM (Varadhan & Roland, *Simple and Globally Convergent Methods
+/// Runs fuzzy k-means with fewer updates: SQUAREM (Varadhan & Roland, *Simple and Globally Convergent Methods
 /// for Accelerating the Convergence of Any EM Algorithm*, Scandinavian Journal of Statistics 35, 2008;
 /// step length S3), with the same arguments and result as [`fuzzy_k_means`](crate::fuzzy_k_means). It
-/// climbs from the same place by longer steps, so it may end on another local maximum.
+/// starts from the same means but takes longer steps, so it may converge to another local maximum.
 ///
-/// From means μ, two updates move them by r and then by r + v. What follows would go on about
-/// geometrically, so the means jump to μ + 2αr + α²v, with α = ‖r‖/‖v‖; α = 1 is the two updates
-/// themselves. A jump that would lower the likelihood is undone: the trace never falls. α is at most a
-/// limit that starts at 1 and grows when a jump of that length succeeds.
+/// From means μ, two updates move them by r and then by r + v. Further updates would continue roughly
+/// geometrically, so the means jump to μ + 2αr + α²v, with α = ‖r‖/‖v‖; α = 1 gives the two updates
+/// themselves. A jump that lowers the likelihood is undone, so the trace never falls. α is limited; the
+/// limit starts at 1 and grows when a jump of that length succeeds.
 ///
-/// Every evaluation of all points counts as an update, those of jumps too, and has its entry in the
-/// trace; that of an undone jump repeats the one before. Stops after a plain update that gains less
+/// Every evaluation of all points, including those of jumps, counts as an update and has an entry in the
+/// trace; the entry of an undone jump repeats the previous one. Stops after a plain update that gains less
 /// than the tolerance.
 ///
 /// # Errors
@@ -41,9 +41,9 @@ pub fn accelerated_fuzzy_k_means<const D: usize>(
     Ok((data.absolute(&model.means), report))
 }
 
-/// Takes a model up to a local maximum: SQUAREM as above. `go_on` is told the log-likelihood per point
-/// of the model at the start and after every evaluation, and says whether there may be another.
-/// Returns whether the last plain update gained less than the tolerance.
+/// Moves a model to a local maximum by SQUAREM as above. `go_on` is called with the log-likelihood per point of the
+/// model at the start and after every evaluation, and returns whether to continue. Returns whether the last plain
+/// update gained less than the tolerance.
 pub(crate) fn climb<const D: usize>(
     data: &PointSet<D>,
     model: &mut Model<D>,
@@ -62,7 +62,7 @@ pub(crate) fn climb<const D: usize>(
         if converged || !may {
             return converged;
         }
-        // A jump of length 1 goes where the next update goes anyway.
+        // A jump of length 1 is the same as the next update.
         let mut succeeded = true;
         if length > 1.0 {
             let jumped = Model::new(data, jump(&plain, model, length), sigma);
@@ -90,7 +90,7 @@ fn step_length<const D: usize>(model: &Model<D>, updated: &Model<D>) -> f64 {
             v2 += (next[axis] - step[axis]) * (next[axis] - step[axis]);
         }
     }
-    // Where nothing moves, 0/0 becomes 1.
+    // If nothing moves, 0/0 becomes 1.
     f64::max((r2 / v2).sqrt(), 1.0)
 }
 

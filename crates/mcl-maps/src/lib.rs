@@ -1,4 +1,4 @@
-//! Sample-based maps: which of the measured points to keep, and how likely the data is under them.
+//! Sample-based maps: selecting which measured points to keep, and the likelihood of the data under them.
 //!
 //! A *sample-based map* is a subset S of the point set D that a laser measured. Read as a mixture of
 //! equally weighted isotropic Gaussians, one per kept point, it assigns every measured point a
@@ -6,12 +6,12 @@
 //!
 //! > p(x | Θ) = 1/K · Σⱼ N(x; μⱼ, σ²I)
 //!
-//! [`build_map`] is the front door: an [initial map](InitialMap) (random, grid-based, or all points),
-//! then, when asked, the map that [fuzzy k-means](fuzzy_k_means) (EM) or another [refinement](refine())
-//! makes of it. The parts stand beside it: [`sampling`], [`mixture`], [`mod@refine`], [`occupancy`] grids,
-//! [`ndt`] maps, line [`segments`], what maps take in [`bytes`], and map [`files`].
+//! The main entry point is [`build_map`]: it chooses an [initial map](InitialMap) (random, grid-based, or all points)
+//! and, if requested, refines it by [fuzzy k-means](fuzzy_k_means) (EM) or another [refinement](refine()). Its parts
+//! can be used on their own: [`sampling`], [`mixture`], [`mod@refine`], [`occupancy`] grids, [`ndt`] maps, line
+//! [`segments`], map sizes in [`bytes`], and map [`files`].
 //!
-//! Everything but grids, NDT maps, segments and files is generic in the dimension.
+//! Everything except grids, NDT maps, segments and files is generic over the dimension.
 //!
 //! # Example
 //! ```

@@ -1,8 +1,8 @@
-//! Normal distributions transform: the data in square cells, each summed up by a Gaussian.
+//! Normal distributions transform: the data in square cells, each summarized by a Gaussian.
 //!
 //! Source: P. Biber and W. Straßer, *The Normal Distributions Transform: A New Approach to Laser Scan
-//! Matching*, IROS 2003. They lay four grids over each other, shifted by half a cell, so that no place is
-//! near the edge of all; here is one grid, and whoever evaluates it looks at the cells around as well.
+//! Matching*, IROS 2003. They use four overlapping grids, shifted by half a cell, so that no position is
+//! near the cell borders of all grids. This map has one grid; its users also evaluate the neighbouring cells.
 //!
 //! # Example
 //! ```
@@ -25,10 +25,10 @@ use crate::MapError;
 
 /// The smaller eigenvalue of a covariance is at least this times the larger (Biber & Straßer).
 pub const EIGENVALUE_RATIO: f64 = 0.001;
-/// From here on, not every integer is a double.
+/// Above this, not every integer is representable as a double.
 const MOST_CELLS: f64 = (1u64 << 52) as f64;
 
-/// How to sum up the points of a cell.
+/// Settings of [`normal_distributions`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NdtSettings {
     /// Edge length of a cell in metres.
@@ -40,8 +40,8 @@ pub struct NdtSettings {
 }
 
 impl NdtSettings {
-    /// Cells of this edge (m) with at least 3 points, as Biber and Straßer ask for, and standard
-    /// deviations of at least 1 cm: the resolution of the readings in the logs at hand.
+    /// Settings for cells of this edge length (m) with at least 3 points, as in Biber and Straßer, and standard
+    /// deviations of at least 1 cm, the resolution of the readings in the logs of the data sets.
     pub fn of_cell(cell: f64) -> Self {
         NdtSettings { cell, min_points: 3, min_std: 0.01 }
     }
@@ -58,15 +58,15 @@ impl NdtSettings {
     }
 }
 
-/// The Gaussians of the cells that hold enough points, row by row.
+/// Computes the Gaussians of the cells that contain enough points, row by row.
 ///
-/// Mean and covariance are those of the cell's points, the covariance divided by their number n as in
+/// Mean and covariance are those of the points of a cell, the covariance divided by their number n as in
 /// the paper; a point is in column ⌊x/cell⌋ and row ⌊y/cell⌋. The smaller eigenvalue of the covariance is
-/// raised to [`EIGENVALUE_RATIO`] of the larger, both to `min_std`².
+/// raised to [`EIGENVALUE_RATIO`] of the larger if it is below, then both to `min_std`².
 ///
 /// # Errors
-/// [`MapError::Points`] for points that are no place, [`MapError::Setting`] for settings out of range,
-/// [`MapError::CellIndex`] for cells too small for the coordinates, and [`MapError::NoGaussian`] when no
+/// [`MapError::Points`] for unusable coordinates, [`MapError::Setting`] for settings out of range,
+/// [`MapError::CellIndex`] for cells too small for the coordinates, and [`MapError::NoGaussian`] if no
 /// cell has enough points.
 pub fn normal_distributions(
     points: &[Point<2>],
@@ -97,8 +97,7 @@ pub fn normal_distributions(
     Ok(NdtMap::new(cell, cells)?)
 }
 
-/// Mean, and covariance as xx, xy, yy. Sums are of displacements, so that points far from the origin
-/// lose no digits.
+/// Mean, and covariance as xx, xy, yy. Displacements are summed, so that points far from the origin lose no digits.
 fn moments(points: &[Point<2>]) -> (Point<2>, [f64; 3]) {
     let n = points.len() as f64;
     let first = points[0];
@@ -114,7 +113,7 @@ fn moments(points: &[Point<2>]) -> (Point<2>, [f64; 3]) {
     ([0, 1].map(|axis| first[axis] + offset[axis]), covariance.map(|sum| sum / n))
 }
 
-/// The covariance with its eigenvalues raised to what is allowed.
+/// The covariance with its eigenvalues raised to the allowed minimum.
 fn bounded([xx, xy, yy]: [f64; 3], least: f64) -> [f64; 3] {
     let (middle, radius) = (0.5 * (xx + yy), math::hypot(0.5 * (xx - yy), xy));
     let larger = (middle + radius).max(least);
@@ -122,7 +121,7 @@ fn bounded([xx, xy, yy]: [f64; 3], least: f64) -> [f64; 3] {
     if middle - radius >= floor {
         return [xx, xy, yy];
     }
-    // smaller·I + (larger − smaller)·v·vᵀ, v the direction of the larger one.
+    // smaller·I + (larger − smaller)·v·vᵀ, with v the eigenvector of the larger one.
     let (sin, cos) = math::sin_cos(0.5 * math::atan2(2.0 * xy, xx - yy));
     let more = larger - floor;
     [floor + more * cos * cos, more * sin * cos, floor + more * sin * sin]
@@ -144,7 +143,7 @@ mod tests {
 
     #[test]
     fn moments_by_hand() {
-        // Cell (0, 0): about (0.5, 0.4) the displacements (−0.3, −0.1), (0.3, 0.1), (0, 0.2), (0, −0.2):
+        // Cell (0, 0): displacements from (0.5, 0.4) are (−0.3, −0.1), (0.3, 0.1), (0, 0.2), (0, −0.2):
         // xx = 0.18/4, xy = 0.06/4, yy = 0.1/4. Cell (−1, 2): two points, too few.
         let points = [[0.2, 0.3], [-0.5, 2.5], [0.8, 0.5], [0.5, 0.6], [-0.25, 2.5], [0.5, 0.2]];
         let map = normal_distributions(&points, &settings(1.0, 3, 0.001)).unwrap();
@@ -154,7 +153,7 @@ mod tests {
         assert!((cell.mean[0] - 0.5).abs() < 1e-15 && (cell.mean[1] - 0.4).abs() < 1e-15);
         assert!(close(cell.covariance, [0.045, 0.015, 0.025]), "{:?}", cell.covariance);
 
-        // The same far away loses no digits.
+        // The same points far away lose no digits.
         let far: Vec<Point<2>> =
             points.iter().map(|[x, y]| [x + 4_194_304.0, y - 4_194_304.0]).collect();
         let far = normal_distributions(&far, &settings(1.0, 3, 0.001)).unwrap().cells()[0];
@@ -172,7 +171,7 @@ mod tests {
         let (half_sum, half_difference) = (0.5 * (larger + smaller), 0.5 * (larger - smaller));
         assert!(close(covariance, [half_sum, half_difference, half_sum]), "{covariance:?}");
 
-        // The absolute floor is the larger one on a thin wall, and all there is for equal points.
+        // The absolute minimum is the larger bound on a thin wall, and the only one for equal points.
         let wall = [[0.2, 0.5], [0.5, 0.5], [0.8, 0.5]];
         let covariance =
             normal_distributions(&wall, &settings(1.0, 3, 0.02)).unwrap().cells()[0].covariance;
@@ -200,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_map() {
+    fn too_few_points_and_bad_settings_make_no_map() {
         let few = [[0.0, 0.0], [5.0, 5.0]];
         let message =
             normal_distributions(&few, &NdtSettings::of_cell(1.0)).unwrap_err().to_string();

@@ -6,23 +6,22 @@ use mcl_core::{Bounds, NearestNeighbors, Point, check_finite, math};
 
 use crate::MapError;
 
-/// Points per leaf of the tree, at most. A fixed number, so that the compiler makes loops over a leaf
-/// vector instructions without a remainder; a power of two.
+/// Largest number of points per leaf of the tree. A constant power of two, so that the compiler vectorizes loops
+/// over a leaf without a remainder.
 pub(crate) const LEAF_POINTS: usize = 32;
-/// Nodes with at most this many points are split between whole leaves. Further up that would cost more
-/// than the leaves that it saves.
+/// Nodes with at most this many points are split at multiples of a leaf. Above that, it would cost more than the
+/// saved leaves are worth.
 const ROUNDED_POINTS: usize = 16 * LEAF_POINTS;
-/// What the tree takes per point in the plane while it is built, with what growing lists waste.
+/// Memory used per 2-D point while the tree is built, including the spare capacity of growing lists.
 const TREE_BYTES: usize = 112;
-/// The coordinates of a leaf's points, `[axis][point]`.
+/// The coordinates of the points of a leaf, `[axis][point]`.
 pub(crate) type LeafPoints<const D: usize> = [[f64; LEAF_POINTS]; D];
 
-/// The measured points D, arranged once for all the maps that are built from them, as soon as one needs
-/// it: a bounding-box tree whose leaves hold a few dozen neighbouring points each, coordinate by
-/// coordinate.
+/// The measured points D, with a bounding-box tree over them that is built once, at first use, for all maps built from
+/// them. Its leaves hold a few dozen neighbouring points each, coordinate by coordinate.
 ///
-/// Coordinates are kept relative to the middle of the points, so that data far from the origin (UTM
-/// coordinates, say) loses no digits.
+/// The tree keeps coordinates relative to the centre of the points, so that data far from the origin (such as UTM
+/// coordinates) loses no digits.
 pub struct PointSet<const D: usize> {
     points: Vec<Point<D>>,
     origin: Point<D>,
@@ -31,10 +30,10 @@ pub struct PointSet<const D: usize> {
 }
 
 impl<const D: usize> PointSet<D> {
-    /// Takes the points.
+    /// Creates the set from its points.
     ///
     /// # Errors
-    /// [`MapError::Points`] when there is no point, or a coordinate is not finite.
+    /// [`MapError::Points`] if there is no point, or a coordinate is not finite.
     pub fn new(points: Vec<Point<D>>) -> Result<Self, MapError> {
         check_finite(&points)?;
         let origin = Bounds::of(&points).ok_or(mcl_core::CoreError::NoPoints)?.center();
@@ -52,19 +51,19 @@ impl<const D: usize> PointSet<D> {
         self.points.len()
     }
 
-    /// Points relative to the middle of the data.
+    /// Converts points to coordinates relative to the centre of the data.
     pub(crate) fn centred(&self, points: &[Point<D>]) -> Vec<Point<D>> {
         let origin = self.origin;
         points.iter().map(|p| std::array::from_fn(|axis| p[axis] - origin[axis])).collect()
     }
 
-    /// The reverse of [`centred`](Self::centred).
+    /// The inverse of [`centred`](Self::centred).
     pub(crate) fn absolute(&self, centred: &[Point<D>]) -> Vec<Point<D>> {
         let origin = self.origin;
         centred.iter().map(|p| std::array::from_fn(|axis| p[axis] + origin[axis])).collect()
     }
 
-    /// Sees whether there is memory for the [tree](Self::tree), where it is not there yet.
+    /// Checks that there is memory for the [tree](Self::tree), unless it is already built.
     ///
     /// # Errors
     /// [`MapError::Memory`].
@@ -80,7 +79,7 @@ impl<const D: usize> PointSet<D> {
         self.tree.get_or_init(|| Tree::new(self.centred(&self.points)))
     }
 
-    /// Sees whether there is memory for [`neighbors`](Self::neighbors), where they are not there yet.
+    /// Checks that there is memory for [`neighbors`](Self::neighbors), unless it is already built.
     ///
     /// # Errors
     /// [`MapError::Memory`].
@@ -99,13 +98,13 @@ impl<const D: usize> PointSet<D> {
     }
 }
 
-/// A node of the tree: a box around the points of a run of leaves.
+/// A node of the tree: a box around the points of consecutive leaves.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node<const D: usize> {
     pub bounds: Bounds<D>,
     /// Number of points below the node.
     pub points: usize,
-    /// Their mean, relative to the middle of the data.
+    /// Their mean, relative to the centre of the data.
     pub mean: Point<D>,
     /// The sum of their squared distances (m²) from the mean.
     pub scatter: f64,
@@ -120,31 +119,31 @@ pub(crate) enum NodeKind {
     Leaf(usize),
 }
 
-/// Boxes within boxes, split in the middle of the longest edge. A lone point far away is split off
-/// early, so it never stretches the box of a leaf that others share for long.
+/// A tree of nested boxes, split in the middle of the longest edge. An outlier far away is thus split off early and
+/// does not stretch the boxes of many levels.
 pub(crate) struct Tree<const D: usize> {
     /// Node 0 is the root.
     pub nodes: Vec<Node<D>>,
-    /// Coordinates relative to the middle of the data, each leaf padded with its last point.
+    /// Coordinates relative to the centre of the data, each leaf padded with its last point.
     pub leaves: Vec<LeafPoints<D>>,
-    /// The place of each point in the data, leaf after leaf without padding.
+    /// The index of each point in the data, leaf by leaf without padding.
     pub order: Vec<u32>,
 }
 
-/// A point and its place in the data.
-type Placed<const D: usize> = (Point<D>, u32);
+/// A point and its index in the data.
+type IndexedPoint<const D: usize> = (Point<D>, u32);
 
 impl<const D: usize> Tree<D> {
     fn new(centred: Vec<Point<D>>) -> Self {
         let mut tree = Tree { nodes: Vec::new(), leaves: Vec::new(), order: Vec::new() };
-        let mut placed: Vec<Placed<D>> = centred.into_iter().zip(0..).collect();
+        let mut placed: Vec<IndexedPoint<D>> = centred.into_iter().zip(0..).collect();
         let all = 0..placed.len();
         tree.build(&mut placed, all);
         tree.order = placed.into_iter().map(|(_, place)| place).collect();
         tree
     }
 
-    /// All points in the order of the tree, relative to the middle of the data.
+    /// All points in the order of the tree, relative to the centre of the data.
     pub fn leaf_points(&self) -> impl Iterator<Item = Point<D>> {
         // Leaves are numbered in the order of their nodes.
         let leaves = self.nodes.iter().filter_map(|node| match node.kind {
@@ -157,7 +156,7 @@ impl<const D: usize> Tree<D> {
     }
 
     /// Builds the subtree over a range of points and returns its index.
-    fn build(&mut self, points: &mut [Placed<D>], range: Range<usize>) -> usize {
+    fn build(&mut self, points: &mut [IndexedPoint<D>], range: Range<usize>) -> usize {
         let part = &mut points[range.clone()];
         let bounds =
             Bounds::around(part.iter().map(|(point, _)| *point)).expect("a node has points");
@@ -178,11 +177,12 @@ impl<const D: usize> Tree<D> {
         let mut below = partition(part, |(point, _)| point[longest] < middle);
         let whole_leaves = (below + LEAF_POINTS / 2) / LEAF_POINTS * LEAF_POINTS;
         if below == 0 || below == count {
-            // Equal points, or neighbouring floats: any split is as good as another.
+            // Equal points or adjacent floats: any split will do.
             below = count / 2;
         } else if (1..count).contains(&whole_leaves) && count <= ROUNDED_POINTS {
-            // Full leaves waste no work; the boxes grow by a few points.
-            let order = |a: &Placed<D>, b: &Placed<D>| a.0[longest].total_cmp(&b.0[longest]);
+            // Full leaves need no padding; the boxes grow by a few points.
+            let order =
+                |a: &IndexedPoint<D>, b: &IndexedPoint<D>| a.0[longest].total_cmp(&b.0[longest]);
             part.select_nth_unstable_by(whole_leaves, order);
             below = whole_leaves;
         }
@@ -195,8 +195,8 @@ impl<const D: usize> Tree<D> {
     }
 }
 
-/// The mean of points, one or more, and the sum of their squared distances from it.
-fn moments<const D: usize>(points: &[Placed<D>]) -> (Point<D>, f64) {
+/// The mean of one or more points, and the sum of their squared distances from it.
+fn moments<const D: usize>(points: &[IndexedPoint<D>]) -> (Point<D>, f64) {
     let mut mean = [0.0; D];
     let mut scatter = 0.0;
     for axis in 0..D {
@@ -206,7 +206,7 @@ fn moments<const D: usize>(points: &[Placed<D>]) -> (Point<D>, f64) {
     (mean, scatter)
 }
 
-/// The same for the points of two nodes together.
+/// The mean and the sum of squared distances of the points of two nodes together.
 fn moments_of_both<const D: usize>(left: &Node<D>, right: &Node<D>) -> (Point<D>, f64) {
     let part = right.points as f64 / (left.points + right.points) as f64;
     let mut mean = left.mean;

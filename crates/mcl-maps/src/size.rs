@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use crate::MapError;
 
-/// How many points a map is to have.
+/// The requested number of points of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MapSize {
     /// A number of points.
@@ -13,7 +13,7 @@ pub enum MapSize {
 }
 
 impl MapSize {
-    /// The number of points this size means for a set of `available` points.
+    /// Converts the size to a number of points, for a set of `available` points.
     ///
     /// # Errors
     /// [`MapError::Size`] for 0 points, more points than available, or a percentage outside (0, 100].
@@ -24,8 +24,8 @@ impl MapSize {
             MapSize::Points(_) => Err(error("from 1 to the number of points")),
             MapSize::Percent(percent) if percent > 0.0 && percent <= 100.0 && available > 0 => {
                 let exact = percent * available as f64 / 100.0;
-                // 1.1 % of 1,000 is 11 although the product rounds to 10.999…: a whole number
-                // within rounding is that number.
+                // 1.1 % of 1,000 is 11 although the product rounds to 10.999…, so products within rounding of an
+                // integer are taken as that integer.
                 let nearest = exact.round();
                 let whole =
                     if (exact - nearest).abs() <= 1e-9 * nearest { nearest } else { exact.floor() };
@@ -45,7 +45,7 @@ impl fmt::Display for MapSize {
     }
 }
 
-/// A text that is no map size.
+/// The error for text that is not a map size.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no map size, expected a number of points (389) or a percentage (0.25%)")]
 pub struct ParseMapSizeError(String);
@@ -79,7 +79,7 @@ mod tests {
         assert_eq!(resolve(1.0, 155_648), 1556);
         assert_eq!(resolve(100.0, 155_648), 155_648);
         assert_eq!(resolve(0.1, 10), 1);
-        // In floating point 1.1 · 1000 / 100 and 0.57 · 10000 / 100 lie beside the whole number.
+        // In floating point, 1.1 · 1000 / 100 and 0.57 · 10000 / 100 are not exactly the integer.
         assert_eq!(resolve(1.1, 1000), 11);
         assert_eq!(resolve(0.57, 10_000), 57);
         assert_eq!(resolve(1.15, 10_000), 115);

@@ -1,5 +1,4 @@
-//! What a map of K of N points costs and explains: criteria for its size (docs/refinement.md). All in nats
-//! per point; smaller is better.
+//! Criteria for the size of a map of K of N points (docs/refinement.md), in nats per point; smaller is better.
 
 use std::f64::consts::{E, TAU};
 
@@ -15,11 +14,11 @@ pub fn bic(log_likelihood: f64, points: usize, map_points: usize, dimensions: us
 }
 
 /// The description length (Rissanen 1978) of the set of points of which `map` is a subset, per point and
-/// without what is the same for all maps: K; the K points of the map, each uniform in a box about the
-/// data; the N − K others by the mixture of standard deviation `sigma` (m), under which `log_likelihood` is
-/// that of all N: `[ln N + ln C(N, K) + K·ln V − Σ ln p(x|Θ)]/N`, the sum over the others. ln C(N, K) stands
-/// there because neither set has an order. V is the volume of the smallest box about the data, on each axis
-/// σ·√(2πe) wider (the box of the same entropy as the Gaussian).
+/// without the terms that are equal for all maps. It encodes K, the K points of the map (each uniform in a box around
+/// the data), and the N − K other points by the mixture of standard deviation `sigma` (m):
+/// `[ln N + ln C(N, K) + K·ln V − Σ ln p(x|Θ)]/N`, with the sum over the other points. `log_likelihood` is that of
+/// all N points under the mixture. ln C(N, K) appears because neither set has an order. V is the volume of the
+/// bounding box of the data, enlarged by σ·√(2πe) on each axis (the box with the entropy of the Gaussian).
 ///
 /// # Errors
 /// Those of [`mixture_log_likelihood`] and [`PointSet::new`].
@@ -72,7 +71,7 @@ mod tests {
         assert!((length - expected).abs() < 1e-12, "{length} for {expected}");
     }
 
-    /// Whoever is told every point has no use for a mixture: that is never short.
+    /// Encoding every point as a map point leaves nothing to the mixture, so it is never short.
     #[test]
     fn all_points_are_not_a_short_description() {
         let points: Vec<[f64; 2]> = (0..400)

@@ -1,4 +1,4 @@
-//! Numbers at the edge of what floats can say: refused with an error, or answered with finite numbers.
+//! Numbers at the limits of floating point give an error or finite results.
 
 use mcl_core::{Point, Seed};
 use mcl_maps::refine::Stage;
@@ -58,7 +58,7 @@ proptest! {
 
     #[test]
     fn maps_are_subsets_or_errors(points in cloud(), initial in initial(), sigma in sigma()) {
-        // The largest coordinate that counts as a place.
+        // The largest coordinate that is accepted.
         let finite = points.iter().flatten().all(|coordinate| coordinate.abs() <= 1e12);
         let data = match PointSet::new(points.clone()) {
             Ok(data) => data,

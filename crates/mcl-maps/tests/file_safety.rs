@@ -1,4 +1,4 @@
-//! Map files are whole or not there wherever their writing ends, and never inputs.
+//! Map files are written atomically wherever writing stops, and never over inputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -44,7 +44,7 @@ fn grid(cells: &[Cell], resolution: f64) -> OccupancyGrid {
     OccupancyGrid::new(2, resolution, Pose2::IDENTITY, cells.to_vec()).unwrap()
 }
 
-/// Image and description are two files: one beside the other's would put every wall in a wrong place.
+/// Image and description are two files: a description beside the wrong image would put every wall in a wrong place.
 #[test]
 fn a_grid_map_is_never_half_another_one() {
     let old = grid(&[Cell::Occupied, Cell::Free, Cell::Unknown, Cell::Occupied], 0.05);
@@ -93,13 +93,13 @@ fn a_grid_map_is_two_files_also_as_an_input() {
 
     check("new.yaml", "renamed.yaml").unwrap();
     check("office.csv", "renamed.yaml").unwrap();
-    // `image.yaml` itself is not there, but its image would replace that of `renamed.yaml`.
+    // `image.yaml` does not exist, but its image would replace that of `renamed.yaml`.
     let error = check("image.yaml", "renamed.yaml").unwrap_err();
     let MapFileError::Unwritable { path, source } = error else { panic!("{error}") };
     assert_eq!(path, at("image.pgm"));
     assert!(source.to_string().contains("it is an input"), "{source}");
     assert!(check("renamed.yaml", "renamed.yaml").is_err());
-    assert!(check("map.ply", "map.ply").is_ok(), "what is not there is read by nobody");
+    assert!(check("map.ply", "map.ply").is_ok(), "a missing file is not read");
     let error = check("absent/map.csv", "renamed.yaml").unwrap_err().to_string();
     assert!(error.contains("there is no folder"), "{error}");
     for name in ["map.pgm", "map", "map.txt"] {

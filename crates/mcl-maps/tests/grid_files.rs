@@ -1,4 +1,4 @@
-//! Grid maps of map_server: what its modes mean, damaged files, and the pair of files written.
+//! Grid maps of map_server: modes, damaged files, and the two files that are written.
 
 use std::f64::consts::FRAC_PI_2;
 use std::fs;
@@ -76,7 +76,7 @@ fn thresholds_are_not_reached_by_being_equal() {
     assert_eq!(drawn(&read(&negated, "map.pgm", image).unwrap()), [".??###"]);
     let scale = format!("{yaml}mode: scale\n");
     assert_eq!(drawn(&read(&scale, "map.pgm", image).unwrap()), ["##??.."]);
-    // Other largest values mean the same.
+    // Other maximum values give the same result.
     assert_eq!(drawn(&read(&yaml, "map.pgm", b"P2 4 1 10 3 4 8 9").unwrap()), ["#??."]);
     let wide = b"P5 4 1 1000\n\x01\x8f\x01\x90\x03\x20\x03\x21";
     assert_eq!(drawn(&read(&yaml, "map.pgm", wide).unwrap()), ["#??."]);
@@ -88,7 +88,7 @@ fn thresholds_are_not_reached_by_being_equal() {
 fn what_map_saver_writes_as_unknown_is_not_free() {
     let yaml = YAML.replace("0.196", "0.25");
     assert_eq!(drawn(&read(&yaml, "map.pgm", b"P2 3 1 255 0 205 254").unwrap()), ["#?."]);
-    // Any other value, and thresholds are what they say.
+    // With any other value in the image, the thresholds apply as given.
     assert_eq!(drawn(&read(&yaml, "map.pgm", b"P2 4 1 255 0 205 254 230").unwrap()), ["#..."]);
     let negated = yaml.replace("negate: 0", "negate: 1");
     assert_eq!(drawn(&read(&negated, "map.pgm", b"P2 3 1 255 0 205 254").unwrap()), [".##"]);
@@ -133,7 +133,7 @@ fn pictures_of_every_kind() {
     }
     let indexed = png_of(3, ColorType::Indexed, BitDepth::One, &[0b0110_0000]);
     assert_eq!(drawn(&read(&yaml, "map.png", &indexed).unwrap()), [".##"]);
-    // The content decides, not the ending.
+    // The content determines the format, not the extension.
     let grey = png_of(3, ColorType::Grayscale, BitDepth::Eight, &[0, 205, 254]);
     assert_eq!(drawn(&read(YAML, "map.pgm", &grey).unwrap()), ["#?."]);
 }
@@ -256,8 +256,8 @@ fn the_map_of_the_olin_bag() {
     assert!(bounds.min[1] > -39.4 && bounds.max[1] < -39.4 + 1706.0 * 0.03);
 }
 
-/// Found by fuzzing: an interlaced image of a few bytes that says it has a hundred million pixels took a
-/// hundred megabytes before its first row was looked for.
+/// Found by fuzzing: an interlaced image of a few bytes whose header gives a hundred million pixels allocated a
+/// hundred megabytes before its first row was read.
 #[test]
 fn a_png_too_short_for_its_size_is_refused() {
     const IMAGE: &[u8] = b"\x89PNG\x0d\x0a\x1a\x0a\x00\x00\x00\x0dIHDR\x00\x00'\x10\x00\x00'\x10\x08\x00\x00\x00\x01\xe8\x22\x0dm\

@@ -1,9 +1,9 @@
-//! Map files as other programs see them: exact round trips, foreign files, damaged files.
+//! Map files: exact round trips, files of other programs, damaged files.
 
 use std::path::{Path, PathBuf};
 
 use mcl_core::{CoreError, Point, PointMap};
-use mcl_maps::files::{Encoding, MapFileError, MapProblem, Place, read_map, write_map};
+use mcl_maps::files::{Encoding, FilePosition, MapFileError, MapProblem, read_map, write_map};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -227,8 +227,8 @@ fn bad_values_are_named_with_line_and_column() {
         expected,
     };
     let (number, finite) = ("a number of metres", "a finite number of metres");
-    let flat = "0, because a planar map is wanted";
-    let line = Place::Line;
+    let flat = "0, because the map is planar";
+    let line = FilePosition::Line;
     let text = "# a\n\nx,y\n1,2\n# b\n\n1,two\n";
     for text in [text.to_owned(), text.replace('\n', "\r\n")] {
         assert_eq!(problem::<2>("m.csv", text), value(line(7), "y", "\"two\"", number));
@@ -249,10 +249,10 @@ fn bad_values_are_named_with_line_and_column() {
     let spatial = [[0.0, 0.0, 0.0], [1.0, 2.0, 0.5]];
     for name in ["m.ply", "m.pcd"] {
         let mut bytes = written(name, &spatial, Encoding::Binary);
-        assert_eq!(problem::<2>(name, &bytes), value(Place::Point(1), "z", "0.5", flat));
+        assert_eq!(problem::<2>(name, &bytes), value(FilePosition::Point(1), "z", "0.5", flat));
         let at = bytes.len() - 24;
         bytes[at..at + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
-        assert_eq!(problem::<3>(name, &bytes), value(Place::Point(1), "x", "inf", finite));
+        assert_eq!(problem::<3>(name, &bytes), value(FilePosition::Point(1), "x", "inf", finite));
     }
     let far = problem::<2>("m.csv", "x,y\n1,2\n1e300,0\n");
     assert!(matches!(far, MapProblem::Points(CoreError::TooLarge { index: 1, .. })), "{far}");
@@ -260,8 +260,11 @@ fn bad_values_are_named_with_line_and_column() {
 
 #[test]
 fn rows_of_a_wrong_length_are_named() {
-    let length =
-        |line, found, expected| MapProblem::RowLength { place: Place::Line(line), found, expected };
+    let length = |line, found, expected| MapProblem::RowLength {
+        place: FilePosition::Line(line),
+        found,
+        expected,
+    };
     assert_eq!(problem::<2>("m.csv", "x,y\n1,2\n3\n"), length(3, 1, 2));
     let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int a\n\
         property double x\nproperty double y\nend_header\n";
@@ -290,8 +293,8 @@ fn no_points_is_an_error() {
     }
 }
 
-/// A header that announces fewer, more, or absurdly many points must neither lose points silently
-/// nor make the reader allocate by the announced number.
+/// A header with too few, too many, or absurdly many points must neither lose points silently
+/// nor make the reader allocate memory for that number.
 #[test]
 fn a_lying_point_count_is_an_error() {
     let points: Vec<_> = (0..40).map(|i| [f64::from(i), 0.5]).collect();
@@ -312,7 +315,7 @@ fn a_lying_point_count_is_an_error() {
             };
             assert_eq!(announced.to_string(), lie);
         }
-        // Cut by its final line break alone, a text file would still be whole.
+        // A text file that lacks only its final line break would still be complete.
         for cut in [4, 24, 300] {
             let found = problem::<2>(name, &honest[..honest.len() - cut]);
             let noticed = matches!(

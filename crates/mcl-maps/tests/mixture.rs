@@ -1,4 +1,4 @@
-//! Mixture likelihood and fuzzy k-means against a brute force over all pairs, and the laws they obey.
+//! Mixture likelihood and fuzzy k-means against a brute force over all pairs, and their invariants.
 
 use std::f64::consts::TAU;
 
@@ -54,7 +54,7 @@ fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-10 * a.abs().max(b.abs())
 }
 
-/// Points around a few places, K of them the means.
+/// Points around a few centres, K of them the means.
 fn problem<const D: usize>(
     seed: u64,
     count: usize,
@@ -129,7 +129,7 @@ proptest! {
             build_map(&data, &MapSettings { initial, refinement: Some(RefineSettings::fkm(settings)) }).unwrap();
         let trace = trace(&built.refinement.unwrap());
         for pair in trace.windows(2) {
-            // Rounding of the sum over the points is all that may be lost.
+            // The only loss is the rounding of the sum over the points.
             prop_assert!(pair[1] >= pair[0] - 1e-12 * pair[0].abs().max(1.0), "{trace:?}");
         }
     }
@@ -162,7 +162,7 @@ proptest! {
     }
 }
 
-/// Two overlapping clusters and as many components: EM creeps along the line between them.
+/// Two overlapping clusters and as many components: EM converges slowly along the line between them.
 #[test]
 fn acceleration_reaches_the_same_maximum_in_fewer_updates() {
     let mut rng = Seed::new(19).rng();
@@ -181,7 +181,7 @@ fn acceleration_reaches_the_same_maximum_in_fewer_updates() {
     }
 }
 
-/// A limit on updates holds for jumps too, and is reported.
+/// The limit on updates includes jumps, and reaching it is reported.
 #[test]
 fn acceleration_keeps_to_the_limit() {
     let (points, means) = problem::<2>(23, 300, 20);
@@ -256,7 +256,7 @@ fn duplicates_and_collinear_points() {
     let settings =
         MapSettings { initial, refinement: Some(RefineSettings::fkm(FkmSettings::default())) };
     let built = build_map(&data, &settings).unwrap();
-    // About a hundred components share one place; as a subset they are one point.
+    // About a hundred components share one position; as a subset they are one point.
     let at_place = built.map.points().iter().filter(|&&p| p == [1.0, 1.0]).count();
     assert_eq!(at_place, 1);
     let mut distinct = built.indices.clone();
@@ -265,8 +265,8 @@ fn duplicates_and_collinear_points() {
     assert_eq!(distinct.len(), built.map.len());
 }
 
-/// The point 10 km away draws a component to itself, wherever that starts: nothing gains more
-/// likelihood. Everything stays finite on the way.
+/// The point 10 km away attracts a component wherever it starts, because nothing gains more likelihood. All values
+/// stay finite on the way.
 #[test]
 fn a_point_ten_kilometres_away() {
     let (mut points, _) = problem::<2>(11, 300, 1);
@@ -283,7 +283,7 @@ fn a_point_ten_kilometres_away() {
     }
 }
 
-/// At UTM coordinates EM gives the same map by the same steps, to the last bit.
+/// At UTM coordinates EM gives the same map by the same steps, bit for bit.
 #[test]
 fn far_from_the_origin() {
     let (near, _) = problem::<2>(13, 2000, 1);
@@ -303,7 +303,7 @@ fn far_from_the_origin() {
     assert_eq!(trace(&near), trace(&far));
 }
 
-/// A component between points of which others are always nearer: nobody is responsible for it.
+/// A component between points that always have a nearer component: it is not responsible for any point.
 #[test]
 fn a_component_without_points_stays_where_it_is() {
     let data = PointSet::new(vec![[0.0, 0.0], [0.01, 0.0], [10.0, 0.0], [10.01, 0.0]]).unwrap();

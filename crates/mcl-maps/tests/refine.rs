@@ -1,4 +1,4 @@
-//! The laws of refinements, on random problems.
+//! Invariants of the refinements, on random problems.
 
 use std::collections::HashSet;
 
@@ -13,7 +13,7 @@ fn settings(method: Refinement, sigma: f64) -> RefineSettings {
     RefineSettings { method, fkm, seed: Seed::new(3), budget_s: None }
 }
 
-/// Points in heaps, some of them equal.
+/// Points in clusters, some of them equal.
 fn heaps<const D: usize>(seed: u64, points: usize) -> Vec<Point<D>> {
     let mut rng = Seed::new(seed).rng();
     (0..points)
@@ -27,7 +27,7 @@ fn heaps<const D: usize>(seed: u64, points: usize) -> Vec<Point<D>> {
         .collect()
 }
 
-/// What the log-likelihood per point of a subset is.
+/// The log-likelihood per point under a subset.
 fn per_point<const D: usize>(data: &PointSet<D>, indices: &[usize], sigma: f64) -> f64 {
     let points = indices.iter().map(|&index| data.points()[index]).collect();
     mixture_log_likelihood(data, &PointMap::new(points).unwrap(), sigma).unwrap().per_point
@@ -65,7 +65,7 @@ fn obeys_the_laws<const D: usize>(
         }
         prop_assert!(report.evaluations >= report.steps[report.steps.len() - 1].evaluations);
         if let Refinement::Exchange { .. } | Refinement::Best { .. } = method {
-            // Every point of the initial map's number is used, and the trace ends with the map's own value.
+            // The map has as many points as the initial map, and the trace ends with the value of the map.
             prop_assert_eq!(indices.len(), kept);
             let last = report.steps[report.steps.len() - 1].log_likelihood;
             let own = per_point(&data, &indices, sigma);
@@ -92,8 +92,8 @@ proptest! {
     }
 }
 
-/// 25 heaps of 60 points, and an initial map with nearly all its points in one of them: what plain EM
-/// cannot leave.
+/// 25 clusters of 60 points, and an initial map with nearly all its points in one of them: a local maximum that
+/// plain EM cannot leave.
 #[test]
 fn split_and_merge_finds_the_planted_heaps() {
     let mut rng = Seed::new(5).rng();

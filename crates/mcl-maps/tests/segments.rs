@@ -1,4 +1,4 @@
-//! Line segments of walls that are known.
+//! Line segments of known walls.
 //!
 //! ```text
 //! 5 +-----------------+     A room of 8 m × 5 m with a door in the right wall, from y = 2 to 2.9, and
@@ -28,7 +28,7 @@ const WALLS: [[Point<2>; 2]; 6] = [
     [[8.0, 0.0], [8.0, 2.0]],
 ];
 
-/// How far a beam gets before it meets a wall; farther than any if it meets none.
+/// Range of a beam to the first wall; larger than any reading if there is none.
 fn range(from: Point<2>, angle: f64, [start, end]: [Point<2>; 2]) -> f64 {
     let (sin, cos) = angle.sin_cos();
     let [along_x, along_y] = [end[0] - start[0], end[1] - start[1]];
@@ -38,7 +38,7 @@ fn range(from: Point<2>, angle: f64, [start, end]: [Point<2>; 2]) -> f64 {
     if range > 0.0 && (0.0..=1.0).contains(&foot) { range } else { f64::INFINITY }
 }
 
-/// A turn with a beam per degree, readings with Gaussian noise (m).
+/// A full turn with one beam per degree, readings with Gaussian noise (m).
 fn scan(pose: Pose2, noise: f64, seed: u64) -> LaserScan {
     let geometry = ScanGeometry { start_angle: -PI, angle_step: TAU / 360.0, beams: 360 };
     let (normal, mut rng) = (Normal::new(0.0, noise).unwrap(), Seed::new(seed).rng());
@@ -56,7 +56,7 @@ fn scan(pose: Pose2, noise: f64, seed: u64) -> LaserScan {
     }
 }
 
-/// Scans from 15 places around the standing wall.
+/// Scans from 15 positions around the free-standing wall.
 fn room(noise: f64) -> Recording {
     let scans = (0..15).map(|i| {
         let (sin, cos) = (TAU * f64::from(i) / 15.0).sin_cos();
@@ -158,7 +158,7 @@ fn what_makes_no_map() {
 }
 
 proptest! {
-    /// Whatever the readings are, segments are places as long as they should be, and each is near points.
+    /// Whatever the readings are, segments are finite and long enough, and each is near points.
     #[test]
     fn any_readings_make_segments_or_none(
         ranges in prop::collection::vec(
@@ -182,7 +182,7 @@ proptest! {
                 let points = log.points(MAX_RANGE).unwrap();
                 prop_assert!(3 * map.segments().len() <= points.len());
                 for end in map.segments().iter().flat_map(|s| [s.start, s.end]) {
-                    // An end is a point moved onto its line, at most by the tolerance, which is then fit again.
+                    // An end is a point moved onto its line, by at most the tolerance; the line is then fitted again.
                     let nearest = points.iter().map(|p| distance(*p, end)).fold(f64::INFINITY, f64::min);
                     prop_assert!(nearest <= 3.0 * tolerance + 1e-14 * far + 1e-9, "{nearest}");
                 }

@@ -1,4 +1,4 @@
-//! Criteria for the size of a map find the number of components that was planted.
+//! Criteria for the size of a map find the true number of components.
 
 use std::cell::RefCell;
 
@@ -64,8 +64,8 @@ fn the_planted_size_is_found() {
             description_length(&data, map, SIGMA, log_likelihood).unwrap()
         });
         assert_eq!([by_bic, by_length], [count as f64; 2]);
-        // Others are explained as well by several components in place of each, so their likelihood has
-        // more than one maximum; this is one.
+        // Several components in place of one explain held-out points equally well, so their likelihood has
+        // more than one maximum; this is one of them.
         let [fewer, planted, more] =
             [count - 1, count, count + 1].map(|size| per_point(&other, &map(&data, size)));
         assert!(planted > fewer && planted > more, "{fewer} {planted} {more}");

@@ -7,10 +7,10 @@ use serde::Serialize;
 use crate::error::MetricsError;
 use crate::timeline::{Timeline, gap};
 
-/// Largest difference of two matching stamps unless another is given, in seconds (evo's default).
+/// Default for the largest difference of two matching stamps, in seconds (as in evo).
 pub const DEFAULT_TOLERANCE_S: f64 = 0.01;
 
-/// One of the two trajectories that are compared.
+/// One of the two compared trajectories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
@@ -20,36 +20,35 @@ pub enum Side {
     Estimate,
 }
 
-/// Poses of a reference and an estimate that belong to the same moments.
+/// Matched poses of a reference and an estimate, at the same times.
 ///
-/// Pairs come in the order of the estimate where that is also the order of the reference: logs that step
-/// back in time do so in both. Otherwise at least one of the two is unsorted by itself, and pairs come in
-/// order of time.
+/// Pairs are in the order of the estimate if that is also the order of the reference (logs that step
+/// back in time do so in both). Otherwise at least one of the two is unsorted by itself, and pairs are sorted by time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matched {
     /// Matched part of the reference; entry *k* belongs to entry *k* of `estimate`.
     pub reference: Trajectory,
     /// Matched part of the estimate.
     pub estimate: Trajectory,
-    /// Index of each entry in the whole reference; `None` where the reference was interpolated.
+    /// Index of each entry in the whole reference; `None` if the reference was interpolated.
     pub reference_indices: Option<Vec<usize>>,
-    /// Index of each entry in the whole estimate; `None` where the estimate was interpolated.
+    /// Index of each entry in the whole estimate; `None` if the estimate was interpolated.
     pub estimate_indices: Option<Vec<usize>>,
-    /// The sparser trajectory: that with fewer poses in the time both have, the estimate where both have
-    /// as many. With interpolation its poses are those compared.
+    /// The sparser trajectory: the one with fewer poses in the common time span, or the estimate if both have
+    /// equally many. With interpolation, its poses are the compared ones.
     pub sampled: Side,
-    /// How far apart in time the poses of the pairs are; `None` with interpolation, where they are not.
+    /// Time differences within the pairs; `None` with interpolation, where there are none.
     pub time_difference: Option<TimeDifference>,
-    /// Number of poses of the reference that take part in no pair.
+    /// Number of poses of the reference that are in no pair.
     pub unmatched_reference: usize,
-    /// Number of poses of the estimate that take part in no pair.
+    /// Number of poses of the estimate that are in no pair.
     pub unmatched_estimate: usize,
-    /// Whether the order of the pairs is not that of the estimate, but that of time.
+    /// Whether the pairs are sorted by time instead of being in the order of the estimate.
     pub sorted_by_time: bool,
 }
 
 impl Matched {
-    /// Number of poses of the sparser trajectory that take part in no pair.
+    /// Number of poses of the sparser trajectory that are in no pair.
     pub fn unmatched_samples(&self) -> usize {
         match self.sampled {
             Side::Reference => self.unmatched_reference,
@@ -67,15 +66,14 @@ pub struct TimeDifference {
     pub max_s: f64,
 }
 
-/// Matches poses by stamp, one to one: of all pairs not further apart than `tolerance_s` the nearest
-/// in time is taken, then the nearest of what is left, and so on. Equally near pairs are taken in
-/// order of time; equal stamps are used up in recorded order. Neither trajectory needs to be sorted.
+/// Matches poses by stamp, one to one and greedily: of all pairs at most `tolerance_s` apart, the pair nearest
+/// in time is matched first, then the nearest of the remaining ones, and so on. Equally near pairs are matched in
+/// order of time, equal stamps in recorded order. Neither trajectory needs to be sorted.
 ///
-/// Greedy means nearest first, not as many as possible: a pose whose only neighbour has a nearer
-/// partner stays unmatched.
+/// The number of pairs is not maximized: a pose whose only neighbour has a nearer partner stays unmatched.
 ///
 /// # Errors
-/// When the tolerance is negative or not finite, a trajectory is empty, or nothing matches.
+/// If the tolerance is negative or not finite, a trajectory is empty, or nothing matches.
 pub fn associate(
     reference: &Trajectory,
     estimate: &Trajectory,
@@ -119,18 +117,18 @@ pub fn associate(
     })
 }
 
-/// Matches the poses of the sparser trajectory with the other one, interpolated to their stamps: on the
-/// line between the positions before and after, on the shorter arc between the headings. Nothing is
-/// extrapolated, nor interpolated over a gap longer than `longest_gap_s`; unless given, that is five times
-/// the usual (median) interval of the interpolated trajectory, at least 0.2 s. A stamp that the other
-/// trajectory has, too, is no matter of interpolation: equal stamps are matched in recorded order, those
-/// in excess with the last of them.
+/// Matches the poses of the sparser trajectory with the other one, interpolated to their stamps: linearly
+/// between the positions before and after, and along the shorter arc between the headings. There is no
+/// extrapolation, and no interpolation over gaps longer than `longest_gap_s`; the default is five times
+/// the usual (median) interval of the interpolated trajectory, at least 0.2 s. Stamps that occur in both
+/// trajectories are not interpolated: equal stamps are matched in recorded order, and those in excess with the last
+/// of them.
 ///
-/// A pose of the interpolated side takes part in a pair when a sample lies at it, or between it and the
+/// A pose of the interpolated trajectory is in a pair if a sample lies at it, or between it and the
 /// next one.
 ///
 /// # Errors
-/// When the longest gap is negative or not finite, a trajectory is empty, or no pose of the sparser one
+/// If the longest gap is negative or not finite, a trajectory is empty, or no pose of the sparser one
 /// lies within the other one.
 pub fn interpolate(
     reference: &Trajectory,
@@ -201,7 +199,7 @@ pub fn interpolate(
     })
 }
 
-/// Two trajectories with poses, in order of time.
+/// Two trajectories, sorted by time.
 struct Sides<'a> {
     reference: Timeline<'a>,
     estimate: Timeline<'a>,
@@ -213,14 +211,14 @@ impl<'a> Sides<'a> {
         Ok(Sides { reference: Timeline::new(reference), estimate: Timeline::new(estimate) })
     }
 
-    /// See [`sparser`].
+    /// The result of [`sparser`].
     fn sparser(&self) -> Side {
         sparser(&self.reference, &self.estimate)
     }
 }
 
 /// The trajectory of the lower rate, by the usual intervals of both: the reference only if its rate is clearly lower, so
-/// that neither jitter nor where a trajectory ends changes the side. One of a single pose is the sparser.
+/// that the result does not depend on jitter or the end of a trajectory. A trajectory of a single pose is the sparser.
 pub(crate) fn sparser(reference: &Timeline<'_>, estimate: &Timeline<'_>) -> Side {
     const CLEARLY: f64 = 1.5;
     let usual = |timeline: &Timeline<'_>| timeline.usual_interval().unwrap_or(u64::MAX) as f64;
@@ -247,14 +245,14 @@ fn select(trajectory: &Trajectory, indices: &[usize]) -> Trajectory {
     indices.iter().map(|&i| (trajectory.stamps()[i], trajectory.poses()[i])).collect()
 }
 
-/// Pairs in the order of the estimate where the reference is in order then, too, else in order of time; and
-/// whether that is another order. `positions` are those in reference and estimate.
+/// Returns the pairs in the order of the estimate if the reference is then also in order, otherwise sorted by time; and
+/// whether that is a different order. `positions` are those in reference and estimate.
 fn in_order<T>(
     mut pairs: Vec<T>,
     positions: impl Fn(&T) -> (usize, usize),
     stamp: impl Fn(&T) -> Stamp,
 ) -> (Vec<T>, bool) {
-    // Several poses may be interpolated from one position: those are in order of time.
+    // Several poses may be interpolated from one position; these are in order of time.
     pairs.sort_by_key(|pair| {
         let (reference, estimate) = positions(pair);
         (estimate, stamp(pair), reference)
@@ -267,8 +265,8 @@ fn in_order<T>(
     (pairs, is_to_be_sorted)
 }
 
-/// A stamp on the common time line. Field order is sorting order: by time, and equal stamps of both
-/// sides take turns, so that the k-th of the one stands beside the k-th of the other.
+/// A stamp on the common time line. The order of the fields is the sort order: by time, with equal stamps of both
+/// sides alternating, so that the k-th of one is next to the k-th of the other.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
     stamp: Stamp,
@@ -293,14 +291,14 @@ fn merge(reference: &[Stamp], estimate: &[Stamp]) -> Vec<Entry> {
     timeline
 }
 
-/// Nanoseconds between a stamp of the one side and a later one of the other.
+/// Nanoseconds between a stamp of one side and a later one of the other.
 fn distance(earlier: &Entry, later: &Entry) -> Option<u64> {
     (earlier.is_estimate != later.is_estimate).then(|| gap(earlier.stamp, later.stamp))
 }
 
-/// (reference index, estimate index) of the greedy matching. The nearest two unmatched entries of
-/// different sides are always neighbours on what is left of the time line, so a heap of neighbours
-/// and a linked list do: O(n log n) for any tolerance.
+/// Computes the pairs (reference index, estimate index) of the greedy matching. The nearest two unmatched entries of
+/// different sides are always neighbours on the remaining time line, so a heap of neighbours
+/// and a linked list suffice: O(n log n) for any tolerance.
 fn nearest_pairs(timeline: &[Entry], tolerance: u64) -> Vec<(usize, usize)> {
     let count = timeline.len();
     let mut next: Vec<Option<usize>> =
@@ -344,7 +342,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 
-    /// Milliseconds to a trajectory whose x tells the index.
+    /// Converts milliseconds to a trajectory whose x is the index.
     fn track(milliseconds: &[i64]) -> Trajectory {
         let stamp = |ms: i64| Stamp::from_nanoseconds(ms * 1_000_000);
         let poses = (0..milliseconds.len()).map(|i| Pose2::new(i as f64, 0.0, 0.0));
@@ -367,11 +365,11 @@ mod tests {
 
     #[test]
     fn nearest_first_and_each_pose_once() {
-        // 104 is nearer to 105 than 100 is; 100 then takes the 95 (5 ms), not the used 104.
+        // 104 is nearer to 105 than 100 is; 100 is then matched with 95 (5 ms), not with the used 104.
         assert_eq!(indices(&[95, 105], &[100, 104]), [(0, 0), (1, 1)]);
-        // Both want 105; the nearer one gets it, and nothing else is within 10 ms.
+        // Both are near 105; the nearer one is matched, and nothing else is within 10 ms.
         assert_eq!(indices(&[105], &[100, 104]), [(0, 1)]);
-        // The tolerance is inclusive; of equally near pairs the earlier is taken.
+        // The tolerance is inclusive; of equally near pairs the earlier one is matched.
         assert_eq!(indices(&[110, 130], &[120]), [(0, 0)]);
         assert_eq!(indices(&[109, 131], &[100, 120]), [(0, 0)]);
     }
@@ -413,8 +411,8 @@ mod tests {
         assert_eq!(empty.to_string(), "reference poses: found 0, expected at least 1");
     }
 
-    /// Once taken in the order of a file that somebody's script had shuffled: relative errors between poses
-    /// that do not follow one another.
+    /// Pairs were once in the order of a shuffled file, which gave relative errors between poses that are not
+    /// successive.
     #[test]
     fn an_unsorted_estimate_of_a_sorted_reference_is_taken_in_order_of_time() {
         let (reference, estimate) = (track(&[0, 100, 200, 300]), track(&[200, 0, 300, 100]));
@@ -425,7 +423,7 @@ mod tests {
         assert!(between.sorted_by_time);
         assert_eq!(between.estimate_indices, Some(vec![1, 3, 0, 2]));
         assert_eq!(between.reference, reference);
-        // An unsorted reference has no influence on the order.
+        // An unsorted reference does not affect the order.
         let (nearest, between) = (
             associate(&estimate, &reference, 0.01).unwrap(),
             interpolate(&estimate, &reference, None).unwrap(),
@@ -455,7 +453,7 @@ mod tests {
         assert_eq!(matched.reference.stamps(), matched.estimate.stamps());
         assert_eq!(matched.estimate_indices, Some(vec![0, 1]));
         assert_eq!((matched.reference_indices, matched.time_difference), (None, None));
-        // The reference's last pose lies beyond the last sample within it.
+        // The last pose of the reference lies beyond the last sample within it.
         assert_eq!((matched.unmatched_reference, matched.unmatched_estimate), (1, 1));
         let swapped = interpolate(&estimate, &reference, None).unwrap();
         assert_eq!(
@@ -464,7 +462,7 @@ mod tests {
         );
         assert_eq!(swapped.estimate, matched.reference);
         assert_eq!((swapped.unmatched_reference, swapped.unmatched_estimate), (1, 1));
-        // With as many poses in the common time, the estimate's are the samples.
+        // With equally many poses in the common time span, those of the estimate are the samples.
         let ties = interpolate(&track(&[0, 100, 200]), &track(&[50, 150, 250]), None).unwrap();
         assert_eq!((ties.sampled, ties.estimate_indices), (Side::Estimate, Some(vec![0, 1])));
     }
@@ -478,7 +476,7 @@ mod tests {
         assert_eq!(found(None), [0, 2], "600 ms are more than five usual intervals");
         assert_eq!(found(Some(0.6)), [0, 1, 2]);
         assert_eq!(found(Some(0.1)), [0, 2]);
-        // 0.2 s may be interpolated over at any rate.
+        // Gaps of 0.2 s are always interpolated.
         let fast = track(&[0, 1, 2, 3, 203]);
         let found = interpolate(&fast, &track(&[100]), None).unwrap();
         assert_eq!(found.reference.poses()[0].x, 3.485);
@@ -510,7 +508,7 @@ mod tests {
         }
     }
 
-    /// The definition, in cubic time: (reference, estimate) of all pairs, nearest first.
+    /// Direct implementation of the definition, in cubic time: (reference, estimate) of all pairs, nearest first.
     fn greedy(reference: &[i64], estimate: &[i64], tolerance: u64) -> Vec<(usize, usize)> {
         let mut all: Vec<(u64, usize, usize)> = Vec::new();
         for (r, a) in reference.iter().enumerate() {
@@ -528,7 +526,7 @@ mod tests {
     }
 
     proptest! {
-        /// Few different stamps, so that repeats and ties abound.
+        /// Few different stamps, so that repeats and ties are common.
         #[test]
         fn each_pose_once_within_the_tolerance(
             reference in prop::collection::vec(0..60i64, 1..25),
@@ -561,7 +559,7 @@ mod tests {
             prop_assert!(apart.mean_s <= apart.max_s * (1.0 + 1e-12));
         }
 
-        /// Where no two gaps are equal, the greedy matching is unique.
+        /// If no two gaps are equal, the greedy matching is unique.
         #[test]
         fn agrees_with_the_definition(
             reference in prop::collection::vec(0..1_000_000i64, 1..15),

@@ -2,22 +2,22 @@ use mcl_core::{Point, Pose2, math};
 
 use crate::error::{MetricsError, check_poses};
 
-/// What is done to the estimate before absolute errors are taken.
+/// How the estimate is aligned before absolute errors are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Alignment {
-    /// Nothing: both trajectories are in the same map frame.
+    /// No alignment: both trajectories are in the same map frame.
     #[default]
     None,
-    /// The rotation and translation that bring the estimate's first pose onto the reference's (evo's
+    /// The rotation and translation that move the first pose of the estimate to that of the reference (evo's
     /// `--align_origin`).
     Origin,
-    /// The rotation and translation that bring the estimate's positions nearest to the reference's
-    /// in the least-squares sense (Umeyama 1991, without scale).
+    /// The rotation and translation that fit the positions of the estimate to those of the reference by least
+    /// squares (Umeyama 1991, without scale).
     Rigid,
 }
 
-/// Absolute trajectory errors, called absolute pose errors (APE) in evo: one sample per pair of
-/// poses, of the error transform E = reference⁻¹ ∘ estimate.
+/// Absolute trajectory errors (absolute pose errors, APE, in evo): one sample per pair of
+/// poses, from the error transform E = reference⁻¹ ∘ estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ate {
     /// The alignment that was applied to the estimate; the identity without alignment.
@@ -30,10 +30,10 @@ pub struct Ate {
     pub full: Vec<f64>,
 }
 
-/// Absolute trajectory error of matched poses, as evo defines it.
+/// Computes the absolute trajectory error of matched poses, as defined by evo.
 ///
 /// # Errors
-/// When the numbers of poses differ, there is none, one is not finite or too far away, or the positions do not
+/// If the numbers of poses differ, there is none, one is not finite or too far away, or the positions do not
 /// determine the alignment.
 pub fn ate(
     reference: &[Pose2],
@@ -47,7 +47,7 @@ pub fn ate(
         Alignment::Rigid => align(reference, estimate)?,
     };
     let error = |(r, e): (&Pose2, &Pose2)| match alignment {
-        // Without the detour over the identity the errors are exact.
+        // Computed without composing with the identity, so that the errors are exact.
         Alignment::None => r.between(e),
         Alignment::Origin | Alignment::Rigid => r.between(&reference_from_estimate.compose(e)),
     };
@@ -73,9 +73,9 @@ pub(crate) fn full(error: &Pose2) -> f64 {
     math::hypot(translation(error), 8_f64.sqrt() * math::sin(0.5 * error.theta))
 }
 
-/// The rigid motion that minimizes Σ‖r − (R·e + t)‖². In the plane Umeyama's singular value
+/// The rigid motion that minimizes Σ‖r − (R·e + t)‖². In the plane, Umeyama's singular value
 /// decomposition has a closed form: the angle of (Σ ē·r̄, Σ ē×r̄) over positions relative to their
-/// means. Unlike evo's decomposition in space, this also works for positions on a line.
+/// means. Unlike evo's 3-D decomposition, this also works for positions on a line.
 fn align(reference: &[Pose2], estimate: &[Pose2]) -> Result<Pose2, MetricsError> {
     let (reference_mean, estimate_mean) = (mean_position(reference), mean_position(estimate));
     let (mut dot, mut cross) = (0.0, 0.0);
@@ -88,8 +88,8 @@ fn align(reference: &[Pose2], estimate: &[Pose2]) -> Result<Pose2, MetricsError>
         reference_spread += rx * rx + ry * ry;
         estimate_spread += ex * ex + ey * ey;
     }
-    // By Cauchy and Schwarz the left side is at most √(spread·spread); next to nothing of it is
-    // rounding, and its direction means nothing.
+    // By Cauchy-Schwarz the left side is at most √(spread·spread). A tiny fraction of that is rounding, and its
+    // direction is meaningless.
     if math::hypot(dot, cross) <= 1e-12 * (reference_spread * estimate_spread).sqrt() {
         return Err(MetricsError::Alignment { poses: reference.len() });
     }
@@ -98,8 +98,8 @@ fn align(reference: &[Pose2], estimate: &[Pose2]) -> Result<Pose2, MetricsError>
     Ok(Pose2::new(reference_mean[0] - x, reference_mean[1] - y, rotation.theta))
 }
 
-/// Mean position, summed relative to the first one so that equal positions have exactly their own
-/// mean and positions far from the origin keep their digits.
+/// Mean position, summed relative to the first one, so that the mean of equal positions is exact and positions far
+/// from the origin keep their digits.
 fn mean_position(poses: &[Pose2]) -> Point<2> {
     let (first, count) = (poses[0], poses.len() as f64);
     let x: f64 = poses.iter().map(|pose| pose.x - first.x).sum();
@@ -172,7 +172,7 @@ mod tests {
                 let there = moved(&motion, &estimate);
                 let there = ate(&moved(&motion, &reference), &there, alignment).unwrap();
                 for (a, b) in here.translation.iter().zip(&there.translation) {
-                    // Nearly uncorrelated tracks determine their alignment poorly.
+                    // The alignment of nearly uncorrelated tracks is poorly determined.
                     prop_assert!((a - b).abs() < 1e-8, "{a} {b}");
                 }
             }

@@ -1,12 +1,12 @@
-//! The beta distribution, from which Student's t and the exact intervals of rates follow.
+//! The beta distribution, used for Student's t and the exact intervals of rates.
 
 use std::f64::consts::PI;
 
 use mcl_core::math;
 
-/// P(X ≤ x) of a beta distribution with positive shapes: the regularized incomplete beta function Iₓ(a, b).
+/// P(X ≤ x) of a beta distribution with positive shape parameters: the regularized incomplete beta function Iₓ(a, b).
 /// Source: F. W. J. Olver et al., *NIST Handbook of Mathematical Functions* (2010), equation 8.17.22, a
-/// continued fraction that converges quickly below the mean; above it stands 1 − I₁₋ₓ(b, a).
+/// continued fraction that converges quickly below the mean; above the mean, 1 − I₁₋ₓ(b, a) is used.
 pub(crate) fn probability(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 {
         0.0
@@ -27,7 +27,7 @@ fn below_mean(a: f64, b: f64, x: f64) -> f64 {
 /// 1 + d₁/(1 + d₂/(1 + ...)) by the modified method of Lentz: C and D are the ratios of successive
 /// numerators and denominators of the convergents.
 fn continued_fraction(a: f64, b: f64, x: f64) -> f64 {
-    /// It takes O(√max(a, b)) terms.
+    /// O(√max(a, b)) terms are needed.
     const TERMS: u32 = 100_000;
     let nonzero = |value: f64| if value == 0.0 { f64::MIN_POSITIVE } else { value };
     let (mut fraction, mut c, mut d) = (1.0, 1.0, 0.0);
@@ -49,10 +49,10 @@ fn continued_fraction(a: f64, b: f64, x: f64) -> f64 {
     fraction
 }
 
-/// ln B(a, b). ln Γ(a) and ln Γ(a + b) are nearly the same where a is large and b small, so their difference is
-/// taken in Stirling's formula, term by term.
+/// ln B(a, b). If a is large and b small, ln Γ(a) and ln Γ(a + b) are nearly equal, so their difference is
+/// computed from Stirling's formula, term by term.
 fn ln_beta(a: f64, b: f64) -> f64 {
-    /// From here on the remainder below is exact to 10⁻¹⁵.
+    /// From here on, the remainder below is accurate to 10⁻¹⁵.
     const LARGE: f64 = 20.0;
     let (small, large) = (a.min(b), a.max(b));
     let sum = small + large;
@@ -99,7 +99,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// For whole shapes the probability is that of at least `a` hits in a + b − 1 trials of rate x.
+        /// For integer shape parameters, the probability is that of at least `a` hits in a + b − 1 trials of rate x.
         #[test]
         fn sums_of_binomials(a in 1..60u32, b in 1..60u32, x in 0.01..0.99f64) {
             let trials = a + b - 1;
@@ -118,8 +118,8 @@ mod tests {
             }
         }
 
-        /// Where the density is steep, next to 1 with a small `b`, the probabilities of neighbouring numbers lie
-        /// further apart than the bound.
+        /// Where the density is steep (near 1, with small `b`), the probabilities of adjacent floats are
+        /// farther apart than the bound.
         #[test]
         fn quantiles_have_their_probability(a in 0.1..500.0f64, b in 0.1..500.0f64, p in 0.001..0.999f64) {
             let x = quantile(a, b, p);

@@ -7,12 +7,12 @@ use crate::interval::{self, Interval, MeanInterval, resample_groups};
 
 /// Values grouped by block: the maps of one draw number with all runs on them, or the runs from one start.
 ///
-/// Blocks are independent of each other, values of the same block are not: twice as many runs on the same
-/// ten maps say hardly more about other maps. So the sample of every test and every interval is one
-/// number per block, and no value can be tested without its block.
+/// Blocks are independent of each other, but values in the same block are not: twice as many runs on the same
+/// ten maps give little more information about other maps. Every test and interval therefore uses one
+/// number per block as its sample, and no value can be tested without its block.
 ///
-/// Values may carry a *unit*, such as the number of the run, by which those of two `Blocked` are paired:
-/// run 3 has the same odometry noise on the map of either builder. See [`Blocked::minus`].
+/// Values may have a *unit*, such as the number of the run, by which the values of two `Blocked` are paired:
+/// run 3 has the same odometry noise on the maps of both builders. See [`Blocked::minus`].
 ///
 /// No result depends on the order in which values are given.
 ///
@@ -53,21 +53,21 @@ impl Item {
 }
 
 impl Blocked {
-    /// Of `(block, value)`, in any order.
+    /// Groups values given as `(block, value)`, in any order.
     ///
     /// # Errors
-    /// When there is no value, or one is not finite (or not below 10¹⁴⁰ in magnitude): its block is
-    /// named, and its place among the values of that block.
+    /// If there is no value, or one is not finite (or not below 10¹⁴⁰ in magnitude); the error has its block
+    /// and its index among the values of that block.
     pub fn new(values: impl IntoIterator<Item = (u64, f64)>) -> Result<Self, MetricsError> {
         let item = |(block, value)| Item { block, unit: None, value };
         Self::checked(values.into_iter().map(item).collect())
     }
 
-    /// Of `(block, unit, value)`, in any order. A unit is identified within its block: the same number in
-    /// another block is another unit.
+    /// Groups values given as `(block, unit, value)`, in any order. Units are identified within their block: the same
+    /// number in another block is a different unit.
     ///
     /// # Errors
-    /// As [`Blocked::new`], and when a unit occurs more than once in its block.
+    /// As [`Blocked::new`], and if a unit occurs more than once in its block.
     pub fn with_units(
         values: impl IntoIterator<Item = (u64, u64, f64)>,
     ) -> Result<Self, MetricsError> {
@@ -125,21 +125,21 @@ impl Blocked {
         &self.means
     }
 
-    /// Mean of all values, each with the same weight, so that a block counts as often as it has values.
-    /// Figures and tests have [`mean_of_blocks`](Self::mean_of_blocks).
+    /// Mean of all values with equal weights, so that the weight of a block is its number of values.
+    /// Figures and tests use [`mean_of_blocks`](Self::mean_of_blocks).
     pub fn mean(&self) -> f64 {
         interval::mean(&self.items.iter().map(|item| item.value).collect::<Vec<f64>>())
     }
 
-    /// Mean of the block means: every block counts the same. This is what tests compare.
+    /// Mean of the block means, with equal weights of all blocks. This is what tests compare.
     pub fn mean_of_blocks(&self) -> f64 {
         interval::mean(&self.sample())
     }
 
-    /// The same blocks with every value transformed, to its logarithm say.
+    /// Transforms every value, for example to its logarithm.
     ///
     /// # Errors
-    /// When the result for a value is not finite (ln of 0, or of a negative number); its place is named.
+    /// If the result for a value is not finite (ln of 0 or of a negative number); the error has its block and unit.
     ///
     /// # Example
     /// ```
@@ -164,12 +164,12 @@ impl Blocked {
         Ok(Self::of(items)?)
     }
 
-    /// The differences a − b in the blocks that both have. Where both carry units, each value of `self`
-    /// is paired with that of `other` of the same block and unit, and what only one of them has is left
-    /// out; the differences carry these units. Otherwise the means of a block are subtracted.
+    /// The differences a − b in the blocks that both have. If both have units, each value of `self`
+    /// is paired with that of `other` with the same block and unit, and values without a partner are left
+    /// out; the differences keep these units. Otherwise the block means are subtracted.
     ///
     /// # Errors
-    /// When there is no pair.
+    /// If there is no pair.
     pub fn minus(&self, other: &Blocked) -> Result<Blocked, TooFew> {
         let have_units = [self, other].iter().all(|side| side.items[0].unit.is_some());
         let [a, b] = [self, other].map(|side| match have_units {
@@ -186,11 +186,11 @@ impl Blocked {
         Self::of(a.into_iter().filter_map(difference).collect())
     }
 
-    /// How similar the values of a block are, from 0 (no more than those of different blocks) to 1 (all
-    /// the same): the intraclass correlation ICC(1) of the one-way analysis of variance (Donner 1986),
-    /// for blocks of any size. The estimate is negative where values differ more within blocks than
-    /// between them. `None` when there are fewer than two blocks, no block has two values, or all values
-    /// are the same.
+    /// Intraclass correlation ICC(1) of the one-way analysis of variance (Donner 1986), for blocks of any size: the
+    /// similarity of the values in a block, from 0 (no more similar than those of different blocks) to 1 (all
+    /// equal). The estimate is negative if values differ more within blocks than
+    /// between them. `None` if there are fewer than two blocks, no block has two values, or all values
+    /// are equal.
     pub fn intraclass_correlation(&self) -> Option<f64> {
         let (count, blocks) = (self.count() as f64, self.blocks() as f64);
         if self.blocks() < 2 || self.count() == self.blocks() {
@@ -213,26 +213,26 @@ impl Blocked {
     /// [`Blocked::mean_of_blocks`] with Student's 95 % interval over the blocks.
     ///
     /// # Errors
-    /// When there are fewer than two blocks.
+    /// If there are fewer than two blocks.
     pub fn mean_interval(&self) -> Result<MeanInterval, TooFew> {
         Ok(interval::student_mean(&self.at_least_two()?))
     }
 
     /// [`Blocked::mean`] with the 95 % percentile interval of a bootstrap over blocks (Efron & Tibshirani
-    /// 1993, ch. 13): whole blocks are drawn with replacement, as many as there are, and their values
-    /// pooled, `resamples` times. The result depends on `seed`, not on how blocks are numbered. Unlike
+    /// 1993, ch. 13): `resamples` times, whole blocks are drawn with replacement, as many as there are, and their
+    /// values pooled. The result depends on `seed` but not on how blocks are numbered. Unlike
     /// Student's interval it need not be symmetric, but with few blocks it is too narrow: for normally
     /// distributed means by a fifth with ten blocks, by a third with five.
     ///
     /// # Errors
-    /// When there are fewer than two blocks, or `resamples` is 0.
+    /// If there are fewer than two blocks, or `resamples` is 0.
     pub fn bootstrap_interval(
         &self,
         resamples: usize,
         seed: Seed,
     ) -> Result<MeanInterval, MetricsError> {
         self.at_least_two()?;
-        // Relative to the mean, so that equal values have exactly that mean.
+        // Relative to the mean, so that the mean of equal values is exact.
         let mean = self.mean();
         let total = |(_, values): (u64, Vec<f64>)| {
             (values.iter().map(|value| value - mean).sum(), values.len() as f64)
@@ -248,7 +248,7 @@ impl Blocked {
         self.means.iter().map(|&(_, mean)| mean).collect()
     }
 
-    /// The sample, if its spread can be estimated.
+    /// The sample of block means, if its spread can be estimated.
     pub(crate) fn at_least_two(&self) -> Result<Vec<f64>, TooFew> {
         match self.blocks() {
             blocks @ ..2 => Err(TooFew { blocks, needed: 2 }),
@@ -303,7 +303,7 @@ mod tests {
         assert!(message(negative).starts_with("block 3: the value -2 is transformed to NaN"));
     }
 
-    /// A size that was listed twice once counted twice, with p = 0.0007 instead of 0.034.
+    /// A size that was listed twice was once counted twice, with p = 0.0007 instead of 0.034.
     #[test]
     fn a_unit_counts_once() {
         let twice = Blocked::with_units([(1, 5, 0.1), (2, 5, 0.2), (1, 6, 0.3), (1, 5, 0.1)]);
@@ -318,7 +318,7 @@ mod tests {
         let difference = a.minus(&b).unwrap();
         assert_eq!(difference.block_means(), [(0, 7.0), (1, 1.0)]);
         assert_eq!(difference, Blocked::with_units([(0, 1, 7.0), (1, 2, 1.0)]).unwrap());
-        // Where a side has no units, block means are subtracted.
+        // If a side has no units, block means are subtracted.
         let means = Blocked::new(b.values()).unwrap();
         assert_eq!(a.minus(&means).unwrap().block_means(), [(0, 5.0), (1, -1.5)]);
         let elsewhere = Blocked::with_units([(0, 8, 2.0), (9, 1, 2.0)]).unwrap();
@@ -367,14 +367,14 @@ mod tests {
         assert_eq!((found.mean, found.interval), (0.1, Interval { low: 0.1, high: 0.1 }));
     }
 
-    /// Pinned, so that no dependency can silently move results.
+    /// Pinned values, so that no dependency can silently change results.
     #[test]
     fn draws_are_stable() {
         let blocked = Blocked::new((0..9).map(|i| (i, (i * i) as f64))).unwrap();
         let seed = Seed::new(3).derive("bootstrap");
         let found = blocked.bootstrap_interval(101, seed).unwrap().interval;
         assert_ne!(found, blocked.bootstrap_interval(101, Seed::new(4)).unwrap().interval);
-        // As of single runs in the same order.
+        // Equals the result for single runs in the same order.
         assert!((found.low - 14.277777777777779).abs() < 1e-13, "{found:?}");
         assert!((found.high - 35.0).abs() < 1e-13, "{found:?}");
     }

@@ -8,12 +8,12 @@ use crate::error::{MetricsError, TooFew};
 use crate::interval::Interval;
 use crate::rate::{Rate, clopper_pearson};
 
-/// How often an event occurred in units (runs) that are grouped in independent blocks (maps).
+/// Rate of an event in units (runs) that are grouped in independent blocks (maps).
 ///
 /// Runs on one map are not independent trials: a bad map may lose all of them. To compare two such
-/// rates, test the shares of the blocks, `Blocked` values of 0 and 1, by [`paired`](crate::paired) or
-/// [`two_sample`](crate::two_sample); or, where both sides are of different blocks with the same number
-/// of units, [`fisher_exact_greater`](crate::fisher_exact_greater) of [`BlockedRate::of_blocks`].
+/// rates, test the block means of `Blocked` values of 0 and 1 by [`paired`](crate::paired) or
+/// [`two_sample`](crate::two_sample). If both sides have different blocks with equally many
+/// units, [`fisher_exact_greater`](crate::fisher_exact_greater) of [`BlockedRate::of_blocks`] is an alternative.
 ///
 /// # Example
 /// ```
@@ -23,7 +23,7 @@ use crate::rate::{Rate, clopper_pearson};
 /// let none = BlockedRate::new((0..20).map(|run| (run % 10, false)))?;
 /// assert_eq!((none.of_units().trials(), none.of_blocks().trials()), (20, 10));
 /// assert_eq!(none.basis(), IntervalBasis::Conservative);
-/// // What ten trials say, not what twenty would (0.168).
+/// // The bound for ten trials, not for twenty (0.168).
 /// assert!((none.interval(0.95)?.high - 0.308497).abs() < 1e-6);
 /// # Ok::<(), mcl_metrics::MetricsError>(())
 /// ```
@@ -35,7 +35,7 @@ pub struct BlockedRate {
     squared_sizes: f64,
 }
 
-/// What [`BlockedRate::interval`] takes for a trial.
+/// What [`BlockedRate::interval`] counts as a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum IntervalBasis {
@@ -57,10 +57,10 @@ impl fmt::Display for IntervalBasis {
 }
 
 impl BlockedRate {
-    /// Of `(block, whether the event occurred)` for every unit, in any order.
+    /// Counts events given as `(block, whether the event occurred)` for every unit, in any order.
     ///
     /// # Errors
-    /// When there is no unit.
+    /// If there is no unit.
     pub fn new(units: impl IntoIterator<Item = (u64, bool)>) -> Result<Self, MetricsError> {
         let mut blocks: BTreeMap<u64, (usize, usize)> = BTreeMap::new();
         for (block, happened) in units {
@@ -79,17 +79,17 @@ impl BlockedRate {
         })
     }
 
-    /// In how many of all units it occurred.
+    /// Number of units with the event, of all units.
     pub fn of_units(&self) -> Rate {
         self.of_units
     }
 
-    /// In how many of all blocks it occurred in at least one unit.
+    /// Number of blocks with the event in at least one unit, of all blocks.
     pub fn of_blocks(&self) -> Rate {
         self.of_blocks
     }
 
-    /// What the interval takes for a trial.
+    /// What the interval counts as a trial.
     pub fn basis(&self) -> IntervalBasis {
         match self.of_units.trials() == self.of_blocks.trials() {
             true => IntervalBasis::Exact,
@@ -97,17 +97,17 @@ impl BlockedRate {
         }
     }
 
-    /// Where the true rate among units lies with this confidence (two-sided): the interval of Clopper &
-    /// Pearson (1934) for the share of units in as many trials as there are independent ones (Korn &
-    /// Graubard 1998). Their number is that of the worst case, in which all units of a block share one
-    /// outcome: (Σn)²/Σn² for n units in a block (Kish 1965), which is the number of blocks when all have
-    /// the same number of units.
+    /// Two-sided confidence interval of the true rate among units: that of Clopper &
+    /// Pearson (1934) for the fraction of units, with the effective number of independent trials (Korn &
+    /// Graubard 1998). This is the number in the worst case, in which all units of a block share one
+    /// outcome: (Σn)²/Σn² for n units in a block (Kish 1965), which is the number of blocks if all have
+    /// equally many units.
     ///
-    /// A bootstrap over blocks would not do: where no event occurred, all resamples are the same, and the
-    /// interval has no width. Nor can the correlation within blocks be estimated from a few rare events.
+    /// A bootstrap over blocks is not suitable: if no event occurred, all resamples are equal and the
+    /// interval has no width. The correlation within blocks cannot be estimated from a few rare events either.
     ///
     /// # Errors
-    /// When the confidence is not between 0 and 1.
+    /// If the confidence is not between 0 and 1.
     pub fn interval(&self, confidence: f64) -> Result<Interval, MetricsError> {
         let (hits, units) = (self.of_units.hits() as f64, self.of_units.trials() as f64);
         let per_trial = self.squared_sizes / units;
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(rate.interval(0.95), Rate::new(3, 10).unwrap().interval(0.95));
     }
 
-    /// Runs that share their map's outcome are as many trials as there are maps.
+    /// If all runs on a map have the same outcome, there are as many trials as maps.
     #[test]
     fn more_units_of_the_same_blocks_are_no_more_trials() {
         let of = |units: u64| {

@@ -1,15 +1,15 @@
-//! Tests over blocks: whatever is compared, the sample is one number per block.
+//! Tests over blocks: the sample is always one number per block.
 
 use crate::blocked::Blocked;
 use crate::error::TooFew;
 use crate::hypothesis::{Effect, of_differences, welch};
 
 /// Paired t test of "the means of a and b are the same" over the blocks that both have. Within a block
-/// a − b is the mean difference of the values of the same unit, or, where a side has no units, the
+/// a − b is the mean difference of the values with the same unit or, if a side has no units, the
 /// difference of the means ([`Blocked::minus`]).
 ///
 /// # Errors
-/// When fewer than two blocks have a pair.
+/// If fewer than two blocks have a pair.
 ///
 /// # Example
 /// ```
@@ -31,18 +31,18 @@ pub fn paired(a: &Blocked, b: &Blocked) -> Result<Effect, TooFew> {
 /// independent of each other; they may differ in number and variance.
 ///
 /// # Errors
-/// When a side has fewer than two blocks.
+/// If a side has fewer than two blocks.
 pub fn two_sample(a: &Blocked, b: &Blocked) -> Result<Effect, TooFew> {
     let smaller = if a.blocks() <= b.blocks() { a } else { b };
     smaller.at_least_two()?;
     Ok(welch(&a.sample(), &b.sample()))
 }
 
-/// t test of "the mean of the block means is 0", for the differences that [`Blocked::minus`] gives, or
+/// t test of "the mean of the block means is 0", for the differences from [`Blocked::minus`] or
 /// those of several comparisons together.
 ///
 /// # Errors
-/// When there are fewer than two blocks.
+/// If there are fewer than two blocks.
 ///
 /// # Example
 /// ```
@@ -60,11 +60,11 @@ pub fn one_sample(differences: &Blocked) -> Result<Effect, TooFew> {
     Ok(of_differences(&differences.at_least_two()?))
 }
 
-/// p values adjusted for a family of tests (Holm 1979): if those below α are called significant, the
-/// probability of any false positive is at most α, however the tests depend on each other. Stepping down
-/// from the smallest p, the k-th of m is multiplied by m + 1 − k, is never below the one before, and at
-/// most 1. In the order given. What is not a number from 0 to 1 is no p value (NaN stands for a test that
-/// could not be made): it is not counted in m, and its result is NaN.
+/// Adjusts the p values of a family of tests (Holm 1979): if adjusted values below α count as significant, the
+/// probability of any false positive is at most α, whatever the dependence between the tests. In ascending order, the
+/// k-th of m p values is multiplied by m + 1 − k, limited to at most 1 and to at least the one before. The result
+/// has the order of the input. Values outside [0, 1], such as NaN for a test that could not be computed, are not
+/// counted in m, and their result is NaN.
 ///
 /// # Example
 /// ```
@@ -93,7 +93,7 @@ mod tests {
         Blocked::with_units(values.iter().copied()).unwrap()
     }
 
-    /// Per block the differences have the mean 1, 2 and 6: t = 3 / √(7/3) with two degrees of freedom,
+    /// The block means of the differences are 1, 2 and 6: t = 3 / √(7/3) with two degrees of freedom,
     /// for which P(T > t) = ½ − t / (2 √(2 + t²)).
     #[test]
     fn paired_by_hand() {
@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(one_sample(&a.minus(&b).unwrap()).unwrap(), effect);
     }
 
-    /// What only one side has says nothing: neither a block nor a run in a block.
+    /// Blocks, and runs in a block, that only one side has are ignored.
     #[test]
     fn only_common_units_count() {
         let a = blocked(&[(0, 0, 5.0), (0, 9, 900.0), (1, 2, 3.0), (8, 3, 700.0)]);
@@ -174,7 +174,7 @@ mod tests {
         // 0.005 · 4, 0.01 · 3, 0.03 · 2; 0.04 · 1 is below the one before.
         close(holm(&[0.01, 0.04, 0.03, 0.005]), &[0.03, 0.06, 0.06, 0.02]);
         close(holm(&[0.6, 0.7]), &[1.0, 1.0]);
-        // Tests that could not be made are no part of the family.
+        // Tests that could not be computed are not in the family.
         close(holm(&[0.02, f64::NAN, 0.03, -1.0]), &[0.04, f64::NAN, 0.04, f64::NAN]);
         close(holm(&[0.02]), &[0.02]);
         close(holm(&[]), &[]);

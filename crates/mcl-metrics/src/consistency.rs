@@ -1,21 +1,21 @@
-//! Whether the covariance of an estimate agrees with its error.
+//! Consistency of an estimate: agreement of its covariance with its error.
 
 use mcl_core::math;
 use nalgebra::{Matrix3, Vector3};
 
-/// Smallest share of a component's variance that the components before it may leave unexplained; less is
-/// rounding, as in a cloud of collinear particles.
+/// Smallest fraction of the variance of a component that remains given the components before it; less is
+/// rounding, as for collinear particles.
 const SINGULAR_BELOW: f64 = 1e-12;
 
 /// The 0.95 quantile of χ² with three degrees of freedom.
 const LIMIT_95: f64 = 7.814_727_903_251_179;
 
-/// Normalized estimation error squared, eᵀ C⁻¹ e (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): the
+/// Normalized estimation error squared (NEES), eᵀ C⁻¹ e (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): the
 /// squared distance of the reference from the estimate in standard deviations of the estimate. Its
-/// mean is 3 for a consistent estimate of a pose, and larger where the covariance is too small.
+/// mean is 3 for a consistent pose estimate, and larger if the covariance is too small.
 ///
-/// `error` is x, y in metres and the heading in radians, wrapped to (−π, π]; `covariance` is of the
-/// estimate, of the same components in the same frame (its lower triangle is read). `None` when the
+/// `error` is x, y in metres and the heading in radians, wrapped to (−π, π]; `covariance` is that of the
+/// estimate, for the same components in the same frame (only its lower triangle is used). `None` if the
 /// covariance is not positive definite, up to rounding, or a number is not finite.
 ///
 /// # Example
@@ -29,7 +29,7 @@ const LIMIT_95: f64 = 7.814_727_903_251_179;
 pub fn nees(error: [f64; 3], covariance: [[f64; 3]; 3]) -> Option<f64> {
     let covariance = Matrix3::from_fn(|row, column| covariance[row][column]);
     let factor = covariance.cholesky()?.l();
-    // Squares on the diagonal are the variances that remain when the components before are known.
+    // The squared diagonal entries are the conditional variances, given the components before.
     let is_singular = |i| math::square(factor[(i, i)]) <= SINGULAR_BELOW * covariance[(i, i)];
     if (0..3).any(is_singular) {
         return None;
@@ -38,9 +38,9 @@ pub fn nees(error: [f64; 3], covariance: [[f64; 3]; 3]) -> Option<f64> {
     Some(standardized.norm_squared()).filter(|nees| nees.is_finite())
 }
 
-/// Whether a reference with this [`nees`] lies in the ellipsoid that holds it with 95 % probability if
-/// the estimate is a Gaussian with its covariance: `nees` is at most the 0.95 quantile of χ² with three
-/// degrees of freedom. Of a consistent estimate, 95 % of all scans.
+/// Whether a reference with this [`nees`] is in the 95 % ellipsoid of the estimate, taken as a Gaussian:
+/// `nees` is at most the 0.95 quantile of χ² with three
+/// degrees of freedom. For a consistent estimate this is the case for 95 % of all scans.
 pub fn inside_ellipsoid_95(nees: f64) -> bool {
     nees <= LIMIT_95
 }
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn a_covariance_without_an_inverse_has_no_nees() {
         let diagonal = |d: [f64; 3]| [[d[0], 0.0, 0.0], [0.0, d[1], 0.0], [0.0, 0.0, d[2]]];
-        // Particles on the line y = x/3, as rounding leaves it.
+        // Particles on the line y = x/3, up to rounding.
         let third = 0.1 / 3.0;
         let line = [[0.1, third, 0.0], [third, third / 3.0 + 1e-17, 0.0], [0.0, 0.0, 0.01]];
         for covariance in [
@@ -97,12 +97,12 @@ mod tests {
             assert_eq!(nees([0.1; 3], covariance), None, "{covariance:?}");
         }
         assert_eq!(nees([f64::NAN, 0.0, 0.0], diagonal([1.0; 3])), None);
-        // Small is not singular: a millimetre, and a micrometre beside it.
+        // Small but not singular: a millimetre, and a micrometre across.
         assert!(nees([1e-3; 3], diagonal([1e-6, 1e-12, 1e-6])).is_some());
     }
 
     proptest! {
-        /// Rotating frame, error and covariance changes nothing, and units neither.
+        /// Rotating error and covariance changes nothing, and neither do other units.
         #[test]
         fn frames_and_units_do_not_matter(
             root in prop::array::uniform9(-1.0..1.0f64),

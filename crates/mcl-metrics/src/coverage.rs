@@ -4,41 +4,41 @@ use crate::association::check_not_empty;
 use crate::error::MetricsError;
 use crate::timeline::{Timeline, gap};
 
-/// A robot that moves by less, in metres, and turns by less, in radians, stands still.
+/// A robot that moves less than this in metres and turns less than this in radians stands still.
 const STANDSTILL_M: f64 = 0.05;
 const STANDSTILL_RAD: f64 = 0.05;
 
-/// How much of a reference an estimate covers, whatever the rates of the two.
+/// Fraction of a reference that an estimate covers, independent of the rates of both.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coverage {
-    /// Share of the reference's time, within [0, 1].
+    /// Covered fraction of the duration of the reference, within [0, 1].
     pub time: f64,
-    /// Share of the reference's path length, within [0, 1]; of a reference that does not move, that of its
-    /// time.
+    /// Covered fraction of the path length of the reference, within [0, 1]; for a reference that does not move, that
+    /// of its duration.
     pub path: f64,
-    /// First and last covered moment of the reference; `None` where nothing is covered.
+    /// First and last covered time of the reference; `None` if nothing is covered.
     pub covered: Option<(Stamp, Stamp)>,
-    /// What is not covered, from and to, in order of time.
+    /// The intervals that are not covered, sorted by time.
     pub gaps: Vec<(Stamp, Stamp)>,
 }
 
-/// How much of the reference's time and path the estimate covers: what lies between two successive
-/// estimated poses not more than `longest_gap_s` apart (unless given, five times the estimate's usual
-/// (median) interval, at least 0.2 s), and up to one usual interval before its first pose and after its last,
-/// so that an estimate of a lower rate than the reference's covers it.
+/// Computes how much of the duration and path of the reference the estimate covers. Covered are times between two
+/// successive estimated poses at most `longest_gap_s` apart (by default five times the usual (median) interval of the
+/// estimate, at least 0.2 s), and up to one usual interval before its first pose and after its last, so that an
+/// estimate with a lower rate still covers the reference.
 ///
-/// A gap in which the reference stands still (stays within 0.05 m and 0.05 rad of where it was) is covered:
-/// there are localizers that publish only when the robot moves. Neither trajectory needs to be sorted.
+/// A gap in which the reference stands still (within 0.05 m and 0.05 rad) counts as covered, because some localizers
+/// publish only when the robot moves. Neither trajectory needs to be sorted.
 ///
 /// # Errors
-/// When the longest gap is negative or not finite, or a trajectory is empty.
+/// If the longest gap is negative or not finite, or a trajectory is empty.
 pub fn coverage(
     reference: &Trajectory,
     estimate: &Trajectory,
     longest_gap_s: Option<f64>,
 ) -> Result<Coverage, MetricsError> {
     check_not_empty(reference, estimate)?;
-    let (path, estimate) = (Path::new(reference), Timeline::new(estimate));
+    let (path, estimate) = (ReferencePath::new(reference), Timeline::new(estimate));
     let longest = estimate.longest_gap(longest_gap_s)?;
     let [first, last] = path.timeline.span();
     let uncovered = gaps(&estimate, longest, [first, last]);
@@ -51,7 +51,7 @@ pub fn coverage(
     let duration = gap(first, last) as f64;
     let time = match duration > 0.0 {
         true => (1.0 - uncovered_ns / duration).clamp(0.0, 1.0),
-        // A single moment, of one pose or more.
+        // A single time, with one or more poses.
         false => f64::from(gaps.is_empty()),
     };
     let length = path.length_until(last);
@@ -61,7 +61,7 @@ pub fn coverage(
     Ok(Coverage { time, path, covered: covered(&gaps, [first, last]), gaps })
 }
 
-/// What of a span of time lies in no stretch of the estimate, in order of time.
+/// The parts of a time span that are in no interval of the estimate, sorted by time.
 fn gaps(estimate: &Timeline<'_>, longest: u64, [first, last]: [Stamp; 2]) -> Vec<(Stamp, Stamp)> {
     let usual = i64::try_from(estimate.usual_interval().unwrap_or(0)).unwrap_or(i64::MAX);
     let [begins, ends] = estimate.span().map(Stamp::nanoseconds);
@@ -82,7 +82,7 @@ fn gaps(estimate: &Timeline<'_>, longest: u64, [first, last]: [Stamp; 2]) -> Vec
         .collect()
 }
 
-/// First and last moment of a span outside its gaps.
+/// First and last time of a span outside its gaps.
 fn covered(gaps: &[(Stamp, Stamp)], [first, last]: [Stamp; 2]) -> Option<(Stamp, Stamp)> {
     if gaps == [(first, last)] {
         return None;
@@ -92,14 +92,14 @@ fn covered(gaps: &[(Stamp, Stamp)], [first, last]: [Stamp; 2]) -> Option<(Stamp,
     Some((from, to))
 }
 
-/// A reference, and how far it has gone.
-struct Path<'a> {
+/// A reference with the path length up to each pose.
+struct ReferencePath<'a> {
     timeline: Timeline<'a>,
-    /// Length of the path up to each pose, in order of time, in metres.
+    /// Length of the path up to each pose, sorted by time, in metres.
     lengths: Vec<f64>,
 }
 
-impl<'a> Path<'a> {
+impl<'a> ReferencePath<'a> {
     fn new(trajectory: &'a Trajectory) -> Self {
         let timeline = Timeline::new(trajectory);
         let mut lengths = vec![0.0];
@@ -107,7 +107,7 @@ impl<'a> Path<'a> {
             let step = timeline.pose(position - 1).distance(&timeline.pose(position));
             lengths.push(lengths[position - 1] + step);
         }
-        Path { timeline, lengths }
+        ReferencePath { timeline, lengths }
     }
 
     /// Length of the path up to a stamp.
@@ -122,7 +122,7 @@ impl<'a> Path<'a> {
         self.lengths[before] + part * (self.lengths[after] - self.lengths[before])
     }
 
-    /// Whether the robot stays where it is at `from`, until `to`; both within the trajectory.
+    /// Whether the robot stands still from `from` to `to`; both are within the trajectory.
     fn stands_still(&self, from: Stamp, to: Stamp) -> bool {
         let at = |stamp| self.timeline.at(stamp, 0, u64::MAX).map(|place| place.pose);
         let Some(start) = at(from) else { return false };
@@ -154,12 +154,12 @@ mod tests {
         coverage(reference, estimate, None).unwrap()
     }
 
-    /// Once only unmatched poses were counted, which are many for every estimate of a lower rate.
+    /// Once, unmatched poses were counted instead, of which every estimate with a lower rate has many.
     #[test]
     fn an_estimate_that_stops_after_a_third_of_the_time_covers_a_third() {
         let reference = drive(0, 60_000, 10);
         let found = of(&reference, &drive(0, 20_000, 100));
-        // And one interval of the estimate.
+        // Plus one interval of the estimate.
         assert!((found.time - 20.1 / 60.0).abs() < 1e-12, "{found:?}");
         assert!((found.path - 20.1 / 60.0).abs() < 1e-12, "{found:?}");
         assert_eq!(found.covered, Some((stamp(0), stamp(20_100))));
@@ -224,7 +224,7 @@ mod tests {
         let found = of(&still, &drive(100_000, 110_000, 100));
         assert_eq!((found.time, found.path, found.covered), (0.0, 0.0, None));
         assert_eq!(found.gaps, [(stamp(0), stamp(900))]);
-        // All of it, where a pose lies within.
+        // All of it, if a pose lies within.
         let found = of(&still, &drive(500, 500, 100));
         assert_eq!((found.time, found.path), (1.0, 1.0));
     }

@@ -2,8 +2,7 @@ use mcl_core::text::counted;
 use mcl_core::{MAX_COORDINATE, Pose2, Stamp};
 use serde::Serialize;
 
-/// Why a test or an interval over blocks cannot be computed, in words that can stand in a table in
-/// the place of the p value.
+/// The error of a test or interval over too few blocks. Its message can be shown in a table in place of the p value.
 ///
 /// # Example
 /// ```
@@ -13,17 +12,17 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, thiserror::Error)]
 #[error("too few to tell: {}, at least {needed} needed", counted(*.blocks, "independent block"))]
 pub struct TooFew {
-    /// Number of blocks found: of a paired test those common to both sides, of a two-sample test
+    /// Number of blocks found: for a paired test those common to both sides, for a two-sample test
     /// those of the smaller side.
     pub blocks: usize,
     /// Number of blocks needed.
     pub needed: usize,
 }
 
-/// Why no metric could be computed.
+/// An error in computing a metric.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MetricsError {
-    /// A setting outside its range.
+    /// A setting is outside its range.
     #[error("{name} is {found}, expected {expected}")]
     Setting {
         /// Name of the setting.
@@ -33,7 +32,7 @@ pub enum MetricsError {
         /// The range expected.
         expected: &'static str,
     },
-    /// Fewer samples than the computation needs.
+    /// There are fewer samples than the computation needs.
     #[error("{what}: found {found}, expected at least {needed}")]
     TooFew {
         /// What was counted.
@@ -43,10 +42,10 @@ pub enum MetricsError {
         /// Number needed.
         needed: usize,
     },
-    /// Fewer independent blocks than a test or an interval needs.
+    /// There are fewer independent blocks than a test or an interval needs.
     #[error(transparent)]
     TooFewBlocks(#[from] TooFew),
-    /// A unit that occurs more than once in its block.
+    /// A unit occurs more than once in its block.
     #[error(
         "block {block} holds unit {unit} more than once, expected each unit once, so that no value counts twice"
     )]
@@ -56,15 +55,15 @@ pub enum MetricsError {
         /// The unit.
         unit: u64,
     },
-    /// A value for which a transformation, a logarithm say, has no finite result.
+    /// A transformation, such as a logarithm, has no finite result for a value.
     #[error("the value {value} is transformed to {result}, expected a finite number")]
     Transformed {
         /// The value.
         value: f64,
-        /// What the transformation makes of it.
+        /// The result of the transformation.
         result: f64,
     },
-    /// A sample that is NaN, infinite, or too large to be squared.
+    /// A sample is NaN, infinite, or too large to be squared.
     #[error("sample {index} is {value}, expected a finite number of magnitude below 1e140")]
     Sample {
         /// Index of the sample, from 0.
@@ -72,7 +71,7 @@ pub enum MetricsError {
         /// The sample.
         value: f64,
     },
-    /// Samples that are all the same, where their spread is needed.
+    /// All samples are equal, but their spread is needed.
     #[error("all values are {value}, expected at least two different ones")]
     NoSpread {
         /// The value.
@@ -83,22 +82,24 @@ pub enum MetricsError {
     Within {
         /// The set: `run 3` (from 0), `a`.
         part: String,
-        /// What is wrong with it.
+        /// The error.
         source: Box<MetricsError>,
     },
-    /// Two sequences that belong together differ in length.
-    #[error("{left} {left_count} but {right} {right_count}, expected as many: they form pairs")]
+    /// Two sequences that form pairs differ in length.
+    #[error(
+        "{left} {left_count} but {right} {right_count}, expected equal numbers, because they form pairs"
+    )]
     LengthMismatch {
-        /// What the first sequence holds.
+        /// Content of the first sequence.
         left: &'static str,
         /// Its length.
         left_count: usize,
-        /// What the second sequence holds.
+        /// Content of the second sequence.
         right: &'static str,
         /// Its length.
         right_count: usize,
     },
-    /// A pose with a component that is NaN, infinite, or beyond [`MAX_COORDINATE`].
+    /// A pose has a component that is NaN, infinite, or beyond [`MAX_COORDINATE`].
     #[error(
         "{trajectory} pose {index} is {pose:?}, expected finite numbers of magnitude up to \
          {MAX_COORDINATE:e}"
@@ -125,10 +126,10 @@ pub enum MetricsError {
         reference: [Stamp; 2],
         /// Earliest and latest stamp of the estimate.
         estimate: [Stamp; 2],
-        /// Smallest difference between a stamp of the one and a stamp of the other, in seconds.
+        /// Smallest difference between a stamp of the reference and one of the estimate, in seconds.
         nearest_s: f64,
     },
-    /// No pose of the sparser trajectory lies between two of the other one.
+    /// No pose of the sparser trajectory lies between two poses of the other one.
     #[error(
         "no pose can be interpolated: the reference lasts from {} to {} s, the estimate from {} to {} s, \
          and nothing is extrapolated or interpolated over more than {longest_gap_s} s. Check that both \
@@ -136,14 +137,14 @@ pub enum MetricsError {
         .reference[0], .reference[1], .estimate[0], .estimate[1]
     )]
     NothingInterpolated {
-        /// Longest gap interpolated over, in seconds.
+        /// Longest gap over which poses are interpolated, in seconds.
         longest_gap_s: f64,
         /// Earliest and latest stamp of the reference.
         reference: [Stamp; 2],
         /// Earliest and latest stamp of the estimate.
         estimate: [Stamp; 2],
     },
-    /// The positions do not determine how far two clocks are apart.
+    /// The positions do not determine the offset of two clocks.
     #[error(
         "cannot find the offset of the clocks: at all offsets the positions are equally far apart (the robot \
          stands still, or runs straight and is aligned), or there are too few poses; give the offset in \
@@ -160,7 +161,7 @@ pub enum MetricsError {
         /// Number of pairs of poses.
         poses: usize,
     },
-    /// No two poses lie the asked distance apart.
+    /// No two poses are the requested distance apart.
     #[error(
         "no two of {poses} poses are {delta} apart ({extent}): use a smaller \
          delta, or a larger relative tolerance with all pairs"
@@ -168,18 +169,18 @@ pub enum MetricsError {
     NoPairs {
         /// Number of poses.
         poses: usize,
-        /// The distance asked for, with its unit.
+        /// The distance requested, with its unit.
         delta: String,
-        /// How long the path is that the pairs are looked for on, in words.
+        /// Length of the path on which pairs are searched, in words.
         extent: String,
     },
-    /// More pairs of poses than can be compared.
+    /// There are more pairs of poses than can be compared.
     #[error(
         "more than {} of poses differ by the angle: take consecutive pairs, a smaller relative \
          tolerance, or fewer poses", counted(*.limit, "pair")
     )]
     TooManyPairs {
-        /// Number of pairs that can be compared.
+        /// Largest number of pairs that can be compared.
         limit: usize,
     },
 }
@@ -193,12 +194,12 @@ impl MetricsError {
 /// Samples above this could overflow when squared and summed.
 const SAMPLE_LIMIT: f64 = 1e140;
 
-/// Whether a sample can be computed with; NaN cannot.
+/// Whether a sample is usable; NaN is not.
 pub(crate) fn is_usable(sample: f64) -> bool {
     sample.abs() < SAMPLE_LIMIT
 }
 
-/// Checks that there are `needed` samples and that all can be computed with.
+/// Checks that there are `needed` samples and that all are usable.
 pub(crate) fn check_samples(samples: &[f64], needed: usize) -> Result<(), MetricsError> {
     if samples.len() < needed {
         return Err(MetricsError::TooFew { what: "samples", found: samples.len(), needed });
@@ -209,7 +210,7 @@ pub(crate) fn check_samples(samples: &[f64], needed: usize) -> Result<(), Metric
     }
 }
 
-/// The same for every run of several.
+/// Checks the samples of several runs.
 pub(crate) fn check_runs<R: AsRef<[f64]>>(runs: &[R], needed: usize) -> Result<(), MetricsError> {
     if runs.len() < needed {
         return Err(MetricsError::TooFew { what: "runs", found: runs.len(), needed });
@@ -220,7 +221,7 @@ pub(crate) fn check_runs<R: AsRef<[f64]>>(runs: &[R], needed: usize) -> Result<(
     Ok(())
 }
 
-/// Checks that both have as many poses, at least one, and that no number overflows on the way.
+/// Checks that both have equally many poses, at least one, and that no coordinate is so large that results overflow.
 pub(crate) fn check_poses(reference: &[Pose2], estimate: &[Pose2]) -> Result<(), MetricsError> {
     if reference.len() != estimate.len() {
         return Err(MetricsError::LengthMismatch {
@@ -234,7 +235,7 @@ pub(crate) fn check_poses(reference: &[Pose2], estimate: &[Pose2]) -> Result<(),
         return Err(MetricsError::TooFew { what: "pairs of poses", found: 0, needed: 1 });
     }
     for (trajectory, poses) in [("reference", reference), ("estimate", estimate)] {
-        // NaN is no number within the limit either.
+        // Written so that NaN is an error too.
         let usable = |pose: &Pose2| {
             [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_COORDINATE)
         };

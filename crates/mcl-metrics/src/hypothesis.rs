@@ -4,18 +4,17 @@ use crate::error::{MetricsError, check_samples};
 use crate::interval::{Interval, Moments, student_interval};
 use crate::student_t::upper_tail;
 
-/// What a t test of "the means of a and b are the same" finds: how far they are apart, and how sure
-/// that is.
+/// Result of a t test of "the means of a and b are the same": the difference of the means and its significance.
 ///
-/// Samples without any spread leave nothing to estimate: with equal means t = 0, the two-sided p is
-/// 1 and each one-sided p ½; with different means t = ±∞ and the p of what is seen is 0.
+/// For samples without any spread, the test degenerates: with equal means t = 0, the two-sided p is
+/// 1 and each one-sided p is ½; with different means t = ±∞, and p is 0 for the observed direction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Effect {
-    /// Mean of a minus mean of b (paired: mean of the differences a − b), in the samples' unit.
+    /// Mean of a minus mean of b (paired: mean of the differences a − b), in the unit of the samples.
     pub mean_difference: f64,
     /// Standard error of the mean difference.
     pub standard_error: f64,
-    /// The test statistic, mean difference over its standard error.
+    /// The test statistic: mean difference over its standard error.
     pub t: f64,
     /// Degrees of freedom; not an integer for Welch's test.
     pub degrees_of_freedom: f64,
@@ -27,17 +26,17 @@ pub struct Effect {
     pub p_greater: f64,
     /// 95 % confidence interval of the mean difference.
     pub interval: Interval,
-    /// Number of independent samples of a and of b; in a paired test the number of pairs, twice.
+    /// Number of independent samples of a and of b; in a paired test twice the same number of pairs.
     pub blocks: [usize; 2],
 }
 
 impl Effect {
-    /// Two one-sided tests of "the means of a and b differ by less than `margin`" (Schuirmann 1987):
-    /// the larger p of "the difference is above −margin" and "below margin". Small when the means are
-    /// surely as good as equal; a large p of a t test does not say that.
+    /// Equivalence test by two one-sided tests (Schuirmann 1987) of "the means of a and b differ by less than
+    /// `margin`": the larger p of "the difference is above −margin" and "below margin". Small if the means are
+    /// practically equal; a large p of a t test does not show that.
     ///
     /// # Errors
-    /// When the margin is not a positive number.
+    /// If the margin is not a positive number.
     ///
     /// # Example
     /// ```
@@ -73,7 +72,7 @@ impl Effect {
 /// [`two_sample`](crate::two_sample).
 ///
 /// # Errors
-/// When a side has fewer than two samples, or a sample is not finite.
+/// If a side has fewer than two samples, or a sample is not finite.
 ///
 /// # Example
 /// ```
@@ -90,7 +89,7 @@ pub fn welch_t_test(a: &[f64], b: &[f64]) -> Result<Effect, MetricsError> {
     Ok(welch(a, b))
 }
 
-/// Of at least two samples each.
+/// Welch's test of at least two samples each.
 pub(crate) fn welch(a: &[f64], b: &[f64]) -> Effect {
     let counts = [a.len(), b.len()];
     let (a, b) = (Moments::of(a), Moments::of(b));
@@ -106,12 +105,12 @@ pub(crate) fn welch(a: &[f64], b: &[f64]) -> Effect {
     effect(a.mean - b.mean, squared_error.sqrt(), freedom, counts)
 }
 
-/// Paired t test: a\[i\] and b\[i\] were measured under the same circumstances, so their differences are
-/// tested. These must be independent of each other, as those of runs on one map are not: see
+/// Paired t test: a\[i\] and b\[i\] were measured under the same conditions, so their differences are
+/// tested. The differences must be independent of each other. Those of runs on one map are not: see
 /// [`paired`](crate::paired).
 ///
 /// # Errors
-/// When the numbers of samples differ or are below two, or a sample is not finite.
+/// If the numbers of samples differ or are below two, or a sample is not finite.
 pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<Effect, MetricsError> {
     if a.len() != b.len() {
         return Err(MetricsError::LengthMismatch {
@@ -126,7 +125,7 @@ pub fn paired_t_test(a: &[f64], b: &[f64]) -> Result<Effect, MetricsError> {
     Ok(of_differences(&differences))
 }
 
-/// Whether the mean of at least two differences is 0.
+/// t test of "the mean of the differences is 0", for at least two differences.
 pub(crate) fn of_differences(differences: &[f64]) -> Effect {
     let moments = Moments::of(differences);
     let standard_error = moments.squared_standard_error().sqrt();
@@ -136,7 +135,7 @@ pub(crate) fn of_differences(differences: &[f64]) -> Effect {
 /// [`Effect::equivalence_p`] of Welch's test.
 ///
 /// # Errors
-/// When the margin is not a positive number, a side has fewer than two samples, or a sample is not
+/// If the margin is not a positive number, a side has fewer than two samples, or a sample is not
 /// finite.
 pub fn welch_equivalence_p(a: &[f64], b: &[f64], margin: f64) -> Result<f64, MetricsError> {
     welch_t_test(a, b)?.equivalence_p(margin)
@@ -148,7 +147,7 @@ fn check_both(a: &[f64], b: &[f64]) -> Result<(), MetricsError> {
 }
 
 fn effect(mean_difference: f64, standard_error: f64, freedom: f64, blocks: [usize; 2]) -> Effect {
-    // 0/0 has no value of its own; without any difference there is nothing to reject.
+    // For 0/0, without any difference, there is nothing to reject.
     let t = if mean_difference == 0.0 { 0.0 } else { mean_difference / standard_error };
     let tail = upper_tail(t, freedom);
     let (p_less, p_greater) = if t < 0.0 { (tail, 1.0 - tail) } else { (1.0 - tail, tail) };
@@ -216,7 +215,7 @@ mod tests {
                 1.0, -1.0437903645405853, -1.0079763021260812,
             ],
         );
-        // One side without spread is no special case.
+        // One side without spread needs no special case.
         assert_close(
             &welch_t_test(&[1.0, 2.0, 4.0], &[3.0; 4]).unwrap(),
             [
@@ -290,7 +289,7 @@ mod tests {
         assert!(message(welch_t_test(&[1.0, f64::NAN], &A)).starts_with("a: sample 1 is NaN"));
         assert_eq!(
             message(paired_t_test(&A, &B)),
-            "samples of a: 5 but samples of b: 7, expected as many: they form pairs"
+            "samples of a: 5 but samples of b: 7, expected equal numbers, because they form pairs"
         );
         assert!(paired_t_test(&[1.0], &[2.0]).is_err());
     }
@@ -309,7 +308,7 @@ mod tests {
                 prop_assert!((ab.t + ba.t).abs() <= 1e-9 * ab.t.abs());
                 prop_assert!((ab.p_less - ba.p_greater).abs() < 1e-9);
                 prop_assert!((ab.p_less + ab.p_greater - 1.0).abs() < 1e-12);
-                // The interval leaves out 0 exactly when the two-sided p is below 5 %.
+                // The interval excludes 0 exactly if the two-sided p is below 5 %.
                 let excludes_zero = ab.interval.low > 0.0 || ab.interval.high < 0.0;
                 prop_assert_eq!(excludes_zero, ab.p_two_sided < 0.05);
             }

@@ -6,7 +6,7 @@ use crate::error::{MetricsError, check_runs, check_samples};
 use crate::student_t::critical_value_95;
 use crate::summary::percentile;
 
-/// A confidence interval, in the unit of the samples; of 95 %, unless a function takes the confidence.
+/// A confidence interval, in the unit of the samples; 95 %, unless a function has a confidence argument.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Interval {
     /// Lower bound.
@@ -20,16 +20,16 @@ pub struct Interval {
 pub struct MeanInterval {
     /// Mean of the samples.
     pub mean: f64,
-    /// Where the true mean lies with 95 % confidence.
+    /// 95 % confidence interval of the true mean.
     pub interval: Interval,
 }
 
-/// Mean of independent samples with Student's t interval, `mean ± t₀.₉₇₅ · s/√n`. For one sample per map
-/// (a likelihood, say); runs on one map are not independent, for them see
+/// Mean of independent samples with Student's t interval, `mean ± t₀.₉₇₅ · s/√n`, for example one likelihood per
+/// map. Runs on one map are not independent; for them see
 /// [`Blocked::mean_interval`](crate::Blocked::mean_interval).
 ///
 /// # Errors
-/// When there are fewer than two samples, or one is not finite.
+/// If there are fewer than two samples, or one is not finite.
 ///
 /// # Example
 /// ```
@@ -44,7 +44,7 @@ pub fn mean_interval(samples: &[f64]) -> Result<MeanInterval, MetricsError> {
     Ok(student_mean(samples))
 }
 
-/// Of at least two samples.
+/// Student's t interval of at least two samples.
 pub(crate) fn student_mean(samples: &[f64]) -> MeanInterval {
     let moments = Moments::of(samples);
     let standard_error = moments.squared_standard_error().sqrt();
@@ -52,11 +52,11 @@ pub(crate) fn student_mean(samples: &[f64]) -> MeanInterval {
     MeanInterval { mean: moments.mean, interval }
 }
 
-/// Standard deviation of what the samples were drawn from: the sum of squares divided by n − 1
-/// (that of the samples themselves, divided by n, is [`Summary::std`](crate::Summary)).
+/// Estimated standard deviation of the population: the sum of squares divided by n − 1
+/// (that of the samples, divided by n, is [`Summary::std`](crate::Summary)).
 ///
 /// # Errors
-/// When there are fewer than two samples, or one is not finite.
+/// If there are fewer than two samples, or one is not finite.
 pub fn standard_deviation(samples: &[f64]) -> Result<f64, MetricsError> {
     check_samples(samples, 2)?;
     Ok(Moments::of(samples).variance.sqrt())
@@ -67,8 +67,8 @@ pub(crate) fn student_interval(center: f64, standard_error: f64, freedom: f64) -
     Interval { low: center - half, high: center + half }
 }
 
-/// Mean of at least one sample. They are summed relative to the first, so that the mean of equal samples
-/// is exactly that sample.
+/// Mean of at least one sample. Samples are summed relative to the first, so that the mean of equal samples
+/// is exact.
 pub(crate) fn mean(samples: &[f64]) -> f64 {
     let offsets: f64 = samples.iter().map(|sample| sample - samples[0]).sum();
     samples[0] + offsets / samples.len() as f64
@@ -78,12 +78,12 @@ pub(crate) fn mean(samples: &[f64]) -> f64 {
 pub(crate) struct Moments {
     pub count: f64,
     pub mean: f64,
-    /// Divided by n − 1.
+    /// Sum of squares divided by n − 1.
     pub variance: f64,
 }
 
 impl Moments {
-    /// Of at least two samples. The variance of equal samples is exactly 0.
+    /// Computes the moments of at least two samples. The variance of equal samples is exactly 0.
     pub fn of(samples: &[f64]) -> Self {
         let (mean, count) = (mean(samples), samples.len() as f64);
         let squares: f64 = samples.iter().map(|sample| math::square(sample - mean)).sum();
@@ -96,13 +96,13 @@ impl Moments {
 }
 
 /// Mean of the pooled samples of all runs, with the percentile interval of a bootstrap over runs
-/// (Efron & Tibshirani 1993, ch. 13): whole runs are drawn with replacement, as many as there are,
-/// and their samples pooled, `resamples` times. For runs that are independent of each other; those on
-/// one map are not, for them see [`Blocked::bootstrap_interval`](crate::Blocked::bootstrap_interval).
-/// Draws come from `seed` in one fixed order, whatever the number of threads.
+/// (Efron & Tibshirani 1993, ch. 13): `resamples` times, whole runs are drawn with replacement, as many as there are,
+/// and their samples pooled. The runs must be independent of each other. Runs on one map are not; for them see
+/// [`Blocked::bootstrap_interval`](crate::Blocked::bootstrap_interval).
+/// The draws depend only on `seed`, not on the number of threads.
 ///
 /// # Errors
-/// When there are fewer than two runs, a run has no sample or one that is not finite, or `resamples`
+/// If there are fewer than two runs, a run has no sample or one that is not finite, or `resamples`
 /// is 0.
 ///
 /// # Example
@@ -209,7 +209,7 @@ mod tests {
         );
     }
 
-    /// Pinned, so that no dependency can silently move results.
+    /// Pinned values, so that no dependency can silently change results.
     #[test]
     fn draws_are_stable() {
         let runs: Vec<Vec<f64>> = (0..9).map(|i| vec![f64::from(i * i)]).collect();
@@ -229,7 +229,7 @@ mod tests {
     }
 
     proptest! {
-        /// A law: a resampled mean lies on either side of the mean with probability 1/13 at least
+        /// A resampled mean lies on either side of the mean with probability at least 1/13
         /// (Feige 2006, SIAM J. Comput. 35(4), theorem 1), far more than 2.5 %.
         #[test]
         fn bootstrap_contains_the_mean(

@@ -1,21 +1,19 @@
-//! How far estimated poses are from the truth, and whether a difference between two map builders is
-//! more than chance.
+//! Errors of estimated trajectories, and statistical tests of differences between map builders.
 //!
-//! The way through: [`trajectory_file::read_file`] two trajectories, [`associate`] them by stamp or
-//! [`interpolate`] the denser one (after [`find_offset`], if their clocks differ), take [`pose_errors`],
-//! [`ate()`] or [`rpe()`] of the matched poses, and [`Summary::of`] the samples; [`coverage()`] says how much
-//! of the reference they stand for. Over runs, samples are pooled ([`Summary::pooled`]), never averages
-//! averaged.
+//! Typical use: read two trajectories with [`trajectory_file::read_file`]; [`associate`] them by stamp or
+//! [`interpolate`] the denser one (after [`find_offset`], if their clocks differ); compute [`pose_errors`],
+//! [`ate()`] or [`rpe()`] of the matched poses; and summarize the samples with [`Summary::of`]. [`coverage()`] reports
+//! how much of the reference the pairs cover. Over several runs, the samples are pooled ([`Summary::pooled`]), and
+//! averages are never averaged.
 //!
-//! Tests and intervals are over blocks ([`Blocked`]): the maps of one draw number with all runs on them
-//! are independent of other draws, the runs and scans of a block are not of each other.
-//! [`Blocked::mean_interval`] and [`Blocked::bootstrap_interval`] say how sure a mean is, [`paired`] and
-//! [`two_sample`] how large and how sure a difference ([`Effect`]), or that there are [`TooFew`] blocks;
-//! [`BlockedRate`] how sure a share of runs. [`holm`] adjusts the p values of a family of tests, and
+//! Tests and intervals are over blocks ([`Blocked`]): the maps of one draw number, with all runs on them,
+//! are independent of other draws, but runs and scans in a block are not independent of each other.
+//! [`Blocked::mean_interval`] and [`Blocked::bootstrap_interval`] give confidence intervals of a mean, [`paired`] and
+//! [`two_sample`] the size and significance of a difference ([`Effect`]), or the error [`TooFew`];
+//! [`BlockedRate`] gives an interval of a rate of runs. [`holm`] adjusts the p values of a family of tests, and
 //! [`nees`] compares an error with the covariance of the estimate.
 //!
-//! Metres and radians throughout. Nothing here changes its inputs, and samples that are no finite
-//! numbers are errors that name the sample.
+//! All units are metres and radians. Samples that are not finite are errors that contain the index of the sample.
 //!
 //! # Example
 //! ```

@@ -1,27 +1,28 @@
 use mcl_core::{Pose2, Recording, math};
 
-/// Shorter steps (m) have no direction: standing still, both odometry and reference err by centimetres.
+/// Steps shorter than this (m) have no reliable direction: for a robot that stands still, odometry and reference are
+/// off by centimetres.
 const SHORTEST_STEP: f64 = 0.03;
 
-/// How well the odometry of a log agrees with its reference poses from scan to scan.
+/// Agreement of the odometry of a log with its reference poses from scan to scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OdometryError {
-    /// Steps with both.
+    /// Number of steps with both.
     pub steps: usize,
-    /// Root mean square of the relative pose error of a step: its translation (m).
+    /// Root mean square of the relative pose error per step: translation (m).
     pub translation_rmse: f64,
-    /// Its rotation (rad).
+    /// Root mean square of the relative pose error per step: rotation (rad).
     pub rotation_rmse: f64,
-    /// Steps on which the two go opposite ways: both by at least 3 cm, more than 120° apart. Odometry
-    /// that does not know backward motion has them.
+    /// Number of steps in opposite directions: both of at least 3 cm, more than 120° apart. They occur in odometry
+    /// that records backward motion as forward.
     pub opposed_steps: usize,
-    /// The reference's path on these steps (m).
+    /// Path length of the reference on these steps (m).
     pub opposed_m: f64,
 }
 
 impl OdometryError {
-    /// Compares the odometry increment of each scan with the one between the reference poses; `None`
-    /// where no step has both.
+    /// Compares the odometry increment of each scan with that of the reference poses; `None`
+    /// if no step has both.
     pub fn of(recording: &Recording) -> Option<Self> {
         let steps = recording.scans.windows(2).filter_map(|pair| {
             let reference = pair[0].map_from_laser?.between(&pair[1].map_from_laser?);

@@ -5,51 +5,51 @@ use crate::ate::{Alignment, ate};
 use crate::error::{MetricsError, check_poses};
 use crate::timeline::{Timeline, gap};
 
-/// Offsets looked at first, evenly spread, and the poses compared at each of them.
+/// Number of evenly spaced offsets in the first pass, and the number of poses compared at each.
 const OFFSETS: usize = 20_000;
 const COARSE_POSES: usize = 250;
-/// Between two minima the error is larger than at either of them by this factor: what is less is noise.
+/// Two minima are distinct if the error between them exceeds both by this factor; less is noise.
 const RIDGE: f64 = 1.1;
-/// Minima of those that are looked at closely, and the poses compared then.
+/// Number of minima that are refined, and the number of poses compared then.
 const MINIMA: usize = 24;
 const FINE_POSES: usize = 4000;
-/// Finer grids are laid around a minimum, each with so many offsets to either side, until their step (in
-/// seconds) is small beside the interval of poses; then golden sections narrow it down to the precision.
+/// Around a minimum, successively finer grids with this many offsets to either side are used until their step (in
+/// seconds) is small compared with the interval of poses; then golden section search reaches the precision.
 const FINER: i32 = 20;
 const SMALL_STEP_S: f64 = 0.005;
 const PRECISION_S: f64 = 2e-5;
-/// Offsets whose errors differ by less than this part of them, or by less metres, are equally good.
+/// Offsets whose errors differ by less than this fraction, or by less than this many metres, are equally good.
 const EQUAL: f64 = 1e-6;
 
-/// Where the clock of an estimate stands.
+/// Clock offset of an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffsetFound {
-    /// To be added to the estimate's stamps, in seconds.
+    /// Offset to add to the stamps of the estimate, in seconds.
     pub offset_s: f64,
     /// Root mean square of the distances between positions with that offset (and alignment), in metres.
     pub rmse_m: f64,
     /// Number of pairs of poses with that offset.
     pub pairs: usize,
-    /// The best offset of another minimum (seconds), and its root mean square (metres): where it is about as
-    /// good, the path repeats itself and the offset is doubtful.
+    /// The best offset of another minimum (seconds), and its root mean square (metres). If it is about as
+    /// good, the path repeats itself and the offset is ambiguous.
     pub runner_up: Option<(f64, f64)>,
 }
 
-/// The offset of the estimate's clock that brings its positions nearest to the reference's: the root mean
-/// square of their distances is minimized, after the alignment asked for, over all offsets at which at
-/// least half of the shorter trajectory overlaps with the other. The sparser one (by its usual interval) is
+/// Finds the clock offset of the estimate that fits its positions best to those of the reference: it minimizes the
+/// root mean square of their distances, after the requested alignment, over all offsets at which at
+/// least half of the shorter trajectory overlaps with the other. The sparser trajectory (by its usual interval) is
 /// compared with the other one, interpolated.
 ///
-/// First a grid of offsets with a few hundred poses each, then finer ones and golden sections around the best
-/// minima, to less than 0.1 ms; so the time it takes hardly depends on the number of poses. Clocks may differ
-/// by years. Noise of the interpolated trajectory is averaged between its poses, and so draws the offset
-/// towards the middle of them: by less than half an interval, and not at all where only the other one is noisy.
-/// With [`Alignment::Origin`] the offset is that of the rigid alignment, as the first pair differs
-/// from offset to offset; the error is that of the origin.
+/// A grid of offsets with a few hundred poses each is evaluated first, then finer grids and golden section search
+/// around the best minima, to less than 0.1 ms. The run time therefore hardly depends on the number of poses. Clocks
+/// may differ by years. Interpolation averages the noise between poses, which biases the offset
+/// towards the middle between them: by less than half an interval, and not at all if only the sparser one is noisy.
+/// With [`Alignment::Origin`] the offset is that of the rigid alignment, because the first pair changes
+/// with the offset; the error is that of the origin alignment.
 ///
 /// # Errors
-/// When a trajectory is empty or has poses that are not finite, no offset gives enough pairs, positions do
-/// not determine an offset (a robot that stands still), or not the alignment.
+/// If a trajectory is empty or has poses that are not finite, no offset gives enough pairs, or the positions do
+/// not determine an offset (a robot that stands still) or the alignment.
 pub fn find_offset(
     reference: &Trajectory,
     estimate: &Trajectory,
@@ -58,7 +58,7 @@ pub fn find_offset(
     check_not_empty(reference, estimate)?;
     check_poses(reference.poses(), reference.poses())?;
     check_poses(estimate.poses(), estimate.poses())?;
-    let search = Search::new(reference, estimate, alignment);
+    let search = OffsetSearch::new(reference, estimate, alignment);
     let (minima, worst) = search.coarse_minima();
     let mut found: Vec<(f64, f64)> =
         minima.into_iter().filter_map(|offset| search.narrow_down(offset)).collect();
@@ -73,10 +73,10 @@ pub fn find_offset(
     Ok(OffsetFound { offset_s, rmse_m: (squares / pairs as f64).sqrt(), pairs, runner_up })
 }
 
-/// A trajectory with seconds added to its stamps.
+/// Adds seconds to the stamps of a trajectory.
 ///
 /// # Errors
-/// When the seconds are not finite, or a stamp is then out of the range of 64 bits of nanoseconds.
+/// If the seconds are not finite, or a resulting stamp exceeds the range of 64-bit nanoseconds.
 pub fn shifted(trajectory: &Trajectory, offset_s: f64) -> Result<Trajectory, MetricsError> {
     let error = || {
         let expected = "seconds after which stamps lie in the years 1677 to 2262";
@@ -85,7 +85,7 @@ pub fn shifted(trajectory: &Trajectory, offset_s: f64) -> Result<Trajectory, Met
     if !offset_s.is_finite() || offset_s.abs() >= i64::MAX as f64 / 1e9 {
         return Err(error());
     }
-    // Whole seconds apart, as a float of nanoseconds would be rounded.
+    // Whole seconds are added separately, because nanoseconds as a float would be rounded.
     let nanoseconds =
         offset_s.trunc() as i64 * 1_000_000_000 + (offset_s.fract() * 1e9).round() as i64;
     let shift = |(stamp, pose): (Stamp, Pose2)| {
@@ -102,14 +102,14 @@ struct Sample {
     position: [f64; 2],
 }
 
-/// Two trajectories, each with a clock of its own that starts at 0. Offsets are those of the samples'
-/// clock: added to their times, they give times of the other trajectory.
-struct Search {
+/// Two trajectories, each with its own clock that starts at 0. Offsets are added to the times of the samples to
+/// get times of the other trajectory.
+struct OffsetSearch {
     /// The sparser trajectory.
     samples: Vec<Sample>,
     /// The other one, which is interpolated.
     other: Vec<Sample>,
-    /// Over gaps as long as this, in seconds.
+    /// Longest gap for interpolation, in seconds.
     longest_gap: f64,
     sampled: Side,
     /// The first stamp of the reference minus that of the estimate, in seconds.
@@ -117,13 +117,13 @@ struct Search {
     alignment: Alignment,
     /// Smallest and largest offset.
     range: [f64; 2],
-    /// Between the offsets of the grid.
+    /// Step between the offsets of the grid.
     step: f64,
-    /// Share of the shorter trajectory's time that must overlap.
+    /// Fraction of the duration of the shorter trajectory that must overlap.
     least_overlap: f64,
 }
 
-impl Search {
+impl OffsetSearch {
     fn new(reference: &Trajectory, estimate: &Trajectory, alignment: Alignment) -> Self {
         let (reference, estimate) = (Timeline::new(reference), Timeline::new(estimate));
         let sampled = sparser(&reference, &estimate);
@@ -141,7 +141,7 @@ impl Search {
         let range = [least_overlap - of_samples, of_other - least_overlap];
         let step = (range[1] - range[0]) / OFFSETS as f64;
         let clocks_apart = apart as f64 / 1e9;
-        Search {
+        OffsetSearch {
             samples,
             other,
             longest_gap,
@@ -154,7 +154,7 @@ impl Search {
         }
     }
 
-    /// What is to be added to the estimate's stamps.
+    /// The offset to add to the stamps of the estimate.
     fn offset(&self, of_samples: f64) -> f64 {
         match self.sampled {
             Side::Estimate => self.clocks_apart + of_samples,
@@ -171,7 +171,7 @@ impl Search {
             .map(|&offset| self.rmse(offset, COARSE_POSES).unwrap_or(f64::INFINITY))
             .collect();
         let mut minima = Vec::new();
-        // The lowest since the last ridge; on the way up to one, none, and how high it is so far.
+        // The lowest offset since the last ridge (none while rising), and the height of the ridge so far.
         let (mut lowest, mut highest): (Option<usize>, f64) = (None, f64::INFINITY);
         for (k, &error) in errors.iter().enumerate() {
             match lowest {
@@ -218,14 +218,14 @@ impl Search {
             }
         }
         let middle = 0.5 * (low + high);
-        // The grid's own offset, where it is better: of one pose say, that is the only one.
+        // Keeps the offset of the grid if it is better; for a single pose it is the only one.
         let candidates = [(middle, error(middle)), (offset, error(offset))];
         let best = candidates.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
         best.1.is_finite().then_some(best)
     }
 
-    /// Root mean square of the distances with an offset, of so many poses at most; `None` where too little
-    /// overlaps, or nothing can be interpolated or aligned.
+    /// Root mean square of the distances with an offset, for at most this many poses; `None` if the overlap is too
+    /// small, or nothing can be interpolated or aligned.
     fn rmse(&self, offset: f64, poses: usize) -> Option<f64> {
         let last = self.other.last()?.at;
         let from = self.samples.partition_point(|sample| sample.at + offset < 0.0);
@@ -234,7 +234,7 @@ impl Search {
         if overlap < self.least_overlap * (1.0 - 1e-9) {
             return None;
         }
-        // The same poses at every offset: errors of different ones would differ by noise.
+        // Uses the same poses at every offset, because the errors of different poses would differ by noise.
         let every = self.samples.len().div_ceil(poses);
         let chosen = (from.next_multiple_of(every)..to).step_by(every);
         let count = chosen.len();
@@ -247,7 +247,7 @@ impl Search {
                 });
             }
         }
-        // Most of it must be there, not a few poses beside a gap.
+        // Most of the overlap must have poses, not only a few beside a gap.
         if pairs.is_empty() || 2 * pairs.len() < count {
             return None;
         }
@@ -263,7 +263,7 @@ impl Search {
         Some((squares / pairs.len() as f64).sqrt())
     }
 
-    /// Where the interpolated trajectory is.
+    /// Position of the interpolated trajectory.
     fn at(&self, time: f64) -> Option<[f64; 2]> {
         let after = self.other.partition_point(|sample| sample.at < time);
         let next = self.other.get(after)?;
@@ -278,8 +278,8 @@ impl Search {
     }
 }
 
-/// Sum of squared distances (reference, estimate) after the rigid motion for which it is least: the rotation
-/// adds to Σ(|r̄|² + |ē|²), of positions relative to their means, as little as −2·‖(Σ ē·r̄, Σ ē×r̄)‖.
+/// Sum of squared distances (reference, estimate) after the rigid motion that minimizes it:
+/// Σ(|r̄|² + |ē|²) of positions relative to their means, to which the best rotation adds −2·‖(Σ ē·r̄, Σ ē×r̄)‖.
 fn aligned_squares(pairs: &[([f64; 2], [f64; 2])]) -> f64 {
     let count = pairs.len() as f64;
     let mut mean = [0.0; 4];
@@ -323,7 +323,7 @@ mod tests {
         )
     }
 
-    /// A pose every `step` seconds from `from` to `to` of the true time, on a clock that is `late` behind it.
+    /// A pose every `step` seconds of true time from `from` to `to`, on a clock that is `late` by this many seconds.
     fn track(from: f64, to: f64, step: f64, late: f64, noise: f64) -> Trajectory {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
         let count = ((to - from) / step).round() as usize;
@@ -344,8 +344,8 @@ mod tests {
         let estimate = track(0.03, 60.0, 0.1, -0.35, 0.01);
         for alignment in [Alignment::None, Alignment::Rigid, Alignment::Origin] {
             let found = find_offset(&reference, &estimate, alignment).unwrap();
-            // Noise of 0.01 m at 0.35 m/s leaves 0.01/(0.35·√600) s of doubt, 1.2 ms; an alignment takes up
-            // part of the motion, and leaves about twice that. Three times as much is allowed.
+            // Noise of 0.01 m at 0.35 m/s gives an uncertainty of 0.01/(0.35·√600) s, 1.2 ms; an alignment absorbs
+            // part of the motion and about doubles it. Three times as much is allowed.
             let doubt = if alignment == Alignment::None { 1.2e-3 } else { 2.4e-3 };
             assert!((found.offset_s + 0.35).abs() < 3.0 * doubt, "{alignment:?} {found:?}");
             let moved = shifted(&estimate, found.offset_s).unwrap();

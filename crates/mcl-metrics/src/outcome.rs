@@ -2,13 +2,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{MetricsError, check_samples};
 
-/// When a run counts as diverged.
+/// Criterion for a diverged run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DivergenceSettings {
-    /// Number of scans at the end of a run that decide; of a shorter run, all do.
+    /// Number of scans at the end of a run that are evaluated; all scans of a shorter run.
     pub last_scans: usize,
-    /// A mean translation error above this many metres is divergence.
+    /// A run with a mean translation error above this many metres has diverged.
     pub limit_m: f64,
 }
 
@@ -19,11 +19,11 @@ impl Default for DivergenceSettings {
     }
 }
 
-/// Whether a run ended lost: its mean translation error over the last scans is above the limit.
+/// Whether a run has diverged: its mean translation error over the last scans is above the limit.
 /// `translation_errors` holds one error per scan, in metres.
 ///
 /// # Errors
-/// When there is no sample, one is not finite, or a setting is no positive number.
+/// If there is no sample, one is not finite, or a setting is not a positive number.
 pub fn diverged(
     translation_errors: &[f64],
     settings: &DivergenceSettings,
@@ -36,7 +36,7 @@ pub fn diverged(
     Ok(last.iter().sum::<f64>() / last.len() as f64 > settings.limit_m)
 }
 
-/// When a robot counts as lost within a run, and when as found again.
+/// Criteria for when the robot is lost within a run, and when it has recovered.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossSettings {
@@ -44,7 +44,7 @@ pub struct LossSettings {
     pub lost_above_m: f64,
     /// … for at least this many scans in a row.
     pub min_scans: usize,
-    /// A lost robot is found again at the first scan with an error below this many metres.
+    /// A lost robot has recovered at the first scan with an error below this many metres.
     pub recovered_below_m: f64,
 }
 
@@ -55,21 +55,21 @@ impl Default for LossSettings {
     }
 }
 
-/// A stretch of a run in which the robot was lost.
+/// An interval of a run in which the robot was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct LostEpisode {
     /// Index of the first scan above `lost_above_m`, from 0.
     pub start: usize,
-    /// Index of the scan at which the robot was found again; `None` when the run ended first.
+    /// Index of the scan at which the robot recovered; `None` if the run ended first.
     pub recovered: Option<usize>,
 }
 
-/// The stretches in which a run was lost, in order. `translation_errors` holds one error per scan,
-/// in metres. Between `recovered_below_m` and `lost_above_m` a lost robot stays lost and one that is
-/// not lost stays that way, so an error that hovers about one limit is one episode, not many.
+/// Finds the intervals in which the robot was lost, in order. `translation_errors` holds one error per scan,
+/// in metres. Between `recovered_below_m` and `lost_above_m` the state does not change, so an error that fluctuates
+/// around one limit gives one episode, not many.
 ///
 /// # Errors
-/// When there is no sample, one is not finite, or a setting is no positive number, or the recovery
+/// If there is no sample, one is not finite, a setting is not a positive number, or the recovery
 /// limit is above the loss limit.
 ///
 /// # Example
@@ -120,8 +120,8 @@ pub fn lost_episodes(
     Ok(episodes)
 }
 
-/// The first scan from which on a run knew where the robot is: with an error below `recovered_below_m`, and none above
-/// `lost_above_m` after it, however briefly. `None` where there is no such scan. `translation_errors` holds one
+/// The first scan from which on the robot is localized: its error is below `recovered_below_m`, and no later error is
+/// above `lost_above_m`, however briefly. `None` if there is no such scan. `translation_errors` holds one
 /// error per scan, in metres.
 ///
 /// # Example

@@ -1,4 +1,4 @@
-//! Poses in space, read as poses in the plane.
+//! Conversion of 3-D poses to planar poses.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -10,39 +10,39 @@ pub const MAX_Z: f64 = 1e-3;
 /// Largest tilt of the vertical axis of a planar pose (roll and pitch together), in radians.
 pub const MAX_TILT: f64 = 1e-3;
 
-/// What to do with poses that are not in the plane.
+/// How to treat poses that are not in the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NonPlanar {
-    /// An error that says which pose it is.
+    /// As an error with the pose.
     #[default]
     Refuse,
-    /// Height, roll and pitch are dropped; the heading is the yaw of the Z-Y-X Euler angles, the
-    /// direction of the body's x axis seen from above. Poses tilted by more than 90° are refused.
+    /// Drop height, roll and pitch; the heading is the yaw of the Z-Y-X Euler angles, the
+    /// direction of the body's x axis seen from above. Poses tilted by more than 90° are errors.
     Project,
 }
 
 /// The order of the four numbers of a quaternion in a TUM file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum QuaternionOrder {
-    /// `qx qy qz qw`, as the format says.
+    /// `qx qy qz qw`, as the format specifies.
     #[default]
     Xyzw,
     /// `qw qx qy qz`, as some programs write.
     Wxyz,
 }
 
-/// How trajectory files are read.
+/// Settings for reading trajectory files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ReadSettings {
-    /// What to do with poses that are not in the plane.
+    /// How to treat poses that are not in the plane.
     pub non_planar: NonPlanar,
-    /// The order of quaternions where columns have no names (TUM files).
+    /// The order of quaternions in files without column names (TUM files).
     pub order: QuaternionOrder,
 }
 
-/// Why a pose is none in the plane.
+/// The reason why a pose is not planar.
 pub(crate) struct Refused {
-    /// Whether it is the height; else the rotation.
+    /// Whether the height is the reason; otherwise it is the rotation.
     pub is_height: bool,
     pub found: String,
     pub expected: String,
@@ -62,7 +62,7 @@ pub(crate) struct Attitude {
 }
 
 impl Attitude {
-    /// Of a quaternion x, y, z, w, which need not be normalized.
+    /// From a quaternion x, y, z, w, which need not be normalized.
     pub fn of_quaternion(quaternion: [f64; 4]) -> Result<Self, Refused> {
         let largest = quaternion.iter().fold(0.0, |largest: f64, q| largest.max(q.abs()));
         if largest == 0.0 {
@@ -74,16 +74,19 @@ impl Attitude {
         Attitude::new([w * w + x * x - y * y - z * z, 2.0 * (w * z + x * y)], tilt)
     }
 
-    /// Of a rotation matrix, row by row.
+    /// From a rotation matrix, row by row.
     pub fn of_matrix([x, y, z]: [[f64; 3]; 3]) -> Result<Self, Refused> {
         let axis = |column: usize| math::hypot(math::hypot(x[column], y[column]), z[column]) - 1.0;
         if !(0..3).all(|column| axis(column).abs() < 0.01) {
-            return Err(Refused::rotation("no rotation matrix", "columns of length 1"));
+            return Err(Refused::rotation(
+                "a matrix that is not a rotation",
+                "columns of length 1",
+            ));
         }
         Attitude::new([x[0], y[0]], math::atan2(math::hypot(x[2], y[2]), z[2]))
     }
 
-    /// By the body's x axis seen from above.
+    /// From the body's x axis seen from above.
     fn new([cos, sin]: [f64; 2], tilt: f64) -> Result<Self, Refused> {
         // Too short to have a direction.
         if math::hypot(sin, cos) < 1e-9 {
@@ -98,7 +101,7 @@ impl Attitude {
         self.tilt <= MAX_TILT
     }
 
-    /// The heading of a pose in the plane, wrapped; `advice` where its rotation is refused.
+    /// The heading of a planar pose, wrapped; `advice` is added to the error if the rotation is refused.
     pub fn heading(&self, non_planar: NonPlanar, advice: Option<&str>) -> Result<f64, Refused> {
         let largest = match non_planar {
             NonPlanar::Refuse => MAX_TILT,
@@ -133,7 +136,7 @@ pub(crate) fn check_height(z: f64, non_planar: NonPlanar) -> Result<(), Refused>
     Err(Refused { is_height: true, found: format!("{z} m"), expected })
 }
 
-/// The heading of a pose in space, given the four numbers of its quaternion as they are written.
+/// The heading of a 3-D pose, given the four numbers of its quaternion in file order.
 pub(crate) fn heading(written: [f64; 4], settings: &ReadSettings) -> Result<f64, Refused> {
     let from_wxyz = |[w, x, y, z]: [f64; 4]| [x, y, z, w];
     if settings.order == QuaternionOrder::Wxyz {
@@ -146,7 +149,7 @@ pub(crate) fn heading(written: [f64; 4], settings: &ReadSettings) -> Result<f64,
     Attitude::of_quaternion(written)?.heading(settings.non_planar, advice)
 }
 
-/// The start of a text in quotes; a broken file can have very long fields.
+/// Quotes the start of a text, because a broken file can have very long fields.
 pub(crate) fn quoted(text: &str) -> String {
     let start: String = text.chars().take(40).collect();
     if start.len() < text.len() { format!("{start:?}…") } else { format!("{start:?}") }

@@ -3,26 +3,26 @@ use serde::Serialize;
 
 use crate::error::{MetricsError, check_poses};
 
-/// The ξ of the paper's equation 7 unless another is given.
+/// Default ξ in equation 7 of the paper.
 pub const DEFAULT_XI: f64 = 0.8;
 
-/// By how much an estimated pose misses the reference: estimate minus reference.
+/// Error of an estimated pose: estimate minus reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PoseError {
-    /// δx along the map's x axis, in metres.
+    /// δx along the x axis of the map, in metres.
     pub dx: f64,
-    /// δy along the map's y axis, in metres.
+    /// δy along the y axis of the map, in metres.
     pub dy: f64,
     /// δθ, wrapped to (−π, π], in radians.
     pub dtheta: f64,
-    /// Position error along the reference heading, in metres: positive when the estimate is ahead.
+    /// Position error along the reference heading, in metres: positive if the estimate is ahead.
     pub longitudinal: f64,
-    /// Position error across the reference heading, in metres: positive when the estimate is left.
+    /// Position error across the reference heading, in metres: positive if the estimate is to the left.
     pub lateral: f64,
 }
 
 impl PoseError {
-    /// The error of an estimated pose; both poses in the map's frame.
+    /// Computes the error of an estimated pose; both poses are in the map frame.
     pub fn between(reference: &Pose2, estimate: &Pose2) -> Self {
         let reference_from_estimate = reference.between(estimate);
         PoseError {
@@ -45,10 +45,10 @@ impl PoseError {
     }
 }
 
-/// The errors of estimated poses, one per pair in the order given.
+/// Computes the errors of estimated poses, one per pair in the given order.
 ///
 /// # Errors
-/// When the numbers of poses differ, there is none, or one is not finite or beyond
+/// If the numbers of poses differ, there is none, or one is not finite or beyond
 /// [`mcl_core::MAX_COORDINATE`].
 pub fn pose_errors(
     reference: &[Pose2],
@@ -58,7 +58,7 @@ pub fn pose_errors(
     Ok(reference.iter().zip(estimate).map(|(r, e)| PoseError::between(r, e)).collect())
 }
 
-/// Distance of two poses that weighs heading against position (equation 7):
+/// Distance of two poses that weights heading against position (equation 7):
 /// `d = √(ξ·δθ² + (1 − ξ)·(δx² + δy²))`, in the paper's mixed unit of radians and metres.
 ///
 /// # Example
@@ -78,10 +78,10 @@ pub struct WeightedPoseError {
 }
 
 impl WeightedPoseError {
-    /// A metric with the given ξ: 0 looks at positions only, 1 at headings only.
+    /// Creates a metric with the given ξ: 0 uses positions only, 1 headings only.
     ///
     /// # Errors
-    /// When ξ is outside [0, 1].
+    /// If ξ is outside [0, 1].
     pub fn new(xi: f64) -> Result<Self, MetricsError> {
         if !(0.0..=1.0).contains(&xi) {
             let expected = "a number from 0 (position only) to 1 (heading only)";
@@ -95,19 +95,19 @@ impl WeightedPoseError {
         self.xi
     }
 
-    /// d of an error.
+    /// The distance d for a pose error.
     pub fn of(&self, error: &PoseError) -> f64 {
         let squared_translation = error.dx * error.dx + error.dy * error.dy;
         (self.xi * error.dtheta * error.dtheta + (1.0 - self.xi) * squared_translation).sqrt()
     }
 
-    /// d(x, x′) of two poses in the same frame.
+    /// The distance d(x, x′) of two poses in the same frame.
     pub fn distance(&self, a: &Pose2, b: &Pose2) -> f64 {
         self.of(&PoseError::between(a, b))
     }
 }
 
-/// ξ = [`DEFAULT_XI`].
+/// The metric with ξ = [`DEFAULT_XI`].
 impl Default for WeightedPoseError {
     fn default() -> Self {
         WeightedPoseError { xi: DEFAULT_XI }
@@ -153,7 +153,7 @@ mod tests {
         let message = pose_errors(&poses[..1], &poses).unwrap_err().to_string();
         assert_eq!(
             message,
-            "reference poses: 1 but estimated poses: 2, expected as many: they form pairs"
+            "reference poses: 1 but estimated poses: 2, expected equal numbers, because they form pairs"
         );
         assert!(matches!(
             pose_errors(&[poses[0]; 2], &poses),

@@ -5,7 +5,7 @@ use crate::beta;
 use crate::error::MetricsError;
 use crate::interval::{Interval, MeanInterval};
 
-/// How often something happened in independent trials. Runs on the same map are not: see
+/// Rate of an event in independent trials. Runs on the same map are not independent: see
 /// [`BlockedRate`](crate::BlockedRate).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Rate {
@@ -14,10 +14,10 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// `hits` of `trials`.
+    /// Creates a rate of `hits` in `trials`.
     ///
     /// # Errors
-    /// When there is no trial, or there are more hits than trials.
+    /// If there is no trial, or there are more hits than trials.
     ///
     /// # Example
     /// ```
@@ -47,21 +47,21 @@ impl Rate {
         self.trials
     }
 
-    /// What the true rate is at most, with this confidence: the exact one-sided bound of Clopper &
+    /// Upper confidence bound of the true rate: the exact one-sided bound of Clopper &
     /// Pearson (1934), a quantile of the beta distribution.
     ///
     /// # Errors
-    /// When the confidence is not between 0 and 1.
+    /// If the confidence is not between 0 and 1.
     pub fn upper_bound(&self, confidence: f64) -> Result<f64, MetricsError> {
         check_confidence(confidence)?;
         Ok(upper_bound(self.hits as f64, self.trials as f64, confidence))
     }
 
-    /// Where the true rate lies with this confidence: the exact two-sided interval of Clopper & Pearson
+    /// Confidence interval of the true rate: the exact two-sided interval of Clopper & Pearson
     /// (1934), with equal tails.
     ///
     /// # Errors
-    /// When the confidence is not between 0 and 1.
+    /// If the confidence is not between 0 and 1.
     ///
     /// # Example
     /// ```
@@ -75,7 +75,7 @@ impl Rate {
     }
 }
 
-/// Of hits from 0 to trials, which need not be whole numbers.
+/// The interval for hits from 0 to trials, which need not be integers.
 pub(crate) fn clopper_pearson(
     hits: f64,
     trials: f64,
@@ -114,14 +114,14 @@ fn check_confidence(found: f64) -> Result<(), MetricsError> {
 /// # Ok::<(), mcl_metrics::MetricsError>(())
 /// ```
 pub fn fisher_exact_greater(a: Rate, b: Rate) -> f64 {
-    // All hits are given; how many of them are a's is hypergeometric.
+    // Given the total number of hits, the number of those of a is hypergeometric.
     let [of_a, of_b, hits_of_a, hits] =
         [a.trials, b.trials, a.hits, a.hits + b.hits].map(|count| count as f64);
     at_least(hits_of_a, hits, of_a, of_b)
 }
 
 /// Fisher's exact test, two-sided: p for "the rates are the same", the probability of all tables that are no more
-/// likely than the one found.
+/// likely than the observed one.
 ///
 /// # Example
 /// ```
@@ -133,7 +133,7 @@ pub fn fisher_exact_greater(a: Rate, b: Rate) -> f64 {
 /// # Ok::<(), mcl_metrics::MetricsError>(())
 /// ```
 pub fn fisher_exact(a: Rate, b: Rate) -> f64 {
-    /// Tables as likely as the one found, up to rounding.
+    /// Relative tolerance for tables that are as likely as the observed one.
     const TIES: f64 = 1e-7;
     let [of_a, of_b, hits_of_a, hits] =
         [a.trials, b.trials, a.hits, a.hits + b.hits].map(|count| count as f64);
@@ -148,7 +148,7 @@ pub fn fisher_exact(a: Rate, b: Rate) -> f64 {
     rare.map(math::exp).sum::<f64>().min(1.0)
 }
 
-/// How far apart two rates are, a minus b, with the 95 % interval of Newcombe (1998, method 10), which joins the
+/// Difference of two rates, a minus b, with the 95 % interval of Newcombe (1998, method 10), which combines the
 /// score intervals of both.
 ///
 /// # Example
@@ -188,18 +188,18 @@ fn ln_choose(n: f64, k: f64) -> f64 {
     math::ln_gamma(n + 1.0) - math::ln_gamma(k + 1.0) - math::ln_gamma(n - k + 1.0)
 }
 
-/// The probability that `least` or more of `hits` in all trials, drawn without replacement, are a's.
+/// The probability that at least `least` of the `hits`, drawn without replacement from all trials, are those of a.
 fn at_least(least: f64, hits: f64, of_a: f64, of_b: f64) -> f64 {
     if least > hits.min(of_a) {
         return 0.0;
     }
-    // Up to the mean, what is left out are the smaller terms.
+    // Below the mean, the complement has the smaller terms.
     if least * (of_a + of_b) <= hits * of_a {
         return 1.0 - at_least(hits - least + 1.0, hits, of_b, of_a);
     }
     let ln_first =
         ln_choose(of_a, least) + ln_choose(of_b, hits - least) - ln_choose(of_a + of_b, hits);
-    // In units of the first, the largest; behind the last possible number comes a 0.
+    // In units of the first term, which is the largest; after the last possible number the terms are 0.
     let (mut number, mut term, mut sum) = (least, 1.0, 0.0);
     while term > f64::EPSILON * sum {
         sum += term;
@@ -292,7 +292,7 @@ mod tests {
         }
     }
 
-    /// No failure at all leaves an interval as wide as the score intervals are.
+    /// Without any failure, the interval is as wide as the score intervals.
     #[test]
     fn differences_of_rates_at_the_ends() {
         let none = rate_difference(rate(0, 20), rate(0, 20));

@@ -6,7 +6,7 @@ use mcl_core::{Pose2, Stamp, Trajectory, math, wrap_angle};
 use crate::ate::{full, rotation, translation};
 use crate::error::{MetricsError, check_poses};
 
-/// How far apart the two poses of a pair are.
+/// Distance between the two poses of a pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Delta {
     /// Metres along the path.
@@ -15,8 +15,8 @@ pub enum Delta {
     Frames(usize),
     /// Seconds, by the stamps.
     Seconds(f64),
-    /// Radians, at most π. Of pairs that follow one another the heading has turned by that much on the way,
-    /// to whichever side; of all pairs the two headings differ by it.
+    /// Radians, at most π. For consecutive pairs this is the total rotation on the path between them, to either side;
+    /// for all pairs it is the difference of the two headings.
     Radians(f64),
 }
 
@@ -31,28 +31,28 @@ impl fmt::Display for Delta {
     }
 }
 
-/// The path that says which poses are a [`Delta`] apart.
+/// The path on which the poses of a pair are a [`Delta`] apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PairsFrom {
     /// The reference path: the same pairs for every estimate (evo's `--pairs_from_reference`).
     #[default]
     Reference,
-    /// The estimated path, as evo does by default. Noise makes a path longer, and so the distance between
-    /// the poses of a pair shorter: of two estimates the noisier one can look better.
+    /// The estimated path, as in evo by default. Noise makes a path longer, so the poses of a pair are closer
+    /// together, and the noisier of two estimates can appear better.
     Estimate,
 }
 
-/// Which pairs of poses are compared.
+/// Settings of [`rpe`]: which pairs of poses are compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RpeSettings {
     /// Distance between the poses of a pair.
     pub delta: Delta,
-    /// With `false`, pairs follow one another: each begins where the one before ended, at the first
-    /// pose that is at least `delta` further on. With `true`, a pair begins at every pose and ends
-    /// where the path (or the time) is nearest to `delta`; over an angle all poses are paired whose
-    /// headings differ by it.
+    /// With `false`, pairs are consecutive: each begins where the previous one ended, and ends at the first
+    /// pose that is at least `delta` farther along. With `true`, a pair begins at every pose and ends
+    /// where the path length (or time) is nearest to `delta`; for an angle, all poses whose headings differ by it are
+    /// paired.
     pub all_pairs: bool,
-    /// With all pairs over metres, seconds or radians: pairs that are off by more than this part of `delta`
+    /// For all pairs over metres, seconds or radians: pairs that differ from `delta` by more than this fraction of it
     /// are left out.
     pub relative_tolerance: f64,
     /// The path on which distances are measured.
@@ -92,7 +92,7 @@ impl RpeSettings {
     }
 }
 
-/// Relative pose errors: one sample per pair (i, j), of the error transform
+/// Relative pose errors: one sample per pair (i, j), from the error transform
 /// E = (reference_i⁻¹ ∘ reference_j)⁻¹ ∘ (estimate_i⁻¹ ∘ estimate_j).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rpe {
@@ -106,15 +106,15 @@ pub struct Rpe {
     pub full: Vec<f64>,
 }
 
-/// More pairs than this are not compared: over an angle, their number grows with the square of that of poses.
+/// Largest number of compared pairs: for an angle, their number grows with the square of that of poses.
 const MAX_PAIRS: usize = 10_000_000;
 
-/// Relative pose error of matched poses, as evo defines it (`evo_rpe`; evo has no pairs by time). Stamps are
-/// used by [`Delta::Seconds`] only; where they step back, no time passes.
+/// Computes the relative pose error of matched poses, as defined by evo (`evo_rpe`; evo has no pairs by time). Stamps
+/// are used only by [`Delta::Seconds`]; a step back in time counts as 0.
 ///
 /// # Errors
-/// When a setting is out of range, the numbers of poses differ, one is not finite or too far away, no two poses
-/// are `delta` apart, or more than ten million pairs of poses are.
+/// If a setting is out of range, the numbers of poses differ, one is not finite or too far away, no two poses
+/// are `delta` apart, or there are more than ten million such pairs.
 pub fn rpe(
     reference: &Trajectory,
     estimate: &Trajectory,
@@ -138,7 +138,7 @@ pub fn rpe(
         }
         Delta::Frames(frames) => consecutive(&(0..poses).step_by(frames).collect::<Vec<_>>()),
         Delta::Metres(metres) => by(&step_lengths(path.poses()), metres),
-        // In nanoseconds, which are whole numbers: tenths of seconds would not add up to one.
+        // In integer nanoseconds, because floating-point tenths of a second would not add up to one.
         Delta::Seconds(seconds) => by(&step_times(path.stamps()), (seconds * 1e9).round().max(1.0)),
         Delta::Radians(radians) if settings.all_pairs => {
             all_by_angle(path.poses(), radians, radians * settings.relative_tolerance)?
@@ -169,25 +169,25 @@ pub fn rpe(
     })
 }
 
-/// Distance from each pose to the next, in metres. The square root of the sum, as numpy has it, and
-/// not `hypot`: whether a straight run of equal steps has covered `delta` depends on the last digit.
+/// Distance from each pose to the next, in metres. Computed as the square root of the sum, like numpy, and
+/// not with `hypot`: whether a straight run of equal steps has covered `delta` depends on the last digit.
 fn step_lengths(poses: &[Pose2]) -> Vec<f64> {
     let squared =
         |pair: &[Pose2]| math::square(pair[1].x - pair[0].x) + math::square(pair[1].y - pair[0].y);
     poses.windows(2).map(|pair| squared(pair).sqrt()).collect()
 }
 
-/// Nanoseconds from each pose to the next; none where stamps step back.
+/// Nanoseconds from each pose to the next; 0 for steps back in time.
 fn step_times(stamps: &[Stamp]) -> Vec<f64> {
     stamps.windows(2).map(|pair| (pair[1].seconds_since(pair[0]) * 1e9).round().max(0.0)).collect()
 }
 
-/// By how much the heading turns from each pose to the next, within [0, π].
+/// Rotation from each pose to the next, within [0, π].
 fn step_angles(poses: &[Pose2]) -> Vec<f64> {
     poses.windows(2).map(|pair| wrap_angle(pair[1].theta - pair[0].theta).abs()).collect()
 }
 
-/// All pairs whose headings differ by `delta`, give or take `tolerance`.
+/// All pairs whose headings differ by `delta` ± `tolerance`.
 fn all_by_angle(
     poses: &[Pose2],
     delta: f64,
@@ -213,7 +213,7 @@ fn consecutive(indices: &[usize]) -> Vec<(usize, usize)> {
 }
 
 /// The first pose, and then each pose at which `delta` (in the unit of the steps) has been covered since the
-/// last one.
+/// previous one.
 fn ends_by_path(steps: &[f64], delta: f64) -> Vec<usize> {
     let mut indices = vec![0];
     let mut covered = 0.0;
@@ -227,8 +227,8 @@ fn ends_by_path(steps: &[f64], delta: f64) -> Vec<usize> {
     indices
 }
 
-/// For each pose the later pose whose distance along the path is nearest to `delta`, the first of
-/// equally near ones, when it is off by `tolerance` at most; all in the unit of the steps.
+/// For each pose, the later pose whose distance along the path is nearest to `delta` (the first of
+/// equally near ones), if it differs by at most `tolerance`; all in the unit of the steps.
 fn all_by_path(steps: &[f64], delta: f64, tolerance: f64) -> Vec<(usize, usize)> {
     let mut covered = vec![0.0];
     covered.extend(steps.iter().scan(0.0, |sum, step| {
@@ -238,7 +238,7 @@ fn all_by_path(steps: &[f64], delta: f64, tolerance: f64) -> Vec<(usize, usize)>
     let mut pairs = Vec::new();
     for (i, &start) in covered.iter().enumerate().take(steps.len()) {
         let later = &covered[i + 1..];
-        // Distances never fall along the path, so the nearest lies on either side of `delta`.
+        // Distances never decrease along the path, so the nearest is on either side of `delta`.
         let first_at_least = |distance: f64| later.partition_point(|end| end - start < distance);
         let after = first_at_least(delta);
         let before = after.checked_sub(1).map(|last| first_at_least(later[last] - start));
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn pairs_follow_the_path_or_the_count() {
-        // Stands still at 1 m, then turns back: the path goes on although x falls.
+        // Stops at 1 m, then turns back: the path length increases although x decreases.
         let poses = line(&[0.0, 0.5, 1.0, 1.0, 0.5, 0.0]);
         assert_eq!(pairs(&poses, Delta::Metres(0.75), false), [(0, 2), (2, 5)]);
         assert_eq!(pairs(&poses, Delta::Metres(1.0), true), [(0, 2), (1, 4), (2, 5), (3, 5)]);
@@ -308,8 +308,8 @@ mod tests {
         assert_eq!(from(PairsFrom::Estimate), [(0, 2)]);
     }
 
-    /// Once the estimate's path was the default: with noise it is longer, so that "1 m" was less of the way, and
-    /// the noisier of two estimates looked better.
+    /// The path of the estimate was once the default. With noise it is longer, so that "1 m" was a shorter part of the
+    /// true path, and the noisier of two estimates appeared better.
     #[test]
     fn noise_of_an_estimate_makes_no_pair_shorter() {
         let straight: Vec<f64> = (0..41).map(|k| 0.25 * f64::from(k)).collect();
@@ -337,7 +337,7 @@ mod tests {
             [0, 400, 1100, 900, 1500, 1600].map(|ms| Stamp::from_nanoseconds(ms * 1_000_000));
         let poses = vec![Pose2::IDENTITY; stamps.len()];
         let uneven = Trajectory::new(stamps.to_vec(), poses).unwrap();
-        // Stepping back from 1.1 to 0.9 s is no time; 0.6 s follow.
+        // The step back from 1.1 to 0.9 s counts as 0; 0.6 s follow.
         assert_eq!(pairs(&uneven, Delta::Seconds(0.5), false), [(0, 2), (2, 4)]);
         let error = rpe(&uneven, &uneven, &RpeSettings::new(Delta::Seconds(5.0))).unwrap_err();
         assert!(error.to_string().contains("are 5 s apart (they last 1.8 s)"), "{error}");
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_by_angle_that_nobody_has_room_for_are_refused() {
+    fn too_many_pairs_by_angle_are_refused() {
         let poses = track((0..6400).map(|k| Pose2::new(0.0, 0.0, f64::from(k % 2))));
         let settings = RpeSettings { all_pairs: true, ..RpeSettings::new(Delta::Radians(1.0)) };
         let error = rpe(&poses, &poses, &settings).unwrap_err();
@@ -394,7 +394,7 @@ mod tests {
     }
 
     proptest! {
-        /// The nearest later pose by looking at all of them, as evo does.
+        /// The nearest later pose by a search through all of them, as in evo.
         #[test]
         fn all_pairs_agree_with_brute_force(
             steps in prop::collection::vec(0..4u8, 1..60),

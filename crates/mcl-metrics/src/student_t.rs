@@ -2,7 +2,7 @@
 
 use crate::beta;
 
-/// P(T ≥ |t|), precise far out in the tail, too, where 1 − P(T < |t|) would be 0.
+/// P(T ≥ |t|), accurate even far out in the tail, where 1 − P(T < |t|) would be 0.
 pub(crate) fn upper_tail(t: f64, freedom: f64) -> f64 {
     0.5 * beta::probability(0.5 * freedom, 0.5, freedom / (freedom + t * t))
 }

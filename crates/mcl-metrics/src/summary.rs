@@ -3,27 +3,27 @@ use serde::Serialize;
 
 use crate::error::{MetricsError, check_runs, check_samples};
 
-/// What a set of samples looks like; all but the count and `sse` in the samples' unit.
+/// Summary statistics of samples; all except the count and `sse` are in the unit of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
     /// Number of samples.
     pub count: usize,
     /// Arithmetic mean.
     pub mean: f64,
-    /// Standard deviation of these very samples (divided by n, as numpy and evo do, not by n − 1).
+    /// Standard deviation of the samples (divided by n, as in numpy and evo, not by n − 1).
     pub std: f64,
-    /// Root of the mean square.
+    /// Root mean square.
     pub rmse: f64,
     /// Sum of squares.
     pub sse: f64,
     /// Smallest sample.
     pub min: f64,
-    /// 5th percentile. Percentiles lie between neighbouring samples in proportion (numpy's default;
+    /// 5th percentile. Percentiles are interpolated linearly between neighbouring samples (numpy's default;
     /// type 7 of Hyndman & Fan 1996).
     pub p05: f64,
     /// 25th percentile.
     pub p25: f64,
-    /// 50th percentile; of an even number of samples the mean of the middle two.
+    /// 50th percentile; for an even number of samples the mean of the middle two.
     pub median: f64,
     /// 75th percentile.
     pub p75: f64,
@@ -34,10 +34,10 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary of samples in any order.
+    /// Summarizes samples in any order.
     ///
     /// # Errors
-    /// When there is no sample, or one is not finite (or not below 10¹⁴⁰ in magnitude).
+    /// If there is no sample, or one is not finite (or not below 10¹⁴⁰ in magnitude).
     ///
     /// # Example
     /// ```
@@ -50,10 +50,10 @@ impl Summary {
         Ok(summarize(samples.to_vec()))
     }
 
-    /// Summary of the samples of all runs together, so that a long run counts more than a short one.
+    /// Summarizes the samples of all runs together, so that a long run has more weight than a short one.
     ///
     /// # Errors
-    /// When there is no run, or a run has no sample or one that is not finite.
+    /// If there is no run, or a run has no sample or one that is not finite.
     pub fn pooled<R: AsRef<[f64]>>(runs: &[R]) -> Result<Self, MetricsError> {
         check_runs(runs, 1)?;
         Ok(summarize(runs.iter().flat_map(|run| run.as_ref()).copied().collect()))

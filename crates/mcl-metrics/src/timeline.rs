@@ -2,20 +2,20 @@ use mcl_core::{Pose2, Stamp, Trajectory};
 
 use crate::error::MetricsError;
 
-/// Interpolated over at most so many usual intervals, and over any gap this short (ns).
+/// Default for the longest gap for interpolation, in usual intervals, and its minimum (ns).
 const USUAL_INTERVALS: u64 = 5;
 const SHORT: u64 = 200_000_000;
 
-/// A trajectory, at least one pose, in order of time; poses of one stamp in the order of the trajectory.
+/// A trajectory with at least one pose, sorted by time; poses with equal stamps keep the order of the trajectory.
 pub(crate) struct Timeline<'a> {
     trajectory: &'a Trajectory,
     /// Indices into the trajectory.
     order: Vec<usize>,
 }
 
-/// A moment on a [`Timeline`].
-pub(crate) struct Place {
-    /// Index in the trajectory of the pose of this stamp, or of the last one before.
+/// The pose at a time on a [`Timeline`], and the poses it was interpolated from.
+pub(crate) struct TimedPose {
+    /// Index in the trajectory of the pose with this stamp, or of the last one before.
     pub before: usize,
     /// Index in the trajectory of the same pose, or of the first one after.
     pub after: usize,
@@ -33,7 +33,7 @@ impl<'a> Timeline<'a> {
         self.order.len()
     }
 
-    /// Index in the trajectory of the pose at a position of the order of time.
+    /// Index in the trajectory of the pose at a position in the sorted order.
     pub fn index(&self, position: usize) -> usize {
         self.order[position]
     }
@@ -61,7 +61,7 @@ impl<'a> Timeline<'a> {
         self.order.partition_point(|&index| self.trajectory.stamps()[index] <= stamp)
     }
 
-    /// The median of the intervals between successive stamps that differ, in nanoseconds.
+    /// The median interval between successive different stamps, in nanoseconds.
     pub fn usual_interval(&self) -> Option<u64> {
         let interval = |position| gap(self.stamp(position - 1), self.stamp(position));
         let mut intervals: Vec<u64> =
@@ -70,7 +70,7 @@ impl<'a> Timeline<'a> {
         (!intervals.is_empty()).then(|| *intervals.select_nth_unstable(middle).1)
     }
 
-    /// The longest gap between two poses over which there is a trajectory, in nanoseconds: as asked for
+    /// The longest gap between two poses for interpolation, in nanoseconds: as given
     /// (seconds), or five usual intervals, at least 0.2 s.
     pub fn longest_gap(&self, asked_s: Option<f64>) -> Result<u64, MetricsError> {
         let Some(found) = asked_s else {
@@ -84,15 +84,15 @@ impl<'a> Timeline<'a> {
         Ok((found * 1e9).round() as u64)
     }
 
-    /// The pose at a stamp: that of the pose with this stamp (the `occurrence`-th of several, from 0, at
-    /// most the last), else between its neighbours, never beyond the ends or over more than `longest`
-    /// nanoseconds.
-    pub fn at(&self, stamp: Stamp, occurrence: usize, longest: u64) -> Option<Place> {
+    /// The pose at a stamp: the pose with this stamp (the `occurrence`-th of several, from 0, at
+    /// most the last), otherwise interpolated between its neighbours, but not beyond the ends or over more than
+    /// `longest` nanoseconds.
+    pub fn at(&self, stamp: Stamp, occurrence: usize, longest: u64) -> Option<TimedPose> {
         let (start, end) = (self.first_from(stamp), self.first_after(stamp));
         if start < end {
             let position = start.saturating_add(occurrence).min(end - 1);
             let index = self.index(position);
-            return Some(Place { before: index, after: index, pose: self.pose(position) });
+            return Some(TimedPose { before: index, after: index, pose: self.pose(position) });
         }
         let before = start.checked_sub(1).filter(|_| start < self.len())?;
         let whole = gap(self.stamp(before), self.stamp(start));
@@ -101,7 +101,7 @@ impl<'a> Timeline<'a> {
         }
         let part = gap(self.stamp(before), stamp) as f64 / whole as f64;
         let pose = self.pose(before).interpolate(&self.pose(start), part);
-        Some(Place { before: self.index(before), after: self.index(start), pose })
+        Some(TimedPose { before: self.index(before), after: self.index(start), pose })
     }
 }
 

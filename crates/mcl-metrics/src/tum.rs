@@ -1,11 +1,11 @@
-//! Trajectory files in the TUM format: one pose per line, `t x y z qx qy qz qw`, seconds and metres
-//! and a quaternion, fields parted by blanks, lines that begin with `#` are comments (TUM RGB-D
+//! Trajectory files in the TUM format: one pose per line, `t x y z qx qy qz qw`, in seconds and metres
+//! and as a quaternion. Fields are separated by blanks; lines that begin with `#` are comments (TUM RGB-D
 //! benchmark, *File Formats*).
 //!
-//! Poses here are planar, so a file must be too: |z| at most [`MAX_Z`], and the vertical axis tilted
-//! by at most [`MAX_TILT`]; or the poses are projected onto the plane when asked
-//! ([`NonPlanar::Project`], as evo's `--project_to_plane xy`). Stamps are read and written to the
-//! nanosecond, negative ones too (times before zero), poses in file order, whether sorted or not.
+//! Poses must be planar: |z| at most [`MAX_Z`], and the vertical axis tilted
+//! by at most [`MAX_TILT`]. Other poses can be projected onto the plane
+//! ([`NonPlanar::Project`], as evo's `--project_to_plane xy`). Stamps, including negative ones, are read and written
+//! to the nanosecond; poses are in file order, sorted or not.
 //!
 //! # Example
 //! ```
@@ -27,16 +27,16 @@ use mcl_core::{Pose2, Stamp, Trajectory, files, math, wrap_angle};
 use crate::planar::{self, Refused, quoted};
 pub use crate::planar::{MAX_TILT, MAX_Z, NonPlanar, QuaternionOrder, ReadSettings};
 
-/// A file's trajectory, and what is worth knowing about it.
+/// The trajectory of a TUM file, and the number of backward stamps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TumTrajectory {
     /// Stamped poses in file order; headings within (−π, π].
     pub trajectory: Trajectory,
-    /// How many stamps are earlier than the one before.
+    /// Number of stamps that are earlier than the one before.
     pub backward_stamps: usize,
 }
 
-/// Why a TUM file could not be read or written.
+/// An error in reading or writing a TUM file.
 #[derive(Debug, thiserror::Error)]
 pub enum TumError {
     /// The file could not be opened or written.
@@ -44,22 +44,22 @@ pub enum TumError {
     Open {
         /// The file.
         file: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// A line could not be read (or is no UTF-8 text).
+    /// A line could not be read, or is not UTF-8 text.
     #[error("{}, line {line}: cannot read: {source}", .file.display())]
     Read {
         /// The file.
         file: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// A line without exactly eight fields.
+    /// A line does not have exactly eight fields.
     #[error(
-        "{}, line {line}: {found} fields, expected 8 parted by blanks: t x y z qx qy qz qw",
+        "{}, line {line}: {found} fields, expected 8 separated by blanks: t x y z qx qy qz qw",
         .file.display()
     )]
     FieldCount {
@@ -70,7 +70,7 @@ pub enum TumError {
         /// Number of fields found.
         found: usize,
     },
-    /// A field with a value that cannot be used.
+    /// A field has an invalid value.
     #[error("{}, line {line}, field {field}: found {found}, expected {expected}", .file.display())]
     Field {
         /// The file.
@@ -84,13 +84,13 @@ pub enum TumError {
         /// What was expected.
         expected: String,
     },
-    /// No pose in the file.
+    /// The file has no pose.
     #[error("{}: no pose found, expected lines of t x y z qx qy qz qw", .file.display())]
     Empty {
         /// The file.
         file: PathBuf,
     },
-    /// A pose that no reader would accept: NaN or infinite.
+    /// A pose to write is NaN or infinite.
     #[error("cannot write pose {index}, {pose:?} at {stamp} s: expected finite numbers")]
     Pose {
         /// Index of the pose, from 0.
@@ -108,19 +108,19 @@ pub enum TumError {
 /// Reads the file at `path`; see [`read`].
 ///
 /// # Errors
-/// As [`read`], and when the file cannot be opened.
+/// As [`read`], and if the file cannot be opened.
 pub fn read_file(path: impl AsRef<Path>, non_planar: NonPlanar) -> Result<TumTrajectory, TumError> {
     let path = path.as_ref();
     let open = |source| TumError::Open { file: path.to_owned(), source };
     read(BufReader::new(File::open(path).map_err(open)?), path, non_planar)
 }
 
-/// Reads a trajectory line by line; `name` stands for the file in errors. Quaternions need not be
+/// Reads a trajectory line by line; `name` is the name of the file in errors. Quaternions need not be
 /// normalized.
 ///
 /// # Errors
-/// At the first line that is not a comment, empty, or a planar pose (unless poses are projected),
-/// and when there is no pose at all.
+/// If a line is not a comment, empty, or a planar pose (unless poses are projected),
+/// or there is no pose.
 pub fn read(
     reader: impl BufRead,
     name: impl AsRef<Path>,
@@ -134,8 +134,8 @@ pub fn read(
     }
 }
 
-/// The same with other settings; and where all quaternions are `0 0 0 0`, the file holds positions only:
-/// whether it has headings (else those of the poses are 0).
+/// Reads with other settings. If all quaternions are `0 0 0 0`, the file contains positions only and the headings are
+/// 0; also returns whether it has headings.
 pub(crate) fn read_with(
     reader: impl BufRead,
     name: &Path,
@@ -148,7 +148,7 @@ pub(crate) fn read_with(
     }
 }
 
-/// What the lines of a file hold.
+/// The content of the lines of a file.
 struct Lines<'a> {
     found: TumTrajectory,
     /// The first line whose quaternion is 0 0 0 0.
@@ -168,7 +168,7 @@ impl<'a> Lines<'a> {
             let line = index + 1;
             let text =
                 text.map_err(|source| TumError::Read { file: file.to_owned(), line, source })?;
-            // Some editors begin a file with a byte order mark.
+            // Some editors write a byte order mark at the start of a file.
             let text = if index == 0 { text.trim_start_matches('\u{feff}') } else { &text }.trim();
             if text.is_empty() || text.starts_with('#') {
                 continue;
@@ -192,14 +192,14 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Where a line stands, for its errors.
+/// The position of a line, for errors.
 struct Line<'a> {
     file: &'a Path,
     line: usize,
 }
 
 impl Line<'_> {
-    /// Stamp, position and, unless the quaternion is 0 0 0 0, heading.
+    /// Parses stamp, position and, unless the quaternion is 0 0 0 0, heading.
     fn parse(
         &self,
         text: &str,
@@ -251,10 +251,10 @@ impl Line<'_> {
 
 const QUATERNION: &str = "qx qy qz qw";
 
-/// Writes a trajectory to the file at `path`, which is whole or not there, replacing it; see [`write()`].
+/// Writes a trajectory to the file at `path` atomically, replacing an existing file; see [`write()`].
 ///
 /// # Errors
-/// As [`write()`], and when the file cannot be written ([`files::write_with`]).
+/// As [`write()`], and if the file cannot be written ([`files::write_with`]).
 pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(), TumError> {
     let path = path.as_ref();
     files::write_with(path, |file| write(file, trajectory)).map_err(|error| match error {
@@ -263,12 +263,12 @@ pub fn write_file(path: impl AsRef<Path>, trajectory: &Trajectory) -> Result<(),
     })
 }
 
-/// Writes a trajectory, one line per pose in its own order: stamps with nine digits after the point,
-/// numbers with as many digits as reading them back exactly takes. A heading reads back wrapped to
-/// (−π, π] and within 10⁻¹⁵ rad, as the file holds the sine and cosine of its half.
+/// Writes a trajectory, one line per pose in its order: stamps with nine digits after the point,
+/// numbers with enough digits to read back exactly. A heading reads back wrapped to
+/// (−π, π] and within 10⁻¹⁵ rad, because the file contains the sine and cosine of half the heading.
 ///
 /// # Errors
-/// When a pose is not finite (no reader would take it), or writing fails.
+/// If a pose is not finite, or writing fails.
 pub fn write(mut writer: impl Write, trajectory: &Trajectory) -> Result<(), TumError> {
     for (index, (stamp, pose)) in trajectory.iter().enumerate() {
         if !pose.is_finite() {

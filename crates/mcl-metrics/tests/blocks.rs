@@ -1,4 +1,4 @@
-//! Laws of the statistics over blocks, and what they do on simulated experiments.
+//! Invariants of the statistics over blocks, and their behaviour on simulated experiments.
 
 use mcl_core::Seed;
 use mcl_metrics::{
@@ -61,7 +61,7 @@ fn assert_same(found: &Effect, expected: &Effect) -> Result<(), TestCaseError> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
-    /// Once, twice as many runs on the same maps made p a hundred times smaller.
+    /// Twice as many runs on the same maps once made p a hundred times smaller.
     #[test]
     fn duplicating_every_run_within_its_block_changes_no_p_value(once in pairs(), copies in 2..5u64) {
         let copy = |copy: u64| {
@@ -89,7 +89,7 @@ proptest! {
 
     #[test]
     fn names_of_blocks_do_not_matter(once in pairs(), factor in 1..1000u64, flip in any::<u64>()) {
-        // An odd factor and an exclusive or keep different numbers different.
+        // An odd factor and an exclusive or map different numbers to different numbers.
         let named = |block: u64| block.wrapping_mul(2 * factor + 1) ^ flip;
         let renamed: Pairs =
             once.iter().map(|&(block, unit, a, b)| (named(block), unit, a, b)).collect();
@@ -121,7 +121,7 @@ proptest! {
                 false => Blocked::new(values.map(|(block, _, a)| (block, a))).unwrap(),
             }
         };
-        // Equal to the last bit, and so is all that is computed from it.
+        // Equal bit for bit, and so is everything computed from it.
         prop_assert_eq!(blocked(&shuffled), blocked(&once));
         let interval = |pairs| blocked(pairs).bootstrap_interval(100, Seed::new(seed)).unwrap();
         prop_assert_eq!(interval(&shuffled), interval(&once));
@@ -140,7 +140,7 @@ proptest! {
         }
     }
 
-    /// A block of one value is a sample, and the tests of samples are those of the textbooks.
+    /// With one value per block, the tests equal the textbook tests of independent samples.
     #[test]
     fn blocks_of_one_are_single_samples(values in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64), 2..12)) {
         let (a, b): (Vec<f64>, Vec<f64>) = values.into_iter().unzip();
@@ -190,8 +190,8 @@ const RND_FKM: [f64; 20] = [
     0.0251648, 0.0241475, 0.0248272, 0.0246327,
 ];
 
-/// Twenty runs on ten maps are ten samples: a difference that runs call significant is not.
-/// Source of the numbers by map: SciPy 1.17.1, `ttest_rel` of the maps' means.
+/// Twenty runs on ten maps are ten samples: a difference that is significant over runs is not over maps.
+/// Source of the numbers per map: SciPy 1.17.1, `ttest_rel` of the means per map.
 #[test]
 fn runs_on_the_same_map_are_one_sample() {
     let [gbs, gbs_fkm, rnd_fkm] = [GBS, GBS_FKM, RND_FKM].map(|errors| {
@@ -216,15 +216,15 @@ fn runs_on_the_same_map_are_one_sample() {
 
 const EXPERIMENTS: usize = 2000;
 
-/// Whether a share of the experiments is that of a rate, within four standard errors.
+/// Whether the fraction of experiments agrees with a rate, within four standard errors.
 fn assert_rate(count: usize, rate: f64) {
     let found = count as f64 / EXPERIMENTS as f64;
     let standard_error = (rate * (1.0 - rate) / EXPERIMENTS as f64).sqrt();
     assert!((found - rate).abs() < 4.0 * standard_error, "{found} is not {rate}");
 }
 
-/// Two builders that are equally good, two runs on each of ten maps. A map decides 87 % of the variance
-/// of an error, as in the office; noise is common to a run on the maps of both.
+/// Two equally good builders, two runs on each of ten maps. The map explains 87 % of the variance
+/// of an error, as in the office; a run has the same noise on the maps of both.
 #[test]
 fn equal_builders_differ_in_5_percent_of_experiments() {
     let (of_map, of_run) = (0.87f64.sqrt(), 0.13f64.sqrt());
@@ -252,8 +252,8 @@ fn equal_builders_differ_in_5_percent_of_experiments() {
     assert!(by_run > EXPERIMENTS / 10, "by run only {by_run} of {EXPERIMENTS} differ");
 }
 
-/// The interval of a rate holds the true one in at least 95 % of experiments, however much runs on a map
-/// are alike; that of runs as trials does not.
+/// The interval of a rate contains the true one in at least 95 % of experiments, however similar the runs on a map
+/// are; an interval with runs as trials does not.
 #[test]
 fn rates_are_covered_whatever_runs_share() {
     let mut rng = Seed::new(15).derive("rates").rng();

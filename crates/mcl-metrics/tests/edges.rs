@@ -1,4 +1,4 @@
-//! Numbers and stamps at the edge: refused with an error, or answered with finite numbers.
+//! Numbers and stamps at the limits give an error or finite results.
 
 use std::collections::HashSet;
 
@@ -12,7 +12,7 @@ use mcl_metrics::{
 };
 use proptest::prelude::*;
 
-/// Zeros, subnormals, everyday numbers, UTM coordinates, sizes whose squares overflow, no numbers.
+/// Zeros, subnormals, everyday numbers, UTM coordinates, sizes whose squares overflow, and NaN and infinities.
 fn number() -> impl Strategy<Value = f64> + Clone {
     prop_oneof![
         6 => -50.0..50.0f64,
@@ -40,7 +40,7 @@ fn pose() -> impl Strategy<Value = Pose2> {
     .prop_map(|(x, y, theta)| Pose2::new(x, y, theta))
 }
 
-/// Stamps that repeat, go backwards, and lie at the ends of what 64 bits hold.
+/// Stamps that repeat, go backwards, and are at the limits of 64 bits.
 fn stamp() -> impl Strategy<Value = Stamp> {
     let ends = vec![i64::MIN, i64::MIN + 1, -1, 0, i64::MAX - 1, i64::MAX];
     prop_oneof![
@@ -76,7 +76,7 @@ fn finite(values: &[f64]) -> bool {
     values.iter().all(|value| value.is_finite())
 }
 
-/// Everything but t, which is infinite for a certain difference, and then stands for p = 0.
+/// All values except t, which is infinite for a difference without spread; then p = 0.
 fn check_test(test: &Effect) -> Result<(), TestCaseError> {
     let probabilities = [test.p_two_sided, test.p_less, test.p_greater];
     prop_assert!(probabilities.iter().all(|p| (0.0..=1.0).contains(p)), "{test:?}");

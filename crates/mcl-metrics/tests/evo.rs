@@ -1,6 +1,6 @@
-//! ATE, RPE, association and TUM files give the figures of the Python package evo.
+//! ATE, RPE, association and TUM files agree with the Python package evo.
 //!
-//! `evo/expected.txt` is what `evo/reference.py` printed. To run evo itself, install it into some
+//! `evo/expected.txt` is the output of `evo/reference.py`. To run evo itself, install it into some
 //! Python (`pip install evo`), set `MCL_EVO_PYTHON` to that interpreter and run with `-- --ignored` (`make interop` does); with `--nocapture` the
 //! test then prints the new text of `expected.txt`.
 
@@ -32,14 +32,14 @@ fn sample(
         .collect()
 }
 
-/// A figure of eight, 20 s a lap, heading through ±π.
+/// A figure of eight, 20 s per lap, with headings through ±π.
 fn eight(t: f64) -> Pose2 {
     let phase = TAU * t / 20.0;
     let (vx, vy) = (4.0 * phase.cos(), 4.0 * (2.0 * phase).cos());
     Pose2::new(4.0 * phase.sin(), 2.0 * (2.0 * phase).sin(), vy.atan2(vx))
 }
 
-/// The eight with a wobble, a slow drift and a heading that runs away.
+/// The figure of eight with a wobble, a slow drift and a drifting heading.
 fn drifting(t: f64) -> Pose2 {
     let pose = eight(t);
     Pose2::new(
@@ -53,7 +53,7 @@ fn straight(t: f64) -> Pose2 {
     Pose2::new(t, 0.0, 0.0)
 }
 
-/// A pose every `step` 512ths of a second, which floats and nanoseconds both hold exactly.
+/// A pose every `step` 512ths of a second, which are exact in floats and nanoseconds.
 fn dyadic(count: i64, start: i64, step: i64, pose_at_second: impl Fn(f64) -> Pose2) -> Trajectory {
     (0..count)
         .map(|i| {
@@ -73,13 +73,13 @@ fn cases() -> Vec<(&'static str, Trajectory, Trajectory)> {
     vec![
         // The estimate's stamps are 3 ms off; every pose has a partner.
         ("eight", sample(300, 0, 100, eight), sample(300, 3, 100, drifting)),
-        // The estimate begins late, ends late, has 3/4 of the rate and another frame.
+        // The estimate starts late, ends late, has 3/4 of the rate and another frame.
         ("moved", sample(400, 0, 75, eight), sample(350, 1500, 100, moved)),
-        // Equal steps of 0.1 m: whether ten of them are 1 m is decided by rounding.
+        // Equal steps of 0.1 m: whether ten of them are 1 m depends on rounding.
         ("straight", sample(100, 0, 100, straight), sample(100, 0, 100, bent)),
         // The estimate is sparser, and half a period off.
         ("between", dyadic(700, 0, 32, eight), dyadic(340, 16, 64, drifting)),
-        // The reference is: the estimate is interpolated.
+        // The reference is sparser, so the estimate is interpolated.
         ("between-sparse", dyadic(200, 48, 96, eight), dyadic(900, 0, 24, drifting)),
         // Sparser as well, and two poses lie beyond the last one of the reference.
         ("between-beyond", dyadic(699, 0, 32, eight), dyadic(351, 16, 64, drifting)),
@@ -95,7 +95,7 @@ fn row(samples: &[f64]) -> Row {
     [s.rmse, s.mean, s.median, s.max, s.min, s.std, s.sse, s.count as f64]
 }
 
-/// The figures of matched poses, as reference.py makes them.
+/// The statistics of matched poses, as computed by reference.py.
 fn add_rows(table: &mut Table, case: &str, matched: &Matched) {
     let (r, e) = (matched.reference.poses(), matched.estimate.poses());
     let mut add = |metric: &str, translation: &[f64], rotation: &[f64], full: &[f64]| {
@@ -134,7 +134,7 @@ fn add_rows(table: &mut Table, case: &str, matched: &Matched) {
                         &errors.rotation,
                         &errors.full,
                     ),
-                    // evo has none either, or its table has a row more.
+                    // evo has none either, or its table has an additional row.
                     Err(MetricsError::NoPairs { .. }) => {}
                     Err(error) => panic!("{case}: {error}"),
                 }
@@ -167,7 +167,7 @@ fn named(cases: Vec<(&str, Trajectory, Trajectory)>) -> Vec<(String, Trajectory,
 }
 
 fn parse(text: &str) -> Table {
-    // evo writes its progress over and over into the line, ended by carriage returns.
+    // evo overwrites its progress in one line, with carriage returns.
     let lines = text.lines().map(|line| line.rsplit('\r').next().unwrap_or(line));
     let lines = lines.filter(|line| !line.starts_with('#'));
     lines
@@ -190,16 +190,16 @@ fn assert_equal(ours: &Table, evo: &Table) {
     }
 }
 
-/// The rows whose key is of a kind, taken out of a table.
+/// Removes the rows whose key has a prefix from a table, and returns them.
 fn take(table: &mut Table, is_taken: impl Fn(&(String, String)) -> bool) -> Table {
     let (taken, left) = std::mem::take(table).into_iter().partition(|(key, _)| is_taken(key));
     *table = left;
     taken
 }
 
-/// All figures are evo's but for one case: an estimate that goes on after the reference has ended. evo takes each
-/// pose within the tolerance of the reference's last one, and compares it with that last one, as if the robot had
-/// stopped there; here nothing is extrapolated, and the figures are those without these poses.
+/// All results equal those of evo with one exception: an estimate that continues after the end of the reference. evo
+/// compares each pose within the tolerance of the last reference pose with that pose, as if the robot had
+/// stopped there. Here there is no extrapolation, and the results are those without these poses.
 fn assert_equals_evo(ours: &mut Table, evo: &mut Table) {
     const BEYOND: &str = "between-beyond-interpolated";
     let [our_beyond, evo_beyond] =
@@ -226,8 +226,8 @@ fn figures_equal_the_recorded_ones_of_evo() {
     assert_equals_evo(&mut table_of(&named(cases())), &mut evo);
 }
 
-/// evo reads the files that this crate writes; and this crate reads evo's own test data, made planar, where
-/// MCL_EVO_DATA says where they are.
+/// evo reads the files that this crate writes, and this crate reads evo's test data, projected to the plane, if
+/// MCL_EVO_DATA gives their folder.
 #[test]
 #[ignore = "needs MCL_EVO_PYTHON, a Python with evo; make interop has one"]
 fn figures_equal_those_of_an_installed_evo() {
@@ -256,8 +256,8 @@ fn figures_equal_those_of_an_installed_evo() {
         }
     }
     let (mut ours, mut evo) = (table_of(&cases), parse(&text));
-    // evo aligns in space, where a planar trajectory may be turned over if that brings its positions nearer, as
-    // that of freiburg2: all its poses then lie upside down. A robot in the plane cannot be.
+    // evo aligns in 3-D, where a planar trajectory may be flipped over if that fits its positions better, as for
+    // freiburg2, whose poses are then all upside down. A planar robot cannot be.
     let is_turned_over = |(case, metric): &(String, String)| {
         case.starts_with("freiburg2") && metric.starts_with("ape-aligned")
     };

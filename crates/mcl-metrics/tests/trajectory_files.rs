@@ -1,5 +1,4 @@
-//! Trajectory files of others: each format is recognized by what it holds, and what is wrong is said with its
-//! place.
+//! Trajectory files of other programs: each format is recognized by its content, and errors have their position.
 
 use mcl_core::{Pose2, Stamp};
 use mcl_metrics::trajectory_file::{
@@ -39,7 +38,7 @@ fn the_same_poses_from_every_format() {
             format!("# t x y z qx qy qz qw\n1500000000 1 2 0 0 0 0 1\n1500000000.1 3 4 0 0 0 {half} {half}\n"),
             TrajectoryFormat::Tum,
         ),
-        // With tabs, and its names in a comment with commas.
+        // With tabs, and its column names in a comment with commas.
         (
             format!("# t,x,y,z,qx,qy,qz,qw\n1500000000\t1\t2\t0\t0\t0\t0\t1\n1500000000.1\t3\t4\t0\t0\t0\t{half}\t{half}"),
             TrajectoryFormat::Tum,
@@ -60,7 +59,7 @@ fn the_same_poses_from_every_format() {
             "sec\tnanosec\tposition.x\tposition.y\theading\n1500000000\t0\t1\t2\t0\n1500000000\t100000000\t3\t4\t1.5707963267948966\n".into(),
             TrajectoryFormat::Csv,
         ),
-        // Nanoseconds without a word: too large for seconds.
+        // Nanoseconds without a unit: too large for seconds.
         (format!("stamp,x,y,z,qx,qy,qz,qw\n1500000000000000000,1,2,0,{quaternions}"), TrajectoryFormat::Csv),
     ];
     for (text, format) in texts {
@@ -89,7 +88,7 @@ fn kitti_files_have_frames_for_stamps() {
     );
     assert_eq!(
         found.notes,
-        ["a file in the KITTI format has no stamps: its frame numbers are taken for seconds"]
+        ["a file in the KITTI format has no stamps: its frame numbers are used as seconds"]
     );
     let good = "1 0 0 1 0 1 0 2 0 0 1 0\n";
     assert_eq!(
@@ -101,7 +100,7 @@ fn kitti_files_have_frames_for_stamps() {
         "run.txt, line 2, field 11: found \"inf\", expected a finite number"
     );
     assert!(message("1 0 0 1 0 1 0 2 0 0 1 0.5\n").contains("field 12 (z): found 0.5 m"));
-    assert!(message("5 0 0 1 0 1 0 2 0 0 1 0\n").contains("found no rotation matrix"));
+    assert!(message("5 0 0 1 0 1 0 2 0 0 1 0\n").contains("found a matrix that is not a rotation"));
     // A roll of 0.2 rad, and of a half turn.
     let (sin, cos) = 0.2_f64.sin_cos();
     let rolled = format!("1 0 0 1 0 {cos} {} 2 0 {sin} {cos} 0\n", -sin);
@@ -111,7 +110,7 @@ fn kitti_files_have_frames_for_stamps() {
     assert!(message_with("1 0 0 1 0 -1 0 2 0 0 -1 0\n", &PROJECT).contains("nearly upside down"));
 }
 
-/// Once refused, or given headings that nobody had measured.
+/// Such files were once refused, or got headings that had not been measured.
 #[test]
 fn positions_without_headings_are_positions() {
     for text in [
@@ -123,7 +122,7 @@ fn positions_without_headings_are_positions() {
         assert!(!found.has_headings, "{text}");
         assert_eq!(found.trajectory.poses()[1], Pose2::new(1.0, 0.0, 0.0));
     }
-    // Some headings are no positions only.
+    // A file with some headings does not contain positions only.
     let message = message("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 0\n");
     assert!(message.starts_with("run.txt, line 2, field qx qy qz qw: found 0 0 0 0"), "{message}");
 }
@@ -143,14 +142,14 @@ fn headings_that_never_change_on_a_path_that_turns_are_noted() {
     assert!(doubts(&text("0.3 1", &square)).len() == 1);
     assert!(doubts(&text("0 1", &square[..3])).is_empty(), "straight on");
     assert!(doubts(&text("0 1", &[(0.0, 0.0), (0.3, 0.0), (0.3, 0.3)])).is_empty(), "too short");
-    // Noise at rest turns in all directions, but goes nowhere.
+    // Noise of a robot at rest has all directions, but no path.
     let noise: Vec<_> =
         (0..400).map(|k| (0.01 * f64::from(k % 2), 0.01 * f64::from(k % 3))).collect();
     assert!(doubts(&text("0 1", &noise)).is_empty());
     assert!(doubts("0 0 0 0 0 0 0 0\n1 1 0 0 0 0 0 0\n2 1 1 0 0 0 0 0\n").is_empty());
 }
 
-/// Once the advice was to project, with which the headings were wrong by 137°, exit 0.
+/// The advice was once to project, with which the headings were wrong by 137°, with exit code 0.
 #[test]
 fn quaternions_with_w_first_are_recognized() {
     let heading = |theta: f64| {
@@ -175,7 +174,7 @@ fn quaternions_with_w_first_are_recognized() {
         (headings[0] - 0.03).abs() < 1e-15 && (headings[1] + 2.0).abs() < 1e-15,
         "{headings:?}"
     );
-    // The other way round, it is not the question that helps.
+    // In the opposite case, the hint would not help.
     assert!(!message_with("1 0 0 0 0 0 0.1 1\n", &settings).contains("qw qx"));
 }
 
@@ -231,7 +230,7 @@ fn what_is_wrong_is_said_with_its_place() {
         (
             "1,2,3,0\n2,2,3,0\n",
             "run.txt, line 1: found \"1,2,3,0\", expected a line before it with the names of the columns \
-             (t,x,y,theta), or a file in the TUM format: t x y z qx qy qz qw, parted by blanks",
+             (t,x,y,theta), or a file in the TUM format: t x y z qx qy qz qw, separated by blanks",
         ),
         (
             "sec,nsec,x,y\n1,1000000000,0,0\n",
@@ -239,17 +238,20 @@ fn what_is_wrong_is_said_with_its_place() {
         ),
         ("# nothing\n", "run.txt: no pose found, expected lines of t x y z qx qy qz qw"),
         ("", "run.txt: no pose found, expected lines of t x y z qx qy qz qw"),
-        // A writer that was killed.
+        // The writer was killed.
         (
             "0 0 0 0 0 0 0 1\n1 0 0",
-            "run.txt, line 2: 3 fields, expected 8 parted by blanks: t x y z qx qy qz qw",
+            "run.txt, line 2: 3 fields, expected 8 separated by blanks: t x y z qx qy qz qw",
         ),
-        ("pippo\n", "run.txt, line 1: 1 fields, expected 8 parted by blanks: t x y z qx qy qz qw"),
+        (
+            "pippo\n",
+            "run.txt, line 1: 1 fields, expected 8 separated by blanks: t x y z qx qy qz qw",
+        ),
     ] {
         assert_eq!(message(text), expected);
     }
     let binary = read(&b"t,x,y\n1,2,3\n2,\xff,3\n"[..], "b.csv", &DEFAULT).unwrap_err();
-    assert_eq!(binary.to_string(), "b.csv, line 3: cannot read: the line is no UTF-8 text");
+    assert_eq!(binary.to_string(), "b.csv, line 3: cannot read: the line is not UTF-8 text");
     let missing = read_file("no/such.csv", &DEFAULT).unwrap_err();
     assert!(matches!(missing, TrajectoryFileError::Open { .. }), "{missing}");
     let many = format!("t,{}\n1,2\n", vec!["column"; 5000].join(","));

@@ -1,4 +1,4 @@
-//! TUM files: what is written reads back, and what is wrong with a file is said with its place.
+//! TUM files: round trips, and errors with their position.
 
 use mcl_core::files::fault::{Fault, during};
 use mcl_core::{Pose2, Stamp, Trajectory, wrap_angle};
@@ -32,7 +32,7 @@ fn errors_name_file_line_and_field() {
     let good = "0 0 0 0 0 0 0 1\n";
     assert_eq!(
         message(&format!("{good}1 2 3\n")),
-        "run.tum, line 2: 3 fields, expected 8 parted by blanks: t x y z qx qy qz qw"
+        "run.tum, line 2: 3 fields, expected 8 separated by blanks: t x y z qx qy qz qw"
     );
     assert_eq!(
         message(&format!("#\n{good}1 0 0.x 0 0 0 0 1\n")),
@@ -83,7 +83,7 @@ fn poses_off_the_plane_are_refused_or_projected() {
     let pose = tum::read(tilted.as_bytes(), "run.tum", NonPlanar::Project).unwrap();
     let pose = pose.trajectory.poses()[0];
     assert!((pose.x, pose.y) == (2.0, 3.0) && (pose.theta - 1.0).abs() < 1e-15, "{pose:?}");
-    // Upside down is off the plane, too; straight up has no heading at all.
+    // Upside down is not planar either; straight up has no heading.
     assert!(message("1 0 0 0 1 0 0 0\n").contains("found a tilt of 3.1416 rad"));
     let up = tum::read(&b"1 0 0 0 0 -1 0 1\n"[..], "run.tum", NonPlanar::Project).unwrap_err();
     assert!(up.to_string().contains("found a pitch of ±90°"), "{up}");
@@ -98,7 +98,7 @@ fn what_no_reader_would_take_is_not_written() {
     }
 }
 
-/// Once refused at the first line: stamps relative to the start of the reference are common.
+/// Such files were once refused at the first line, but stamps relative to the start of the reference are common.
 #[test]
 fn negative_stamps_are_times_before_zero() {
     let file = read("-0.049999952 1 2 0 0 0 0 1\n0.050000048 1 2 0 0 0 0 1\n").unwrap();
@@ -121,7 +121,7 @@ fn files_are_written_and_read() {
     assert_eq!(tum::read_file(&path, NonPlanar::Refuse).unwrap().trajectory, trajectory);
 }
 
-/// Once a file written in place, taken for whole by whoever found it.
+/// Files were once written in place, so that readers took partly written ones for complete.
 #[test]
 fn a_trajectory_file_is_the_old_or_the_new_one_wherever_its_writing_ends() {
     let trajectory = |poses: i64| -> Trajectory {

@@ -1,15 +1,16 @@
-//! Tests end, tear and fail every operation of the file layer.
+//! Fault injection: tests can stop, truncate or fail any operation of the file layer.
 //!
-//! Only with the feature `fault-injection`: what can lose data on purpose is no part of the program that users
-//! build. Crates whose tests need it name it among their development dependencies, by which `cargo test`
-//! builds also the binary with it, and `cargo build` and `cargo install` do not:
+//! Available only with the feature `fault-injection`, because code that loses data on purpose must not be part of
+//! the program that users build. Crates whose tests need it enable it in their development dependencies; then
+//! `cargo test` builds the binary with it, while `cargo build` and `cargo install` do not:
 //!
 //! ```toml
 //! [dev-dependencies]
 //! mcl-core = { workspace = true, features = ["fault-injection"] }
 //! ```
 //!
-//! Operations are counted from 0. Inside a test, [`during`] counts and disturbs those of the thread that calls it:
+//! Operations are counted from 0. Inside a test, [`during`] counts the operations of the calling thread and injects
+//! the fault:
 //!
 //! ```
 //! use mcl_core::files::fault::{Fault, during};
@@ -29,9 +30,9 @@
 //! # }
 //! ```
 //!
-//! A program is disturbed by the environment variable `MCL_FILE_FAULT`, all its threads together, and is really
-//! killed: `MCL_FILE_FAULT="stop 7"`, `"stop 7 13"`, `"fail 7"`, `"full 7 13"`. `MCL_FILE_TRACE=FILE` appends a line per
-//! operation to FILE: its kind, its bytes and its path.
+//! For a whole program, the environment variable `MCL_FILE_FAULT` sets the fault. It counts the operations of all
+//! threads, and a stop really kills the process: `MCL_FILE_FAULT="stop 7"`, `"stop 7 13"`, `"fail 7"`, `"full 7 13"`.
+//! `MCL_FILE_TRACE=FILE` appends a line per operation to FILE: its kind, its bytes and its path.
 
 use std::cell::RefCell;
 use std::io::{self, Write};
@@ -40,37 +41,37 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 
 pub use super::operation::Operation;
 
-/// What is to happen.
+/// The fault to inject.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
-    /// Nothing; operations are only counted.
+    /// No fault; operations are only counted.
     None,
-    /// One operation fails as on a full disk.
+    /// One operation fails with the error of a full disk.
     Fail {
-        /// Which, from 0.
+        /// Index of the operation, from 0.
         at: usize,
     },
-    /// The disk fills up: from one operation on, creating, writing and syncing fails.
+    /// The disk fills up: from one operation on, creating, writing and syncing fail.
     Full {
-        /// Which, from 0.
+        /// Index of the operation, from 0.
         at: usize,
-        /// If that is a write, so many bytes of it still find room.
+        /// If that operation is a write, the number of its bytes that still fit.
         bytes: usize,
     },
-    /// The process is killed before an operation. [`during`] lets the thread live, but carries out nothing
-    /// more: every further operation fails.
+    /// The process is killed before an operation. Under [`during`] the thread survives, but every further
+    /// operation fails without being carried out.
     Stop {
-        /// Which, from 0.
+        /// Index of the operation, from 0.
         at: usize,
-        /// If that is a write, so many bytes of it are written first.
+        /// If that operation is a write, the number of its bytes written first.
         bytes: usize,
     },
 }
 
-/// An operation that was carried out or failed, with the bytes asked to be written and the path.
+/// An operation that was carried out or failed: its kind, the number of bytes to write, and the path.
 pub type Step = (Operation, usize, PathBuf);
 
-/// What happens while somebody counts.
+/// The fault to inject, and the operations counted so far.
 struct Plan {
     fault: Fault,
     steps: Vec<Step>,
@@ -80,7 +81,7 @@ thread_local! {
     static OF_THREAD: RefCell<Option<Plan>> = const { RefCell::new(None) };
 }
 
-/// Does some work with a fault in it, and returns what came of it with all operations of this thread.
+/// Runs `work` with an injected fault; returns its result and all operations of this thread.
 pub fn during<T>(fault: Fault, work: impl FnOnce() -> T) -> (T, Vec<Step>) {
     let outer = OF_THREAD.replace(Some(Plan { fault, steps: Vec::new() }));
     let done = work();
@@ -88,7 +89,7 @@ pub fn during<T>(fault: Fault, work: impl FnOnce() -> T) -> (T, Vec<Step>) {
     (done, plan.map_or(Vec::new(), |plan| plan.steps))
 }
 
-/// The plan of the program, from its environment.
+/// The plan for the whole program, read from its environment.
 static OF_PROGRAM: LazyLock<Option<(Fault, Mutex<usize>)>> = LazyLock::new(|| {
     let fault = std::env::var("MCL_FILE_FAULT").ok();
     let is_traced = std::env::var_os("MCL_FILE_TRACE").is_some();
@@ -116,7 +117,7 @@ impl Fault {
         }
     }
 
-    /// How many of `bytes` operation `number` may write; `Err(true)` when the process ends there.
+    /// The number of bytes, at most `bytes`, that operation `number` may write; `Err(true)` if the process ends there.
     fn allows(self, number: usize, operation: Operation, bytes: usize) -> Result<usize, bool> {
         use Operation::{Create, Sync, Write};
         let part = |at: usize, part: usize| match number {
@@ -136,7 +137,7 @@ impl Fault {
     }
 }
 
-/// Counts an operation that is about to happen; how many of `bytes` it may write.
+/// Counts an operation that is about to happen; returns how many of `bytes` it may write.
 pub(super) fn next(operation: Operation, path: &Path, bytes: usize) -> io::Result<usize> {
     let failed = |ends: bool| match ends {
         true => io::Error::other("the process ended here"),
@@ -152,7 +153,7 @@ pub(super) fn next(operation: Operation, path: &Path, bytes: usize) -> io::Resul
         return answer;
     }
     let Some((fault, count)) = &*OF_PROGRAM else { return Ok(bytes) };
-    // Held to the end, so that no other thread acts after the last operation.
+    // The lock is held until the process ends, so that no other thread acts after the last operation.
     let mut count = count.lock().unwrap_or_else(PoisonError::into_inner);
     let number = *count;
     *count += 1;

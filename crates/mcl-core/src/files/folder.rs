@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::files::fault;
 use crate::files::operation::Operation;
 
-/// Creates a folder and those above it; it may be there already.
+/// Creates a folder and its parents; does nothing if it exists.
 ///
 /// # Errors
 /// The system's error.
@@ -14,7 +14,7 @@ pub fn create_folder(path: &Path) -> io::Result<()> {
     fs::create_dir_all(path)
 }
 
-/// Removes a file, or a link and not what it leads to; nothing need be there.
+/// Removes a file, or a link without its target; does nothing if the path does not exist.
 ///
 /// # Errors
 /// The system's error.
@@ -23,10 +23,10 @@ pub fn remove(path: &Path) -> io::Result<()> {
     absent_is_fine(fs::remove_file(path))
 }
 
-/// Removes a folder with all that is in it, following no links; nothing need be there.
+/// Removes a folder and its content without following links; does nothing if the path does not exist.
 ///
 /// # Errors
-/// The system's error; a part of it may be removed then.
+/// The system's error; part of the content may already be removed.
 pub fn remove_folder(path: &Path) -> io::Result<()> {
     fault::next(Operation::Remove, path, 0)?;
     absent_is_fine(fs::remove_dir_all(path))
@@ -39,8 +39,8 @@ fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// Waits until the names in a folder are on the disk: a power cut could otherwise leave a synced file
-/// without its name. Where folders cannot be synced, nothing is done.
+/// Waits until the entries of a folder are on the disk. Without this, a power cut could leave a synced file
+/// without its name. Does nothing where folders cannot be synced.
 ///
 /// # Errors
 /// The system's error.
@@ -61,7 +61,7 @@ pub fn sync_folder(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// The folder that a path is in.
+/// Returns the folder that contains a path.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -2,8 +2,7 @@ use std::fs::{File, Metadata};
 use std::io;
 use std::path::Path;
 
-/// What tells a file apart from all others, whatever its names: device and number of the file on Unix, the
-/// canonical path elsewhere.
+/// Identifies a file regardless of its names: device and inode number on Unix, the canonical path elsewhere.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct Identity {
     #[cfg(unix)]
@@ -13,12 +12,12 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
-    /// Of the file that a path leads to, through links.
+    /// The identity of the file at a path, following links.
     pub(crate) fn of_path(path: &Path) -> io::Result<Self> {
         Self::of(&std::fs::metadata(path)?, path)
     }
 
-    /// Of an open file; `path` is where it was opened.
+    /// The identity of an open file that was opened at `path`.
     pub(crate) fn of_open(file: &File, path: &Path) -> io::Result<Self> {
         Self::of(&file.metadata()?, path)
     }

@@ -9,19 +9,19 @@ use crate::files::own_file::{OwnFile, open};
 const ENDING: &str = ".jsonl";
 const RANDOM: usize = 8;
 
-/// A file of lines that this process alone appends to. Nobody ever renames or rewrites it; other processes
-/// have files of their own, and read all.
+/// An append-only file of lines, written by this process alone. It is never renamed or rewritten. Other processes
+/// write journals of their own and may read all of them.
 #[derive(Debug)]
 pub struct Journal {
     file: OwnFile,
-    /// Bytes of whole lines.
+    /// Length of the complete lines in bytes.
     length: u64,
-    /// Whether a part of a line could not be taken back.
+    /// Whether a partly written line could not be removed.
     is_torn: bool,
 }
 
 impl Journal {
-    /// Creates a new, empty file `<prefix>-<process>-<random>.jsonl` in a folder that is there.
+    /// Creates a new, empty file `<prefix>-<process>-<random>.jsonl` in an existing folder.
     ///
     /// # Errors
     /// The system's error.
@@ -31,23 +31,23 @@ impl Journal {
         builder.prefix(&prefix).suffix(ENDING).rand_bytes(RANDOM);
         let made = builder.make_in(folder, OwnFile::create_new)?;
         let (file, _) = made.keep().map_err(|error| error.error)?;
-        // What is in the file would otherwise be lost with its name in a power cut.
+        // Otherwise a power cut could lose the file's name, and with it the content.
         sync_folder(folder)?;
         Ok(Journal { file, length: 0, is_torn: false })
     }
 
-    /// The file.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 
-    /// Saves a line, given without its end: when this returns it is on the disk, in the file that has the
-    /// journal's name. A line that fails is taken back.
+    /// Appends a line, given without its line break. When this returns, the line is on the disk, in the file at the
+    /// journal's path. If appending fails, the partly written line is removed.
     ///
     /// # Errors
-    /// [`io::ErrorKind::InvalidInput`] for a line with a line break; [`io::ErrorKind::NotFound`] when the file
-    /// was removed or replaced, or a folder above it; else the system's error. If a failed line could not
-    /// be taken back, all later ones fail.
+    /// [`io::ErrorKind::InvalidInput`] for a line that contains a line break; [`io::ErrorKind::NotFound`] if the file
+    /// or a folder above it was removed or replaced; otherwise the system's error. If a partly written line could
+    /// not be removed, all later calls fail.
     pub fn append(&mut self, line: &[u8]) -> io::Result<()> {
         if line.contains(&b'\n') {
             let message = "a line of a journal has no line break inside";
@@ -59,7 +59,7 @@ impl Journal {
                 "an earlier line was written in part and could not be taken back",
             ));
         }
-        // In one piece, so that others mostly see whole lines.
+        // A single write, so that readers mostly see complete lines.
         let bytes = [line, b"\n"].concat();
         match self.write(&bytes) {
             Ok(()) => self.length += bytes.len() as u64,
@@ -74,7 +74,7 @@ impl Journal {
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.write_all(bytes)?;
         self.file.sync()?;
-        // What is written to a file that was removed meanwhile is lost, without an error of the system.
+        // The system reports no error for writes to a file that was removed meanwhile; they are lost.
         match self.file.is_in_place()? {
             true => Ok(()),
             false => Err(io::Error::new(
@@ -85,10 +85,11 @@ impl Journal {
     }
 }
 
-/// The journals with a prefix in a folder, those of other processes included, in the order of their names.
+/// Lists the journals with a prefix in a folder, including those of other processes, sorted by name. A missing
+/// folder has none.
 ///
 /// # Errors
-/// The system's error, except that there is no such folder.
+/// The system's error, except for a missing folder.
 pub fn journals(folder: &Path, prefix: &str) -> io::Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -118,34 +119,34 @@ fn is_journal(name: &str, prefix: &str) -> bool {
     })
 }
 
-/// What a journal holds.
+/// A line read from a journal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JournalLine {
-    /// A line, without its end. That it is whole does not say that it makes sense.
+    /// A complete line without its line break; its content is not checked.
     Whole(Vec<u8>),
-    /// The last line has no end: its writing was cut off, or goes on.
+    /// The last line has no line break: writing it was interrupted, or is still in progress.
     Torn {
-        /// Its length so far.
+        /// Its length so far, in bytes.
         bytes: u64,
     },
 }
 
-/// See [`journal_lines`].
+/// The iterator returned by [`journal_lines`].
 #[derive(Debug)]
 pub struct JournalLines {
     reader: BufReader<fs::File>,
     limit: usize,
-    /// Lines begun so far.
+    /// Number of lines started so far.
     number: u64,
     is_over: bool,
 }
 
-/// Reads the lines of a journal of any process, also one that is still written to, in the order they were
-/// appended. A line longer than `limit` bytes is an [`io::ErrorKind::InvalidData`] error that names it; lines after
-/// it are read. No more memory than that is taken.
+/// Reads the lines of any process's journal in the order they were appended, even while it is being written. A line
+/// longer than `limit` bytes gives an [`io::ErrorKind::InvalidData`] error with its number; reading continues after
+/// it. At most `limit` bytes are kept in memory.
 ///
 /// # Errors
-/// When there is no file, or something else ([`open`]).
+/// Those of [`open`].
 pub fn journal_lines(path: &Path, limit: usize) -> io::Result<JournalLines> {
     Ok(JournalLines { reader: BufReader::new(open(path)?), limit, number: 0, is_over: false })
 }

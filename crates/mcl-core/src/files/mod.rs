@@ -1,15 +1,15 @@
-//! The file layer: whatever the suite writes goes through here.
+//! The file layer: every file that the suite writes goes through this module.
 //!
-//! - **Whole or not there.** A file is written as a temporary neighbour ([`Output`], [`write_atomically`],
-//!   [`write_with`]), which takes its name in one step once it is whole.
-//! - **Never through a link, never in place of something else.** A link, folder, FIFO, socket or device where
-//!   a file is to be written is refused with an error that says what stands there.
-//! - **Never over an input.** [`prepare`] compares files, not names, before anything is computed.
-//! - **Rows** go into a [`Journal`], a file that a single process appends to. Others only read it
-//!   ([`journal_lines`]), so that no lock is needed.
-//! - **Leftovers** of killed processes are known by their names, and removed ([`remove_leftovers`]) once no
+//! - **Atomic writes.** A file is written under a temporary name in the same folder ([`Output`],
+//!   [`write_atomically`], [`write_with`]) and renamed in one step once it is complete.
+//! - **No writing through links, no replacing of anything but files.** If the output path is a link, folder, FIFO,
+//!   socket or device, writing fails with an error that says which.
+//! - **No overwriting of inputs.** [`prepare`] compares files, not names, before anything is computed.
+//! - **Rows** go into a [`Journal`], a file that a single process appends to. Other processes only read it
+//!   ([`journal_lines`]), so no lock is needed.
+//! - **Leftovers** of killed processes are recognized by their names and removed ([`remove_leftovers`]) once no
 //!   process writes them any more.
-//! - **Tests decide where it ends.** With the feature `fault-injection`, every operation can fail, be torn or
+//! - **Fault injection.** With the feature `fault-injection`, tests can make every operation fail, stop partway or
 //!   be the last one (the module `fault`).
 //!
 //! # Example
@@ -21,7 +21,7 @@
 //! # let folder = folder.path();
 //! let (log, map) = (folder.join("office.log"), folder.join("map.csv"));
 //! std::fs::write(&log, "...")?;
-//! assert!(prepare(&[&log], &[&log]).is_err()); // An input is no output.
+//! assert!(prepare(&[&log], &[&log]).is_err()); // An output must not be an input.
 //! prepare(&[&map], &[&log])?;
 //! write_atomically(&map, b"x,y\n0,1\n")?;
 //!
@@ -37,7 +37,7 @@
 pub mod fault;
 #[cfg(not(feature = "fault-injection"))]
 mod fault {
-    //! Nothing is injected: every operation is carried out as it is.
+    //! No fault injection: every operation is carried out unchanged.
     use std::io;
     use std::path::Path;
 

@@ -11,30 +11,31 @@ use crate::files::operation::Operation;
 use crate::files::own_file::{OwnFile, check_regular};
 use crate::files::temporary::create_beside;
 
-/// Bytes that [`write_with`] collects before it writes them.
+/// Buffer size of [`write_with`] in bytes.
 const BUFFER: usize = 1 << 17;
 
-/// A file on its way: written beside `path` under a temporary name, it takes the name when it is whole
-/// ([`Output::commit`]). Until then, and for good when it is dropped before, the name stands for what it stood
-/// for. It does not buffer.
+/// A file that is being written under a temporary name in the folder of `path`. [`Output::commit`] renames it to
+/// `path` once it is complete. Until then, or if it is dropped before, whatever was at `path` is unchanged. Writes
+/// are not buffered.
 #[derive(Debug)]
 pub struct Output {
-    /// `None` once the temporary name is gone.
+    /// `None` once the temporary name no longer exists.
     file: Option<OwnFile>,
     path: PathBuf,
     is_synced: bool,
 }
 
 impl Output {
-    /// Begins a file. What stands at `path` may be a file, which will be replaced, or nothing.
+    /// Starts writing a file. An existing file at `path` will be replaced.
     ///
     /// # Errors
-    /// When something else stands there, such as a link; the message says what. Else the system's error.
+    /// If `path` is anything but a file, such as a link; the message says what it is. Otherwise the system's error.
     pub fn create(path: &Path) -> io::Result<Self> {
         Self::begin(path, false)
     }
 
-    /// [`Output::create`] with a temporary name that ends as `path`, for readers that tell formats by it.
+    /// [`Output::create`] with a temporary name that keeps the extension of `path`, for readers that take the format
+    /// from it.
     ///
     /// # Errors
     /// As [`Output::create`].
@@ -48,12 +49,12 @@ impl Output {
         Ok(Output { file: Some(file), path: path.to_owned(), is_synced: false })
     }
 
-    /// Where the bytes are until they are whole.
+    /// The temporary path that the bytes are written to.
     pub fn temporary_path(&self) -> &Path {
         self.file.as_ref().map_or(&self.path, OwnFile::path)
     }
 
-    /// Waits until the bytes are on the disk: then little is left that [`Output::commit`] could fail at.
+    /// Waits until the bytes are on the disk, which leaves little that [`Output::commit`] could fail at.
     ///
     /// # Errors
     /// The system's error.
@@ -65,28 +66,28 @@ impl Output {
         Ok(())
     }
 
-    /// Gives the file its name, replacing the file that was there.
+    /// Renames the file to its path and replaces the file that was there.
     ///
     /// # Errors
-    /// The system's error, or what else stands there by now; it is untouched then.
+    /// The system's error, or that something else than a file has appeared at the path, which is left unchanged.
     pub fn commit(self) -> io::Result<()> {
         self.finish(|from, to| {
-            // A rename would not follow a link, but replace it.
+            // A rename would replace a link, not follow it.
             check_replaceable(to)?;
             fault::next(Operation::Rename, to, 0)?;
             fs::rename(from, to)
         })
     }
 
-    /// Gives the file its name unless something stands there.
+    /// Renames the file to its path unless the path exists.
     ///
     /// # Errors
-    /// [`io::ErrorKind::AlreadyExists`] if something does, or the system's error.
+    /// [`io::ErrorKind::AlreadyExists`] if the path exists, or the system's error.
     pub fn commit_new(self) -> io::Result<()> {
         self.finish(|from, to| {
             fault::next(Operation::Rename, to, 0)?;
             TempPath::try_from_path(from)?.persist_noclobber(to).map_err(|failed| {
-                // Removed as every other output that was not finished.
+                // Removed when dropped, like every unfinished output.
                 drop(failed.path.keep());
                 failed.error
             })
@@ -109,7 +110,7 @@ impl Output {
 impl Drop for Output {
     fn drop(&mut self) {
         if let Some(file) = self.file.take() {
-            // Nobody can be told; it is a leftover then.
+            // A destructor cannot report an error; a file that stays is a leftover.
             drop(remove(file.path()));
         }
     }
@@ -138,7 +139,7 @@ impl Seek for Output {
     }
 }
 
-/// Checks that a file can take the place of what stands at a path: a file, or nothing.
+/// Checks that a file can be written at a path: the path is a file or does not exist.
 pub(crate) fn check_replaceable(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path) {
         Ok(metadata) => check_regular(&metadata, path),
@@ -147,7 +148,7 @@ pub(crate) fn check_replaceable(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes a file that is whole or not there, replacing what was there; see [`Output`].
+/// Writes a file atomically, replacing an existing one; see [`Output`].
 ///
 /// # Errors
 /// As [`Output::create`]; `path` is then as it was before.
@@ -155,7 +156,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
-/// [`write_atomically`] of what `write` writes piece by piece; it must not write other files.
+/// [`write_atomically`] for content that `write` produces piece by piece; `write` must not write other files.
 ///
 /// # Errors
 /// As [`write_atomically`], and those of `write`.

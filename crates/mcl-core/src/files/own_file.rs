@@ -6,9 +6,9 @@ use crate::files::fault;
 use crate::files::identity::Identity;
 use crate::files::operation::Operation;
 
-/// An open file that this process writes itself, and under a name that is its own: a file that grows and is
-/// read again before it is whole. What is to appear whole is an [`Output`](crate::files::Output), rows are
-/// a [`Journal`](crate::files::Journal).
+/// An open file that this process writes under its final name, for files that grow and are read before they are
+/// complete. For atomic writes use an [`Output`](crate::files::Output), for rows a
+/// [`Journal`](crate::files::Journal).
 #[derive(Debug)]
 pub struct OwnFile {
     file: File,
@@ -16,22 +16,22 @@ pub struct OwnFile {
 }
 
 impl OwnFile {
-    /// Creates a file that is not there yet.
+    /// Creates a new file.
     ///
     /// # Errors
-    /// The system's error, [`io::ErrorKind::AlreadyExists`] for whatever is there, also a link that leads
-    /// nowhere.
+    /// The system's error; [`io::ErrorKind::AlreadyExists`] if anything exists at the path, including a dangling
+    /// link.
     pub(crate) fn create_new(path: &Path) -> io::Result<Self> {
         fault::next(Operation::Create, path, 0)?;
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
         Ok(OwnFile { file, path: path.to_owned() })
     }
 
-    /// Opens a file to read and write with what it holds, or creates it.
+    /// Opens an existing file for reading and writing with its content, or creates it.
     ///
     /// # Errors
-    /// When something else than a file stands there, such as a link, which is never followed, or a FIFO,
-    /// which is never waited for; the message says what. Else the system's error.
+    /// If the path is anything but a file; the message says what it is. Links are never followed and FIFOs never
+    /// waited for. Otherwise the system's error.
     pub fn open_or_create(path: &Path) -> io::Result<Self> {
         let before = match Self::create_new(path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
@@ -41,7 +41,7 @@ impl OwnFile {
         };
         check_regular(&before, path)?;
         let file = OpenOptions::new().read(true).write(true).open(path)?;
-        // The name may lead somewhere else by now; nothing has been written yet.
+        // The path may refer to another file by now; nothing has been written yet.
         check_regular(&fs::symlink_metadata(path)?, path)?;
         let file = OwnFile { file, path: path.to_owned() };
         match file.is_in_place()? {
@@ -50,12 +50,12 @@ impl OwnFile {
         }
     }
 
-    /// Where the file was opened.
+    /// The path at which the file was opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its length in bytes.
+    /// The length of the file in bytes.
     ///
     /// # Errors
     /// The system's error.
@@ -63,19 +63,19 @@ impl OwnFile {
         Ok(self.file.metadata()?.len())
     }
 
-    /// Locks the file until it is closed, be it by the end of the process. Locks keep apart those who ask
-    /// for them; some file systems have none ([`io::ErrorKind::Unsupported`]).
+    /// Locks the file until it is closed or the process ends. Locks are advisory, and some file systems have none
+    /// ([`io::ErrorKind::Unsupported`]).
     ///
     /// # Errors
-    /// [`TryLockError::WouldBlock`] when it is locked elsewhere.
+    /// [`TryLockError::WouldBlock`] if it is locked elsewhere.
     pub fn try_lock(&self) -> Result<(), TryLockError> {
         self.file.try_lock()
     }
 
-    /// Whether the path still leads to this file: it was neither removed nor replaced, nor a folder above it.
+    /// Whether the path still refers to this file: neither it nor a folder above it was removed or replaced.
     ///
     /// # Errors
-    /// The system's error, except that nothing is there.
+    /// The system's error, except for a missing file.
     pub fn is_in_place(&self) -> io::Result<bool> {
         match Identity::of_path(&self.path) {
             Ok(found) => Ok(found == Identity::of_open(&self.file, &self.path)?),
@@ -86,7 +86,7 @@ impl OwnFile {
         }
     }
 
-    /// Cuts the file, or extends it by zeros, and goes on at its end.
+    /// Truncates the file, or extends it by zeros, and seeks to its end.
     ///
     /// # Errors
     /// The system's error.
@@ -99,7 +99,7 @@ impl OwnFile {
     /// Waits until the written bytes are on the disk.
     ///
     /// # Errors
-    /// The system's error; it is then unknown which of them are.
+    /// The system's error; it is then unknown which bytes are on the disk.
     pub fn sync(&self) -> io::Result<()> {
         fault::next(Operation::Sync, &self.path, 0)?;
         self.file.sync_data()
@@ -138,17 +138,17 @@ impl Seek for OwnFile {
     }
 }
 
-/// Opens a file to be read, also through links, but nothing else: reading a FIFO or a device could wait for
-/// ever.
+/// Opens a regular file for reading, following links. FIFOs and devices are refused, because reading them could block
+/// forever.
 ///
 /// # Errors
-/// The system's error; [`io::ErrorKind::InvalidInput`] says what else stands there.
+/// The system's error; [`io::ErrorKind::InvalidInput`] for anything but a file, with a message that says what it is.
 pub fn open(path: &Path) -> io::Result<File> {
     check_regular(&fs::metadata(path)?, path)?;
     File::open(path)
 }
 
-/// Refuses what is no regular file, saying what it is.
+/// Refuses anything but a regular file, with a message that says what it is.
 pub(crate) fn check_regular(metadata: &Metadata, path: &Path) -> io::Result<()> {
     let kind = metadata.file_type();
     let what = if kind.is_file() {

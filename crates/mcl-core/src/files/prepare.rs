@@ -9,28 +9,28 @@ use crate::files::identity::Identity;
 use crate::files::output::check_replaceable;
 use crate::files::temporary::remove_leftovers;
 
-/// A file that cannot be written where it is asked for.
+/// An output path at which no file can be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
 pub struct Unwritable {
-    /// Where.
+    /// The output path.
     pub path: PathBuf,
-    /// What stands in the way.
+    /// The reason.
     pub source: io::Error,
 }
 
-/// Checks before anything is computed that files can be written at the paths `outputs`, and removes what killed
-/// processes left beside them. Refused are: an output that is an input, under whatever name (a hard link, a
-/// path through links, a file in an input that is a folder); two outputs that are one file; a folder that is not
-/// there; and a link, folder, FIFO, socket or device where the file is to be. Inputs that are not there are
-/// left to whoever reads them.
+/// Checks before anything is computed that files can be written at the paths `outputs`, and removes temporary files
+/// that killed processes left beside them. These are errors: an output that is an input under any name (a hard link,
+/// a path through links, a file in an input folder); two outputs that are the same file; a missing folder; and an
+/// output path that is a link, folder, FIFO, socket or device. Missing inputs are not checked here; opening them
+/// reports the error.
 ///
 /// # Errors
-/// The first reason.
+/// [`Unwritable`] for the first output that fails a check.
 pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Unwritable> {
     let inputs: HashMap<Identity, PathBuf> =
         inputs.iter().flat_map(|path| files_of(path)).collect();
-    let mut places = Places::default();
+    let mut places = CheckedOutputs::default();
     for output in outputs {
         let unwritable = |source| Unwritable { path: output.to_path_buf(), source };
         check(output, &inputs, &mut places).map_err(unwritable)?;
@@ -41,7 +41,7 @@ pub fn prepare(outputs: &[&Path], inputs: &[&Path]) -> Result<(), Unwritable> {
     Ok(())
 }
 
-/// An input: the file, or the folder with the files in it, such as that of a split bag.
+/// The files of an input: the file itself, or a folder (such as that of a split bag) and the files in it.
 fn files_of(path: &Path) -> Vec<(Identity, PathBuf)> {
     let mut paths = vec![path.to_owned()];
     if path.is_dir()
@@ -53,20 +53,20 @@ fn files_of(path: &Path) -> Vec<(Identity, PathBuf)> {
     paths.into_iter().filter_map(known).collect()
 }
 
-/// Where files are to be written.
+/// The outputs checked so far.
 #[derive(Default)]
-struct Places<'a> {
+struct CheckedOutputs<'a> {
     folders: HashMap<Identity, &'a Path>,
-    /// By folder and name: most are not there yet.
+    /// By folder and name, because most do not exist yet.
     names: HashMap<(Identity, &'a OsStr), &'a Path>,
-    /// Those that are there.
+    /// Those that already exist.
     files: HashMap<Identity, &'a Path>,
 }
 
 fn check<'a>(
     path: &'a Path,
     inputs: &HashMap<Identity, PathBuf>,
-    places: &mut Places<'a>,
+    places: &mut CheckedOutputs<'a>,
 ) -> io::Result<()> {
     let refused = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
     let Some(name) = path.file_name() else {

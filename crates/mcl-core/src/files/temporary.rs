@@ -1,5 +1,5 @@
-//! Temporary neighbours `.<name>.mcl-eval-<host>-<process>-<random>.tmp`. On Unix, the process that writes
-//! one keeps it locked: the lock ends with the process, however that ends.
+//! Temporary files `.<name>.mcl-eval-<host>-<process>-<random>.tmp` in the folder of their output. On Unix, the
+//! process that writes one keeps it locked; the lock ends with the process, however it ends.
 
 use std::fs;
 #[cfg(unix)]
@@ -15,15 +15,15 @@ use crate::files::own_file::OwnFile;
 const MARK: &str = ".mcl-eval-";
 const ENDING: &str = ".tmp";
 const RANDOM: usize = 8;
-/// A temporary name is no longer than this, or than the name it stands for: file systems that take that
-/// name take the temporary one.
+/// A temporary name is no longer than the larger of this and the length of the final name, so that every file system
+/// that accepts the final name accepts the temporary one.
 const SHORT: usize = 64;
-/// Endings up to this length are kept where they are asked for.
+/// Extensions up to this length are kept when requested.
 const LONGEST_ENDING: usize = 8;
-/// What was not written to for so long is abandoned, unless it is locked.
+/// An unlocked file that was not written to for this long counts as abandoned.
 const ABANDONED_AFTER: Duration = Duration::from_secs(6 * 3600);
 
-/// This host, in six hexadecimal digits: locks and processes of other hosts say nothing here.
+/// Six hexadecimal digits that identify this host, because locks and process ids of other hosts mean nothing here.
 static HOST: LazyLock<String> = LazyLock::new(|| {
     #[cfg(unix)]
     {
@@ -35,7 +35,7 @@ static HOST: LazyLock<String> = LazyLock::new(|| {
     "000000".to_owned()
 });
 
-/// A new temporary neighbour of `path`, whose name ends as that of `path` if `keep_ending`.
+/// Creates a temporary file in the folder of `path`; with `keep_ending` it keeps the extension of `path`.
 pub(crate) fn create_beside(path: &Path, keep_ending: bool) -> io::Result<OwnFile> {
     let name = path.file_name().ok_or_else(|| {
         io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name")
@@ -48,7 +48,7 @@ pub(crate) fn create_beside(path: &Path, keep_ending: bool) -> io::Result<OwnFil
     };
     let owner = format!("{MARK}{}-{}-", *HOST, std::process::id());
     let room = SHORT.max(name.len()) - 1 - owner.len() - RANDOM - ending.len();
-    // The beginning of the name says where a leftover comes from.
+    // The start of the name shows which output a leftover belongs to.
     let name = name.to_string_lossy();
     let ends = name.char_indices().map(|(at, letter)| at + letter.len_utf8());
     let cut = ends.take_while(|&end| end <= room).last().unwrap_or(0);
@@ -57,7 +57,7 @@ pub(crate) fn create_beside(path: &Path, keep_ending: bool) -> io::Result<OwnFil
     builder.prefix(&prefix).suffix(&ending).rand_bytes(RANDOM);
     let made = builder.make_in(folder_of(path), |path| {
         let file = OwnFile::create_new(path)?;
-        // Somebody who is removing leftovers may have been faster than the lock.
+        // A process that removes leftovers may have removed the file before it was locked.
         match is_ours(&file)? {
             true => Ok(file),
             false => Err(io::ErrorKind::AlreadyExists.into()),
@@ -66,7 +66,7 @@ pub(crate) fn create_beside(path: &Path, keep_ending: bool) -> io::Result<OwnFil
     Ok(made.keep().map_err(|error| error.error)?.0)
 }
 
-/// Locks a new file where locks are to be had; whether nobody else has got hold of it.
+/// Locks a new file where the file system has locks; returns whether the file still belongs to this process.
 #[cfg(unix)]
 fn is_ours(file: &OwnFile) -> io::Result<bool> {
     match file.try_lock() {
@@ -75,13 +75,13 @@ fn is_ours(file: &OwnFile) -> io::Result<bool> {
     }
 }
 
-/// Locks elsewhere would keep out readers.
+/// On other systems a lock would block readers.
 #[cfg(not(unix))]
 fn is_ours(_: &OwnFile) -> io::Result<bool> {
     Ok(true)
 }
 
-/// The host in the name of a temporary file.
+/// Extracts the host from the name of a temporary file.
 fn host_in(name: &str) -> Option<&str> {
     let (rest, ending) = name.strip_prefix('.')?.rsplit_once(ENDING)?;
     let is_ending = |ending: &str| ending.strip_prefix('.').is_some_and(|rest| !rest.contains('.'));
@@ -102,7 +102,7 @@ fn host_in(name: &str) -> Option<&str> {
     is_ours.then_some(host)
 }
 
-/// Whether a file is a temporary one that no process writes any more.
+/// Whether a file is a temporary file that no process writes any more.
 fn is_leftover(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let Some(host) = host_in(&name) else { return false };
@@ -119,10 +119,10 @@ fn is_leftover(path: &Path) -> bool {
     age.is_some_and(|age| age > ABANDONED_AFTER)
 }
 
-/// Whether a process has locked a file; `None` where that cannot be known.
+/// Whether a process has locked a file; `None` if that cannot be determined.
 #[cfg(unix)]
 fn is_locked(path: &Path) -> Option<bool> {
-    // Some file systems lock only what is open to be written.
+    // Some file systems lock only files that are open for writing.
     let file = fs::OpenOptions::new().read(true).write(true).open(path).ok()?;
     match file.try_lock() {
         Ok(()) => Some(false),
@@ -136,9 +136,9 @@ fn is_locked(_: &Path) -> Option<bool> {
     None
 }
 
-/// Removes the temporary files in a folder that no process writes any more: theirs was killed, or, where that
-/// cannot be known (it ran on another host, or there are no locks), they were not written to for six hours.
-/// A file that cannot be removed stays: it is in nobody's way.
+/// Removes the temporary files in a folder whose processes were killed. Where that cannot be determined (another
+/// host, or no locks), a file is removed if it was not written to for six hours. A file that cannot be removed is
+/// left in place; it does no harm.
 pub fn remove_leftovers(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for path in entries.flatten().map(|entry| entry.path()).filter(|path| is_leftover(path)) {
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_names_of_this_layer_are_known() {
+    fn only_names_of_this_layer_are_recognized() {
         for name in [
             ".map.csv.mcl-eval-0a1b2c-4711-AbCd1234.tmp",
             "..mcl-eval-0a1b2c-1-AbCd1234.tmp",

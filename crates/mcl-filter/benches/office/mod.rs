@@ -9,7 +9,7 @@ const ROOM: f64 = 5.0;
 const DOOR: f64 = 0.5;
 const BEAMS: usize = 171;
 
-/// An office with a corner in the origin.
+/// An office with a corner at the origin.
 #[derive(Clone, Copy)]
 pub struct Office {
     /// Rooms along each side.

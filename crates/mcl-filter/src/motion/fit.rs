@@ -4,33 +4,33 @@ use rand::RngExt;
 use super::odometry_model::OdometryModel;
 use crate::FilterError;
 
-/// A motion model is fitted to at least this many steps.
+/// Smallest number of steps to fit a motion model.
 const LEAST_STEPS: usize = 100;
-/// Consecutive steps are put into so many blocks.
+/// Number of blocks of consecutive steps.
 const BLOCKS: usize = 40;
-/// Resamples of the bootstrap: (1 + this) · 2.5 % is a whole number.
+/// Number of bootstrap resamples: (1 + this) · 2.5 % is a whole number.
 const RESAMPLES: usize = 399;
 /// Degrees of freedom ν of Student's t.
 const FREEDOM: f64 = 4.0;
-/// κ: the squared scale of the t over the variance of Gaussian noise whose likelihood it maximizes. It solves
-/// E[(ν + 1)·z²/(ν·κ + z²)] = 1 for standard normal z.
+/// κ: the ratio of the squared scale of the t distribution that fits Gaussian noise best to the variance of that
+/// noise. It solves E[(ν + 1)·z²/(ν·κ + z²)] = 1 for standard normal z.
 const SCALE: f64 = 0.690_566_806_670_893_4;
-/// Steps on which neither odometry nor reference moves by this much (m, rad) are left out.
+/// Steps on which odometry and reference both move by less than this (m, rad) are left out.
 const STILL: f64 = 1e-6;
-/// A standard deviation below this (m, rad) is that of rounded numbers.
+/// A standard deviation below this (m, rad) is rounding.
 const ROUNDING: f64 = 1e-5;
 
-/// How a robot moved from one scan to the next: its pose in the frame of the robot before.
+/// Motion of a robot from one scan to the next: its pose in its previous frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionStep {
-    /// By the odometry.
+    /// According to the odometry.
     pub odometry: Pose2,
-    /// By the reference.
+    /// According to the reference.
     pub reference: Pose2,
 }
 
 impl MotionStep {
-    /// The steps of a recording that have both, in log order.
+    /// The steps of a recording that have both odometry and reference, in log order.
     pub fn of(recording: &Recording) -> Vec<Self> {
         let robot_from_laser = recording.robot_from_laser;
         let laser_from_robot = robot_from_laser.inverse();
@@ -43,7 +43,7 @@ impl MotionStep {
         steps.collect()
     }
 
-    /// Whether the robot stands still by both.
+    /// Whether the robot stands still according to both.
     fn is_still(&self) -> bool {
         let moves =
             |pose: &Pose2| math::hypot(pose.x, pose.y) >= STILL || pose.theta.abs() >= STILL;
@@ -62,21 +62,21 @@ pub struct Fitted {
     pub high: f64,
 }
 
-/// The parameters of both motion models that fit the odometry of a log best, each in the unit of its setting.
+/// The best-fitting parameters of both motion models for the odometry of a log, each in the unit of its setting.
 ///
-/// *Estimate.* The differences between odometry and reference are taken as noise with Student's t of 4 degrees of
-/// freedom: a reference that was corrected here and there, or a wheel that slipped, hardly moves the
-/// estimate. The likelihood is maximized over the variances' parts, at least 0, and the scale of the
-/// t is that for which the estimate of Gaussian noise, which the models have, is its variance.
+/// *Estimate.* The differences between odometry and reference are modelled by Student's t distribution with 4 degrees
+/// of freedom, so that occasional corrections of the reference or wheel slip have little influence. The
+/// likelihood is maximized over the components of the variance, each at least 0. The scale of the t distribution is
+/// chosen such that for Gaussian noise, as assumed by the motion models, the estimate is its variance.
 ///
-/// *Intervals* are percentiles of a bootstrap over 40 blocks of consecutive steps, as errors of odometry
-/// last: a step is not independent of the one before, a stretch of the way nearly is of the next.
+/// *Intervals* are percentiles of a bootstrap over 40 blocks of consecutive steps, because odometry errors are
+/// correlated: successive steps are not independent, but blocks nearly are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionFit {
-    /// Steps that the fit is made of.
+    /// Number of steps used.
     pub steps: usize,
-    /// Steps left out, on which the robot stands still by odometry and reference (less than 10⁻⁶ m and rad).
-    /// Where both are copies of the step before, nothing can be learned of noise.
+    /// Number of steps left out because the robot stands still according to odometry and reference (less than 10⁻⁶ m
+    /// and rad). Such steps are often copies of the step before and carry no information about the noise.
     pub still: usize,
     /// [`FilterSettings::position_noise`](crate::FilterSettings::position_noise).
     pub position_noise: [Fitted; 3],
@@ -91,8 +91,8 @@ impl MotionFit {
     /// ([`FilterSettings::turning_in_place`](crate::FilterSettings::turning_in_place)).
     ///
     /// # Errors
-    /// [`FilterError::FewSteps`] for less than 100 steps, [`FilterError::ExactOdometry`] where the odometry
-    /// does not differ from the reference.
+    /// [`FilterError::FewSteps`] for fewer than 100 steps, [`FilterError::ExactOdometry`] if the odometry
+    /// equals the reference.
     pub fn of(
         steps: &[MotionStep],
         turning_in_place: f64,
@@ -112,18 +112,18 @@ impl MotionFit {
             let [length, turn] =
                 [math::hypot(odometry.x, odometry.y), odometry.theta].map(|v| v * v);
             let parts = [1.0, length, turn];
-            let add = |rows: &mut Vec<Row<3>>, off: f64| {
-                rows.push(Row { parts, square: off * off, block });
+            let add = |rows: &mut Vec<Difference<3>>, off: f64| {
+                rows.push(Difference { parts, square: off * off, block });
             };
             add(&mut position, reference.x - odometry.x);
             add(&mut position, reference.y - odometry.y);
             add(&mut heading, wrap_angle(reference.theta - odometry.theta));
 
             let book = book.differences(odometry, reference);
-            let add = |rows: &mut Vec<Row<2>>, (off, parts): (f64, [f64; 2])| {
-                // Where the odometry stands still, the model has no noise.
+            let add = |rows: &mut Vec<Difference<2>>, (off, parts): (f64, [f64; 2])| {
+                // The model has no noise if the odometry stands still.
                 if parts != [0.0; 2] {
-                    rows.push(Row { parts, square: off * off, block });
+                    rows.push(Difference { parts, square: off * off, block });
                 }
             };
             book.rotations.into_iter().for_each(|rotation| add(&mut rotations, rotation));
@@ -151,17 +151,17 @@ impl MotionFit {
     }
 }
 
-/// A difference that has the variance Σ wₖ·partsₖ.
-struct Row<const K: usize> {
+/// A squared difference, whose variance is Σ wₖ·partsₖ.
+struct Difference<const K: usize> {
     parts: [f64; K],
     square: f64,
     block: usize,
 }
 
-/// The most likely parts of the variance, with intervals of a bootstrap over blocks.
-fn fit_with_intervals<const K: usize>(rows: &[Row<K>], seed: Seed) -> [Fitted; K] {
-    // With equal parts to begin with, none is overlooked.
-    let mean = |value: &dyn Fn(&Row<K>) -> f64| rows.iter().map(value).sum::<f64>();
+/// The maximum likelihood components of the variance, with bootstrap intervals over blocks.
+fn fit_with_intervals<const K: usize>(rows: &[Difference<K>], seed: Seed) -> [Fitted; K] {
+    // Starts with equal components, so that none is missed.
+    let mean = |value: &dyn Fn(&Difference<K>) -> f64| rows.iter().map(value).sum::<f64>();
     let square = mean(&|row| row.square);
     let equal = std::array::from_fn(|k| {
         let part = mean(&|row| row.parts[k]);
@@ -181,18 +181,19 @@ fn fit_with_intervals<const K: usize>(rows: &[Row<K>], seed: Seed) -> [Fitted; K
     std::array::from_fn(|k| {
         let values = &mut resampled[k];
         values.sort_by(f64::total_cmp);
-        // Of equally likely ranks of the truth among them, 95 % lie between these.
+        // All ranks of the true value among the resamples are equally likely; 95 % lie between these.
         let tail = (RESAMPLES + 1) / 40;
         Fitted { value: value[k], low: values[tail - 1], high: values[RESAMPLES - tail] }
     })
 }
 
-/// w ≥ 0 that maximizes the likelihood of the rows, each counted as often as its block, from a start above 0.
+/// Finds the w ≥ 0 that maximizes the likelihood of the differences, each counted as often as its block, from a start
+/// above 0.
 ///
-/// At the maximum Σ partsₖ·(z − v)/v² is 0, or below where wₖ is 0; v = Σ wₖ·partsₖ is the variance and
-/// z = (ν + 1)·v·r²/(ν·κ·v + r²) the square of the difference r, less of it the farther out it lies. With z and the
-/// weights 1/v² of the step before, that is a least-squares problem (Fisher scoring).
-fn fit<const K: usize>(rows: &[Row<K>], times: &[f64; BLOCKS], start: [f64; K]) -> [f64; K] {
+/// At the maximum Σ partsₖ·(z − v)/v² is 0, or below 0 if wₖ is 0; v = Σ wₖ·partsₖ is the variance and
+/// z = (ν + 1)·v·r²/(ν·κ·v + r²) the squared difference r², downweighted for outliers. With z and the
+/// weights 1/v² of the previous iteration, this is a least-squares problem (Fisher scoring).
+fn fit<const K: usize>(rows: &[Difference<K>], times: &[f64; BLOCKS], start: [f64; K]) -> [f64; K] {
     let mut w = start;
     for _ in 0..200 {
         let mut matrix = [[0.0; K]; K];
@@ -217,14 +218,14 @@ fn fit<const K: usize>(rows: &[Row<K>], times: &[f64; BLOCKS], start: [f64; K]) 
         for _ in 0..100 {
             for k in 0..K {
                 let others: f64 = (0..K).filter(|&j| j != k).map(|j| matrix[k][j] * next[j]).sum();
-                // What no row depends on stays 0.
+                // A component that no difference depends on stays 0.
                 let best =
                     if matrix[k][k] > 0.0 { (right[k] - others) / matrix[k][k] } else { 0.0 };
-                // Towards 0 by steps, so that no variance vanishes at once.
+                // Decreases towards 0 in steps, so that no variance vanishes at once.
                 next[k] = best.max(0.1 * w[k]);
             }
         }
-        // In standard errors, or nearly so.
+        // Approximately in standard errors.
         let moved = |k: usize| (next[k] - w[k]).abs() * matrix[k][k].sqrt();
         let is_done = (0..K).all(|k| moved(k) <= 1e-4);
         w = next;
@@ -245,7 +246,7 @@ mod tests {
     const HEADING: [f64; 3] = [0.01, 0.0, 0.1];
     const ALPHA: [f64; 4] = [0.02, 0.03, 0.005, 0.01];
 
-    /// Steps ahead, back, in curves and on the spot; the true motion has the noise of a model.
+    /// Steps forward, backward, in curves and in place; the true motion has the noise of a model.
     fn simulated(number: usize, seed: u64, motion: impl Fn(&Pose2) -> Motion) -> Vec<MotionStep> {
         let mut rng = Seed::new(seed).rng();
         let step = |_| {
@@ -291,8 +292,8 @@ mod tests {
         }
     }
 
-    /// Of 20 robots, 95 % of the intervals are to hold a parameter: less than 15 would have a probability of
-    /// 3 · 10⁻⁴, and less than 178 of all 200 be 4 standard deviations off.
+    /// 95 % of the intervals should contain the parameter. Fewer than 15 of 20 robots have a probability of 3 · 10⁻⁴,
+    /// and fewer than 178 of all 200 intervals are 4 standard deviations off.
     #[test]
     fn intervals_hold_the_parameters() {
         let robots = 20;
@@ -304,7 +305,7 @@ mod tests {
             let found = found.chain(of_book.alpha);
             let truths = POSITION.iter().chain(&HEADING).chain(&ALPHA);
             for ((part, truth), holding) in found.zip(truths).zip(&mut holding) {
-                // A parameter at 0 is held from a low end that rounds to it.
+                // An interval contains a parameter of 0 if its lower bound rounds to 0.
                 *holding += u32::from(part.low <= truth + 1e-3 && *truth <= part.high);
             }
         }
@@ -312,8 +313,8 @@ mod tests {
         assert!(holding.iter().sum::<u32>() >= 178, "{holding:?}");
     }
 
-    /// A tenth of the steps is off by a metre, as where a reference was corrected: by Gaussian likelihood the noise
-    /// would be 0.3 m.
+    /// A tenth of the steps is off by a metre, as if the reference had been corrected: with a Gaussian likelihood the
+    /// noise would be 0.3 m.
     #[test]
     fn outliers_hardly_count() {
         let mut steps = simulated(4_000, 3, gaussian);
@@ -322,7 +323,7 @@ mod tests {
         assert!(step.value < 2.0 * POSITION[0], "{step:?}");
     }
 
-    /// Errors that last for a stretch of the way make intervals wider: steps are no independent samples.
+    /// Correlated errors make intervals wider, because steps are not independent samples.
     #[test]
     fn lasting_errors_widen_the_intervals() {
         let steps = simulated(2_000, 4, gaussian);
@@ -356,7 +357,7 @@ mod tests {
         assert_eq!(error, FilterError::ExactOdometry { steps: 200 });
     }
 
-    /// A robot that waits while the log goes on says nothing, and one that never turns nothing of turns.
+    /// A robot that stands still gives no information, and one that never turns gives none about rotations.
     #[test]
     fn standing_still_is_left_out() {
         let straight = |increment: &Pose2| gaussian(&Pose2 { theta: 0.0, ..*increment });

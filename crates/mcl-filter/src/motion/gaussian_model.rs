@@ -2,25 +2,25 @@ use mcl_core::{Pose2, math};
 
 use crate::proposal::Noise;
 
-/// How the noise of one step grows: independent parts, whose variances add up.
+/// Noise of one step: independent components per step, per metre and per radian, whose variances add up.
 ///
-/// The parts are those of MRPT's Gaussian motion model (`minStdXY`, `a1`, `a2` and `minStdPHI`, `a3`, `a4`),
+/// The components are those of MRPT's Gaussian motion model (`minStdXY`, `a1`, `a2` and `minStdPHI`, `a3`, `a4`),
 /// which adds standard deviations instead.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Spread([f64; 3]);
 
 impl Spread {
-    /// Standard deviation after a step of this length (m) and turn (rad).
+    /// Standard deviation after a step of this length (m) and rotation (rad).
     fn std(self, length: f64, turn: f64) -> f64 {
         let Spread([step, metre, radian]) = self;
         (step * step + math::square(metre * length) + math::square(radian * turn)).sqrt()
     }
 }
 
-/// A motion model without singularities: the increment in the robot's frame, with independent Gaussian noise on
-/// x, y (the same for both) and the heading. Forward, backward, sideways and on the spot are the same to it,
-/// and small steps keep the noise that every step has. A part that grows with the time between scans is not
-/// needed: fitted to the seven logs of the experiments, it is 0 for positions and next to it for headings.
+/// A motion model without singularities: the increment in the robot frame, with independent Gaussian noise on
+/// x, y (the same for both) and the heading. It treats forward, backward, sideways and in-place motion alike, and has
+/// a minimum noise per step. A component that grows with the time between scans is not
+/// needed: fitted to the seven logs of the experiments, it is 0 for positions and nearly 0 for headings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GaussianModel {
     position: Spread,
@@ -28,14 +28,14 @@ pub struct GaussianModel {
 }
 
 impl GaussianModel {
-    /// A model with [`FilterSettings::position_noise`](crate::FilterSettings::position_noise) and
+    /// Creates a model with [`FilterSettings::position_noise`](crate::FilterSettings::position_noise) and
     /// [`FilterSettings::heading_noise`](crate::FilterSettings::heading_noise), each part finite and at
     /// least 0.
     pub fn new(position: [f64; 3], heading: [f64; 3]) -> Self {
         GaussianModel { position: Spread(position), heading: Spread(heading) }
     }
 
-    /// The motion that an odometry increment (the robot's pose in the frame of the robot before) stands for.
+    /// The motion for an odometry increment (the pose of the robot in its previous frame).
     pub fn motion(&self, increment: &Pose2) -> GaussianMotion {
         let length = math::hypot(increment.x, increment.y);
         GaussianMotion {
@@ -49,17 +49,17 @@ impl GaussianModel {
 /// An odometry increment with the standard deviations of its noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GaussianMotion {
-    /// The robot's pose in the frame of the robot before.
+    /// The pose of the robot in its previous frame.
     pub increment: Pose2,
-    /// Of the noise along each of x and y (m).
+    /// Standard deviation along each of x and y (m).
     pub position_std: f64,
-    /// Of the noise of the heading (rad).
+    /// Standard deviation of the heading (rad).
     pub heading_std: f64,
 }
 
 impl GaussianMotion {
-    /// What moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal noise on x, y and
-    /// heading.
+    /// Returns a function that moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal
+    /// noise on x, y and heading.
     pub(super) fn mover(&self) -> impl Fn([f64; 3], Noise) -> [f64; 3] {
         let GaussianMotion { increment, position_std, heading_std } = *self;
         move |[x, y, theta], [ahead, left, turn]| {
@@ -92,12 +92,12 @@ mod tests {
     #[test]
     fn the_spread_by_hand() {
         let GaussianMotion { position_std, heading_std, .. } = motion(Pose2::new(0.3, -0.4, 0.6));
-        // 0.03² + (0.1·0.5)² + (0.2·0.6)², and so for the heading.
+        // 0.03² + (0.1·0.5)² + (0.2·0.6)², and likewise for the heading.
         assert!((position_std - 0.0178_f64.sqrt()).abs() < 1e-15);
         assert!((heading_std - 0.0449_f64.sqrt()).abs() < 1e-15);
     }
 
-    /// Table 5.6 spreads a robot that turns in place along one line, and one that hardly moves not at all.
+    /// Table 5.6 spreads the particles along a line for a rotation in place, and hardly at all for a very small motion.
     #[test]
     fn every_direction_has_the_same_noise_and_no_step_has_none() {
         let ahead = motion(Pose2::new(0.5, 0.0, 0.2));
@@ -108,7 +108,7 @@ mod tests {
         }
         let still = motion(Pose2::IDENTITY);
         assert_eq!([still.position_std, still.heading_std], [0.03, 0.05]);
-        // No threshold: a little more motion, a little more noise.
+        // There is no threshold: a little more motion gives a little more noise.
         let (less, more) =
             (motion(Pose2::new(0.0099, 0.0, 1.0)), motion(Pose2::new(0.0101, 0.0, 1.0)));
         assert!((more.position_std - less.position_std).abs() < 1e-6);
@@ -133,7 +133,7 @@ mod tests {
             let values: Vec<f64> = (0..N).map(|i| off(moved(i))).collect();
             let mean = values.iter().sum::<f64>() / N as f64;
             let variance = values.iter().map(|v| v * v).sum::<f64>() / N as f64;
-            // Standard errors are σ/√N and σ²·√(2/N); 4.5 of them miss once in 150,000.
+            // Standard errors are σ/√N and σ²·√(2/N); deviations beyond 4.5 of them occur once in 150,000 runs.
             assert!(mean.abs() < 4.5 * std / (N as f64).sqrt(), "{mean}");
             assert!((variance / (std * std) - 1.0).abs() < 4.5 * (2.0 / N as f64).sqrt());
         }

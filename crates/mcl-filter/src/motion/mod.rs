@@ -1,4 +1,4 @@
-//! How a robot moves, and how its odometry errs (*Probabilistic Robotics*, chapter 5).
+//! Motion models, odometry noise, and fitting them to a log (*Probabilistic Robotics*, chapter 5).
 
 mod fit;
 mod gaussian_model;

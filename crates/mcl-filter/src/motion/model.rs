@@ -6,17 +6,17 @@ use super::odometry_model::{NoisyMotion, OdometryModel};
 use crate::proposal::Noise;
 use crate::settings::{FilterSettings, MotionKind};
 
-/// The motion model that settings choose.
+/// The motion model selected by the settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotionModel {
-    /// Gaussian noise in the robot's frame.
+    /// Gaussian noise in the robot frame.
     Gaussian(GaussianModel),
     /// Rotation, translation, rotation (*Probabilistic Robotics*, table 5.6).
     Book(OdometryModel),
 }
 
 impl MotionModel {
-    /// The model of checked settings.
+    /// Creates the model from checked settings.
     pub(crate) fn of(settings: &FilterSettings) -> Self {
         let FilterSettings { position_noise, heading_noise, alpha, turning_in_place, .. } =
             *settings;
@@ -28,8 +28,8 @@ impl MotionModel {
         }
     }
 
-    /// The motion that an odometry increment (the robot's pose in the frame of the robot before) stands for,
-    /// ready to be sampled for every particle.
+    /// The motion for an odometry increment (the pose of the robot in its previous frame), which can be sampled for
+    /// every particle.
     pub fn motion(&self, increment: &Pose2) -> Motion {
         match self {
             MotionModel::Gaussian(model) => Motion::Gaussian(model.motion(increment)),
@@ -38,24 +38,24 @@ impl MotionModel {
     }
 }
 
-/// An odometry increment with the spread of its noise.
+/// An odometry increment with its noise distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
-    /// Of [`MotionModel::Gaussian`].
+    /// Motion of [`MotionModel::Gaussian`].
     Gaussian(GaussianMotion),
-    /// Of [`MotionModel::Book`].
+    /// Motion of [`MotionModel::Book`].
     Book(NoisyMotion),
 }
 
 impl Motion {
-    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with noise of its
-    /// own.
+    /// Moves every pose, given as slices of x, y (m) and heading (rad, wrapped on return), with independent
+    /// noise.
     pub fn sample(&self, x: &mut [f64], y: &mut [f64], theta: &mut [f64], rng: &mut Rng) {
         self.apply(x, y, theta, || std::array::from_fn(|_| StandardNormal.sample(rng)));
     }
 
-    /// Moves every pose as [`sample`](Self::sample) does, with the three standard normal numbers that `noise`
-    /// gives for one after the other.
+    /// Moves every pose like [`sample`](Self::sample), with the three standard normal numbers that `noise`
+    /// returns for each in turn.
     pub(crate) fn apply(
         &self,
         x: &mut [f64],
@@ -63,7 +63,7 @@ impl Motion {
         theta: &mut [f64],
         noise: impl FnMut() -> Noise,
     ) {
-        // The model is chosen once, not per pose.
+        // Dispatches on the model once, not per pose.
         match self {
             Motion::Gaussian(motion) => move_all(x, y, theta, noise, motion.mover()),
             Motion::Book(motion) => move_all(x, y, theta, noise, motion.mover()),

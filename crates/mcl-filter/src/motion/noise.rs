@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::FilterError;
 use crate::check::check_std;
 
-/// Gaussian noise that an experiment adds to the odometry of a log, so that its result does not hang
-/// on how well one robot's wheels were calibrated (Meyer-Delius and Burgard, section V-B). No noise
-/// by default.
+/// Gaussian noise that an experiment adds to the odometry of a log, so that its result does not depend
+/// on how well the wheels of one robot were calibrated (Meyer-Delius and Burgard, section V-B). The default is no
+/// noise.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OdometryNoise {
@@ -17,10 +17,10 @@ pub struct OdometryNoise {
     pub theta: f64,
 }
 
-/// The increments with independent Gaussian noise on x, y and θ of each, heading wrapped.
+/// Adds independent Gaussian noise to x, y and θ of each increment; headings are wrapped.
 ///
-/// The noise of increment `k` is drawn from `seed` and `k` alone: the same for every map, and no
-/// matter which other increments exist. What is `None` stays so.
+/// The noise of increment `k` depends only on `seed` and `k`: it is the same for every map, and independent of which
+/// other increments exist. `None` stays `None`.
 ///
 /// # Errors
 /// [`FilterError::Setting`] unless both standard deviations are finite and at least 0.
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn the_draw_of_a_step_hangs_on_seed_and_step_only() {
+    fn the_draw_of_a_step_depends_on_seed_and_step_only() {
         let one = [Some(Pose2::new(1.0, 0.0, 0.0)); 5];
         let other = [None, None, Some(Pose2::new(1.0, 0.0, 0.0)), None];
         let draw = |increments: &[Option<Pose2>], seed| {
@@ -72,7 +72,7 @@ mod tests {
         assert_ne!(all[1], all[2]);
     }
 
-    /// Pinned, so that no dependency can silently move results.
+    /// Pinned values, so that no dependency can silently change results.
     #[test]
     fn draws_are_stable() {
         let increments = [Some(Pose2::IDENTITY); 2];
@@ -93,14 +93,14 @@ mod tests {
         let axes: [(Axis, f64); 3] = [
             (|p| p.x - 1.0, NOISE.xy),
             (|p| p.y - 2.0, NOISE.xy),
-            // The headings straddle π, so their differences must be wrapped.
+            // The headings are on both sides of π, so their differences must be wrapped.
             (|p| wrap_angle(p.theta - 3.1), NOISE.theta),
         ];
         for (axis, std) in axes {
             let values: Vec<f64> = noisy.iter().map(|p| axis(p.unwrap())).collect();
             let mean = values.iter().sum::<f64>() / N as f64;
             let variance = values.iter().map(|v| v * v).sum::<f64>() / N as f64;
-            // Standard errors are σ/√N and σ²·√(2/N); 4.5 of them miss once in 150,000.
+            // Standard errors are σ/√N and σ²·√(2/N); deviations beyond 4.5 of them occur once in 150,000 runs.
             assert!(mean.abs() < 4.5 * std / (N as f64).sqrt(), "{mean}");
             let error = variance / (std * std) - 1.0;
             assert!(error.abs() < 4.5 * (2.0 / N as f64).sqrt(), "{error}");

@@ -8,16 +8,16 @@ use crate::proposal::Noise;
 /// rotation, a translation and a second rotation, each with Gaussian noise whose variance grows with
 /// the squares of all three.
 ///
-/// Two things are added to the table:
-/// - *Backward motion*: when the first rotation would be more than a quarter turn, the robot is
-///   taken to drive backward. Half a turn is taken off both rotations and the translation is
-///   negative, so the first rotation is as small as AMCL's `min(|δ_rot1|, π − |δ_rot1|)` and
-///   reversing causes as much noise as advancing. (AMCL folds the second rotation on its own as
-///   well, which leaves half a turn on the spot next to no noise; here it keeps its size.)
+/// The table is extended in two ways:
+/// - *Backward motion*: if the first rotation would exceed a quarter turn, the robot is
+///   assumed to drive backward. Both rotations are reduced by half a turn and the translation is
+///   negative. The first rotation is then as small as AMCL's `min(|δ_rot1|, π − |δ_rot1|)`, and
+///   reversing causes as much noise as driving forward. (AMCL also folds the second rotation by itself,
+///   which leaves half a turn in place with almost no noise; here it keeps its size.)
 /// - *Turning in place*: below a threshold
 ///   ([`FilterSettings::turning_in_place`](crate::FilterSettings::turning_in_place)) the direction of a translation is
-///   encoder noise, and taken as a rotation it would cause rotation noise that no wheel made: the noise is that of
-///   one rotation, the second. The increment itself is applied as it is.
+///   encoder noise. Treated as a rotation, it would cause rotation noise that does not exist, so the noise is that of
+///   a single rotation, the second. The increment itself is applied unchanged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OdometryModel {
     alpha: [f64; 4],
@@ -25,14 +25,14 @@ pub struct OdometryModel {
 }
 
 impl OdometryModel {
-    /// A model with α₁…α₄ (see [`FilterSettings::alpha`](crate::FilterSettings::alpha)), each finite
+    /// Creates a model with α₁…α₄ (see [`FilterSettings::alpha`](crate::FilterSettings::alpha)), each finite
     /// and at least 0, and the translation (m) below which the robot turns in place.
     pub fn new(alpha: [f64; 4], turning_in_place: f64) -> Self {
         OdometryModel { alpha, turning_in_place }
     }
 
-    /// The motion that an odometry increment (the robot's pose in the frame of the robot before)
-    /// stands for, ready to be sampled for every particle.
+    /// The motion for an odometry increment (the pose of the robot in its previous frame), which can be sampled for
+    /// every particle.
     pub fn motion(&self, increment: &Pose2) -> NoisyMotion {
         let parts = rotations_and_translation(increment);
         let [rotation1, translation, rotation2] = parts;
@@ -48,8 +48,8 @@ impl OdometryModel {
         }
     }
 
-    /// Squares of the first rotation, the translation and the second rotation that cause noise, of those of an
-    /// increment that turns the robot by `turn` (rad).
+    /// Squares of the first rotation, the translation and the second rotation that cause noise, given those of an
+    /// increment that rotates the robot by `turn` (rad).
     fn squares(&self, [rotation1, translation, rotation2]: [f64; 3], turn: f64) -> [f64; 3] {
         let (turn1, turn2) = match translation.abs() < self.turning_in_place {
             true => (0.0, wrap_angle(turn)),
@@ -58,16 +58,16 @@ impl OdometryModel {
         [turn1, translation, turn2].map(|value| value * value)
     }
 
-    /// How far the robot's true motion is from what the odometry says, each difference with what α₁ and α₂ (α₃ and α₄
-    /// for the translation) are multiplied by in its variance; all 0 for a difference that there is none of.
+    /// Differences between the true motion of the robot and the odometry, each with the factors of α₁ and α₂ (α₃ and
+    /// α₄ for the translation) in its variance; all 0 for a difference that does not exist.
     ///
-    /// Where the robot turns in place, both rotations are one.
+    /// If the robot turns in place, both rotations are one.
     pub(super) fn differences(&self, odometry: &Pose2, truth: &Pose2) -> Differences {
         let parts = rotations_and_translation(odometry);
         let [rotation1, translation, rotation2] = parts;
         let [square1, square, square2] = self.squares(parts, odometry.theta);
         let distance = math::hypot(truth.x, truth.y);
-        // Of the two ways to the same place, forward and backward, the one that turns less.
+        // Of the two motions to the same position, forward and backward, uses the one with the smaller rotation.
         let first = wrap_angle(math::atan2(truth.y, truth.x) - rotation1);
         let (first, along) = match first.abs() > FRAC_PI_2 {
             true => (wrap_angle(first - PI), -distance),
@@ -85,7 +85,7 @@ impl OdometryModel {
     }
 }
 
-/// δ_rot1 (rad), at most a quarter turn either way, δ_trans (m), negative when the robot drives backward, and δ_rot2
+/// δ_rot1 (rad), at most a quarter turn either way, δ_trans (m), negative if the robot drives backward, and δ_rot2
 /// (rad) of an increment.
 fn rotations_and_translation(increment: &Pose2) -> [f64; 3] {
     let distance = math::hypot(increment.x, increment.y);
@@ -97,18 +97,18 @@ fn rotations_and_translation(increment: &Pose2) -> [f64; 3] {
     [rotation1, translation, wrap_angle(increment.theta - rotation1)]
 }
 
-/// What [`OdometryModel::differences`] finds, in rad and m.
+/// Result of [`OdometryModel::differences`], in rad and m.
 pub(super) struct Differences {
     pub(super) rotations: [(f64, [f64; 2]); 2],
     pub(super) translation: (f64, [f64; 2]),
 }
 
-/// An odometry increment as rotation, translation and rotation, with the variances of their noise.
+/// An odometry increment as rotation, translation and second rotation, with their noise variances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoisyMotion {
     /// δ_rot1 (rad), at most a quarter turn either way.
     pub rotation1: f64,
-    /// δ_trans (m), negative when the robot drives backward.
+    /// δ_trans (m), negative if the robot drives backward.
     pub translation: f64,
     /// δ_rot2 (rad).
     pub rotation2: f64,
@@ -121,8 +121,8 @@ pub struct NoisyMotion {
 }
 
 impl NoisyMotion {
-    /// What moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal noise on rotation
-    /// 1, translation and rotation 2.
+    /// Returns a function that moves a pose, given as x, y (m) and heading (rad), by this motion with standard normal
+    /// noise on rotation 1, translation and rotation 2.
     pub(super) fn mover(&self) -> impl Fn([f64; 3], Noise) -> [f64; 3] {
         let NoisyMotion { rotation1, translation, rotation2, .. } = *self;
         let std1 = self.rotation1_variance.sqrt();
@@ -163,8 +163,8 @@ mod tests {
         (mean, (variance / n).sqrt())
     }
 
-    /// With rotation noise of variance v₁ on the way out and translation noise of variance v_t, the
-    /// sampled position has, in the frame before:
+    /// With noise of variance v₁ on the first rotation and v_t on the translation, the
+    /// sampled position has, in the previous frame:
     ///   E[x] = t·e^(−v₁/2)·cos δ_rot1 (the mean of a cosine with a Gaussian angle),
     ///   E[x² + y²] = t² + v_t,
     ///   E[(x cos δ + y sin δ)²] = (t² + v_t)·(1 + e^(−2v₁))/2,
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn turning_in_place_is_one_rotation() {
         let model = OdometryModel::new([0.02, 0.0, 0.0, 0.04], 0.01);
-        // A millimetre to the left: as a direction of travel it would be a quarter turn.
+        // A millimetre to the left would be a quarter turn if treated as the direction of travel.
         let motion = model.motion(&Pose2::new(0.0, 0.001, 1.0));
         assert_eq!(motion.rotation1_variance, 0.0);
         assert_eq!(motion.rotation2_variance, 0.02);

@@ -8,10 +8,11 @@ use crate::FilterError;
 use crate::check::check_length;
 
 /// The likelihood field of an occupancy grid: one distance per cell, from its centre to the centre of the
-/// nearest occupied cell that [beams end on](ObstacleGrid), and so for every place in the cell (*Probabilistic Robotics*, table 6.3, as
-/// commonly implemented: ROS's amcl and Nav2). Outside of the grid, and beyond the cut, it is the cut.
+/// nearest occupied cell on which [beams end](ObstacleGrid), used for every point in the cell (*Probabilistic
+/// Robotics*, table 6.3, as commonly implemented: ROS's amcl and Nav2). Outside the grid, and for larger distances, it
+/// is `max_distance`.
 pub struct CellDistances {
-    /// Where the map's origin lies in the grid (m), sine and cosine of the map's direction in it.
+    /// Position of the map origin in the grid (m), sine and cosine of the map orientation in it.
     origin: Point<2>,
     sin: f64,
     cos: f64,
@@ -26,12 +27,12 @@ pub struct CellDistances {
 }
 
 impl CellDistances {
-    /// Measures the distances in a grid, cut at `max_distance` (m).
+    /// Computes the distances in a grid, truncated at `max_distance` (m).
     ///
     /// # Errors
-    /// [`FilterError::Setting`] for a `max_distance` or a resolution that is no length,
-    /// [`FilterError::NonFinitePose`] for a grid that is nowhere, [`FilterError::GridShape`] for cells
-    /// that are no whole number of rows, and [`FilterError::Map`] when no cell is occupied.
+    /// [`FilterError::Setting`] for a `max_distance` or resolution out of range,
+    /// [`FilterError::NonFinitePose`] for a grid pose that is not finite, [`FilterError::GridShape`] if the number of
+    /// cells is not a multiple of the width, and [`FilterError::Map`] if no cell is occupied.
     pub fn build(grid: &ObstacleGrid, max_distance: f64) -> Result<Self, FilterError> {
         check_length("max_distance", max_distance)?;
         let free = FreeSpace::of(grid)?;
@@ -56,7 +57,7 @@ impl CellDistances {
         })
     }
 
-    /// A point (m) in cells from the grid's corner.
+    /// Converts a point (m) to cells, relative to the corner of the grid.
     #[inline]
     fn in_cells(&self, [x, y]: Point<2>) -> Point<2> {
         let CellDistances { origin, sin, cos, .. } = self;
@@ -64,7 +65,7 @@ impl CellDistances {
             .map(|metres| metres * self.per_metre)
     }
 
-    /// Where distances are cut (m).
+    /// Distance at which distances are truncated (m).
     pub fn max_distance(&self) -> f64 {
         self.max_distance
     }
@@ -74,13 +75,13 @@ impl CellDistances {
         1.0 / self.per_metre
     }
 
-    /// The smallest box around the centres of the occupied cells.
+    /// Bounding box of the centres of the occupied cells.
     pub fn bounds(&self) -> Bounds<2> {
         self.bounds
     }
 
-    /// A distance (m) so small that from no place within w of a point is it less than this − w: that of the
-    /// nearest cell less its diagonal, since a cell has one distance for all places in it.
+    /// A lower bound (m): from no position within w of a point is the distance less than this − w. It is the distance
+    /// of the cell minus a diagonal, since a cell has one distance for all points in it.
     pub(super) fn floor(&self, point: Point<2>) -> f64 {
         let [x, y] = self.in_cells(point);
         let cell = |place: f64, cells: usize| (place.max(0.0) as usize).min(cells - 1);
@@ -88,7 +89,7 @@ impl CellDistances {
         self.squared[cell].sqrt() - SQRT_2 / self.per_metre
     }
 
-    /// min(d², max_distance²) in m², d the distance of the cell that a finite point lies in.
+    /// min(d², max_distance²) in m², with d the distance of the cell that contains a finite point.
     #[inline]
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
         let [x, y] = self.in_cells(point);
@@ -108,7 +109,7 @@ mod tests {
 
     #[test]
     fn places_have_the_distance_of_their_cell() {
-        // 3 columns and 2 rows of 0.5 m, turned a quarter to the left about (10, 20): the first cell is
+        // 3 columns and 2 rows of 0.5 m, rotated by 90° to the left about (10, 20): the first cell is
         // x from 9.5 to 10, y from 20 to 20.5. It is occupied.
         let mut occupied = vec![false; 6];
         occupied[0] = true;
@@ -122,7 +123,7 @@ mod tests {
             ([9.75, 20.75], 0.25),
             ([9.25, 20.25], 0.25),
             ([9.25, 20.75], 0.5),
-            // √(0.25 + 1) is cut, and so is everything outside.
+            // √(0.25 + 1) is truncated, and so is everything outside.
             ([9.25, 21.25], 0.64),
             ([10.01, 20.25], 0.64),
             ([1e300, -1e300], 0.64),

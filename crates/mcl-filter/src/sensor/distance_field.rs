@@ -8,23 +8,23 @@ use super::{CellDistances, NdtDistances, NdtReading, SegmentDistances};
 use crate::FilterError;
 use crate::check::check_length;
 
-/// Distances from any place to a map, cut at a largest distance: what every sensor model here knows of a
-/// map. Build one per map and share it.
+/// Distances from any point to a map, truncated at a maximum distance. Sensor models access maps only through this
+/// type. Build one per map and share it.
 pub enum MapDistances {
     /// Exact distances to the nearest point of a point map: the fast path.
     Grid(DistanceField),
-    /// The same by the reference path.
+    /// Exact distances to the nearest point of a point map: the reference path.
     Reference(ExactDistances),
-    /// Of an occupancy grid: a distance per cell.
+    /// Distances of an occupancy grid, one per cell.
     Cells(CellDistances),
-    /// Of an NDT map: Mahalanobis distances.
+    /// Mahalanobis distances of an NDT map.
     Ndt(NdtDistances),
     /// Exact distances to the nearest segment of a map of line segments.
     Segments(SegmentDistances),
 }
 
 impl MapDistances {
-    /// Indexes a map for the fast path, with distances cut at `max_distance` (m).
+    /// Indexes a point map for the fast path, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
     /// Those of [`DistanceField::build`].
@@ -32,7 +32,7 @@ impl MapDistances {
         DistanceField::build(map, max_distance).map(MapDistances::Grid)
     }
 
-    /// Indexes a map for the reference path, with distances cut at `max_distance` (m).
+    /// Indexes a point map for the reference path, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
     /// Those of [`ExactDistances::build`].
@@ -40,7 +40,7 @@ impl MapDistances {
         ExactDistances::build(map, max_distance).map(MapDistances::Reference)
     }
 
-    /// The likelihood field of an occupancy grid, with distances cut at `max_distance` (m).
+    /// Computes the likelihood field of an occupancy grid, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
     /// Those of [`CellDistances::build`].
@@ -48,7 +48,7 @@ impl MapDistances {
         CellDistances::build(grid, max_distance).map(MapDistances::Cells)
     }
 
-    /// The distances of an NDT map, cut at `max_distance` (m).
+    /// Prepares the distances of an NDT map, truncated at `max_distance` (m).
     ///
     /// # Errors
     /// Those of [`NdtDistances::build`].
@@ -56,7 +56,7 @@ impl MapDistances {
         NdtDistances::build(map, reading, max_distance).map(MapDistances::Ndt)
     }
 
-    /// Indexes a map of line segments, with distances cut at `max_distance` (m).
+    /// Indexes a map of line segments, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
     /// Those of [`SegmentDistances::build`].
@@ -64,8 +64,7 @@ impl MapDistances {
         SegmentDistances::build(map, max_distance).map(MapDistances::Segments)
     }
 
-    /// The same, of a map of points that knows where a robot may be. Cells know it of themselves; maps of segments
-    /// and Gaussians stay without.
+    /// Adds free space to a point map. Occupancy grids have their own; maps of segments and Gaussians stay without.
     pub fn with_free_space(mut self, free: Option<FreeSpace>) -> Self {
         match &mut self {
             MapDistances::Grid(field) => field.exact.free = free,
@@ -75,7 +74,7 @@ impl MapDistances {
         self
     }
 
-    /// Where a robot may be, if the map knows it.
+    /// The free space of the map, if known.
     pub fn free_space(&self) -> Option<&FreeSpace> {
         match self {
             MapDistances::Grid(field) => field.exact.free.as_ref(),
@@ -85,7 +84,7 @@ impl MapDistances {
         }
     }
 
-    /// Where distances are cut (m).
+    /// Distance at which distances are truncated (m).
     pub fn max_distance(&self) -> f64 {
         match self {
             MapDistances::Grid(field) => field.exact.max_distance,
@@ -96,8 +95,8 @@ impl MapDistances {
         }
     }
 
-    /// The smallest box around the map's points or segments, its occupied cells' centres, or its Gaussians'
-    /// means.
+    /// Bounding box of the points or segments of the map, of the centres of its occupied cells, or of the means of its
+    /// Gaussians.
     pub fn bounds(&self) -> Bounds<2> {
         match self {
             MapDistances::Grid(field) => field.exact.bounds,
@@ -108,8 +107,8 @@ impl MapDistances {
         }
     }
 
-    /// How far apart the things that a map is made of are (m): of points the mean distance to the nearest other
-    /// one, of an occupancy grid the edge of a cell; 0 for segments and Gaussians, which stand for whole walls.
+    /// Spacing of the map elements (m): for points the mean distance to the nearest other point, for an occupancy grid
+    /// the edge length of a cell; 0 for segments and Gaussians, which represent whole walls.
     pub fn spacing(&self) -> f64 {
         match self {
             MapDistances::Grid(field) => field.exact.spacing,
@@ -119,9 +118,9 @@ impl MapDistances {
         }
     }
 
-    /// Replaces `distances` by the distance of each point from the map, cut (m), and `floors` by a bound: from no
-    /// place within w of a point is the distance less than the point's floor − w. Distances are
-    /// continuous but for those of cells and of Gaussians; of the latter no bound is known but 0.
+    /// Replaces `distances` by the truncated distance of each point from the map (m), and `floors` by a lower bound:
+    /// from no position within w of a point is the distance less than the point's floor − w. Distances are
+    /// continuous except those of cells and Gaussians; for the latter the only known bound is 0.
     pub(crate) fn with_floors(
         &self,
         points: &[Point<2>],
@@ -134,12 +133,12 @@ impl MapDistances {
         match self {
             MapDistances::Cells(cells) => floors.extend(points.iter().map(|&p| cells.floor(p))),
             MapDistances::Ndt(_) => floors.resize(points.len(), 0.0),
-            // Both ends of a way may be off by the largest error.
+            // The distances at both positions may be off by the largest error.
             _ => floors.extend(distances.iter().map(|distance| distance - 2.0 * LARGEST_ERROR)),
         }
     }
 
-    /// [`MapDistances::distances_squared`] by the fastest way: of points, with an error of d of at most 10⁻⁵ m.
+    /// [`MapDistances::distances_squared`] by the fastest method: for points, with an error in d of at most 10⁻⁵ m.
     pub(crate) fn all_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
         match self {
             MapDistances::Grid(field) => field.distances_squared(points, squared),
@@ -147,11 +146,11 @@ impl MapDistances {
         }
     }
 
-    /// Replaces `squared` by the squared distance of each point from the map, cut (m²).
+    /// Replaces `squared` by the truncated squared distance of each point from the map (m²).
     pub(crate) fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
         squared.clear();
         let points = points.iter().copied();
-        // The kind is chosen once, not per point.
+        // Dispatches on the kind of map once, not per point.
         match self {
             MapDistances::Grid(field) => squared.extend(points.map(|p| field.distance_squared(p))),
             MapDistances::Reference(exact) => {
@@ -166,7 +165,7 @@ impl MapDistances {
     }
 }
 
-/// Points of a map whose distances to the nearest other one say how far apart points are.
+/// Number of points of a map used to compute its spacing.
 const SPACED_POINTS: usize = 2000;
 
 /// Exact distances from a nearest-neighbour tree.
@@ -180,10 +179,10 @@ pub struct ExactDistances {
 }
 
 impl ExactDistances {
-    /// Indexes a map, with distances cut at `max_distance` (m).
+    /// Indexes a map, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
-    /// [`FilterError::Setting`] for a `max_distance` that is no length, [`FilterError::Map`] when the
+    /// [`FilterError::Setting`] for a `max_distance` out of range, [`FilterError::Map`] if the
     /// points cannot be indexed.
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         check_length("max_distance", max_distance)?;
@@ -198,20 +197,20 @@ impl ExactDistances {
         })
     }
 
-    /// Where distances are cut (m).
+    /// Distance at which distances are truncated (m).
     pub fn max_distance(&self) -> f64 {
         self.max_distance
     }
 
-    /// min(d², max_distance²) in m², d the distance from a finite point to the nearest map point.
+    /// min(d², max_distance²) in m², with d the distance from a finite point to the nearest map point.
     #[inline]
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
         self.tree.nearest(&point).distance_squared.min(self.max_distance_squared)
     }
 }
 
-/// Mean distance from a point to the nearest other one (m), of points evenly spread over the list where it
-/// is long; 0 for a single point.
+/// Mean distance from a point to the nearest other one (m), over an evenly spaced subset of long lists; 0 for a
+/// single point.
 fn spacing(points: &[Point<2>], tree: &NearestNeighbors<2>) -> f64 {
     let every = points.len().div_ceil(SPACED_POINTS);
     let distances = points.iter().step_by(every).map(|point| tree.nearest_other(point).sqrt());
@@ -221,35 +220,35 @@ fn spacing(points: &[Point<2>], tree: &NearestNeighbors<2>) -> f64 {
 }
 
 /// Exact distances from a grid in which each cell lists the few map points that can be the nearest
-/// to some place in the cell: the Voronoi diagram of the map, clipped to cells and cut at the largest
-/// distance. Where points are dense, cells are cut into smaller ones, so that a query looks at one to
+/// to some point in the cell: the Voronoi diagram of the map, clipped to cells and truncated at the maximum
+/// distance. Where points are dense, cells are subdivided, so that a query examines one to
 /// three points whatever the size of the map.
 ///
-/// Nothing is rounded to cells: [`distance_squared`](Self::distance_squared) is the minimum of the
-/// same squared differences, in `f64`, that a search through all points would take, and
-/// [`distances_squared`](Self::distances_squared), which the filter uses, stays within 10⁻⁵ m of it.
+/// Distances are not rounded to cells: [`distance_squared`](Self::distance_squared) is the minimum of the
+/// same squared differences, in `f64`, as in a search through all points, and
+/// [`distances_squared`](Self::distances_squared), which the filter uses, is within 10⁻⁵ m of it.
 /// Memory is bounded for any map: there are at most about eight million parts of cells, spread over the
-/// whole map, so that those of millions of points list a few more points each. The few that would list
-/// too many (an outlier far away makes cells huge; at the centre of a circle all its points are equally
-/// near) are answered by the tree of [`ExactDistances`].
+/// whole map, so that those of maps with millions of points list a few more points each. The few parts that would
+/// list too many (an outlier far away makes cells huge; at the centre of a circle all its points are equally
+/// near) use the tree of [`ExactDistances`].
 pub struct DistanceField {
-    /// Boxed, for it is much larger than the other kind of distances.
+    /// Boxed, because it is much larger than the other kinds of distances.
     pub(super) grid: Box<Grid>,
     pub(super) exact: ExactDistances,
 }
 
 impl DistanceField {
-    /// Indexes a map, with distances cut at `max_distance` (m).
+    /// Indexes a map, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
-    /// [`FilterError::Setting`] for a `max_distance` that is no length, [`FilterError::Map`] when the
+    /// [`FilterError::Setting`] for a `max_distance` out of range, [`FilterError::Map`] if the
     /// points cannot be indexed, [`FilterError::Memory`].
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         let exact = ExactDistances::build(map, max_distance)?;
         Ok(DistanceField { grid: Box::new(Grid::build(map, max_distance)?), exact })
     }
 
-    /// min(d², max_distance²) in m², d the distance from a finite point to the nearest map point.
+    /// min(d², max_distance²) in m², with d the distance from a finite point to the nearest map point.
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
         match self.grid.candidates_at(point) {
             Candidates::Few(numbers) => {
@@ -266,10 +265,10 @@ impl DistanceField {
     }
 
     /// Replaces `squared` by [`distance_squared`](Self::distance_squared) of each point (m²), many
-    /// times faster and with an error of d of at most 10⁻⁵ m: places within a cell are `f32`.
+    /// times faster and with an error in d of at most 10⁻⁵ m, because positions within a cell are `f32`.
     ///
-    /// Where `f32` cannot keep that promise, for cells and cuts of more than some 30 m together, it
-    /// takes the slower path.
+    /// If `f32` is not accurate enough, which is the case if the cell size and the maximum distance together exceed
+    /// about 30 m, it uses the slower path.
     pub fn distances_squared(&self, points: &[Point<2>], squared: &mut Vec<f64>) {
         squared.clear();
         if !self.is_single_precise() {
@@ -280,17 +279,17 @@ impl DistanceField {
         dispatch(Batch { lookup: Lookup::new(self), field: self, points, squared });
     }
 
-    /// Whether distances from positions in `f32` are within 10⁻⁵ m.
+    /// Whether distances from positions in `f32` are accurate to 10⁻⁵ m.
     pub(super) fn is_single_precise(&self) -> bool {
         self.single_precision_error() <= LARGEST_ERROR
     }
 
-    /// Whether they still are when the places are rotated and shifted in `f32`, from the middle of a
-    /// cell and as far as `reach` (m).
+    /// Whether they are still accurate if the positions are also rotated and shifted in `f32`, from the centre of a
+    /// cell and by up to `reach` (m).
     ///
     /// Sine, cosine and the coordinates to rotate are rounded, and so are two products, their sum and
-    /// the sum with the place in the cell. With |s·x| + |c·y| ≤ r and alike for the other axis, up to
-    /// √2·r for both together, that is less than (3·√2 + 2)·ε·(r + s) < 6.5·ε·(r + s).
+    /// the sum with the position in the cell. With |s·x| + |c·y| ≤ r, likewise for the other axis, and up to
+    /// √2·r for both together, the error is less than (3·√2 + 2)·ε·(r + s) < 6.5·ε·(r + s).
     pub(super) fn is_near(&self, reach: f64) -> bool {
         let error = 6.5 * EPSILON * (reach + self.grid.cell);
         self.single_precision_error() + error <= LARGEST_ERROR
@@ -299,9 +298,9 @@ impl DistanceField {
 
     /// A bound on the error (m) of distances from positions in `f32`.
     ///
-    /// With ε = 2⁻²⁴, a position in a cell is off by at most ε/4 cells per axis, a candidate that
-    /// counts lies within the cut c and a cell s of the centre and is off by at most ε·(c + s), their
-    /// difference is rounded by as much again, and the squares and their sum cost 1.5·ε·c: together
+    /// With ε = 2⁻²⁴, a position in a cell is off by at most ε/4 cells per axis. A relevant candidate lies within the
+    /// maximum distance c plus a cell s of the centre and is off by at most ε·(c + s). Their
+    /// difference is rounded by the same amount again, and the squares and their sum add 1.5·ε·c. The total is
     /// less than (2·√2 + 1.5)·ε·(c + s) + 0.4·ε·s < 5·ε·(c + s).
     fn single_precision_error(&self) -> f64 {
         5.0 * EPSILON * (self.exact.max_distance + self.grid.cell)
@@ -312,7 +311,7 @@ impl DistanceField {
 const EPSILON: f64 = 1.0 / 16_777_216.0;
 /// The largest error of a distance (m).
 const LARGEST_ERROR: f64 = 1e-5;
-/// As many cells on the way to a place are counted exactly.
+/// Largest number of cells that `f32` counts exactly on the way to a position.
 const MOST_CELLS: f64 = 1_048_576.0;
 
 /// The fast path of [`DistanceField::distances_squared`].

@@ -1,6 +1,6 @@
 use std::f32::consts::LN_2;
 
-/// The least exponent of [`exp2_nonpositive`]: that of the smallest normal float.
+/// The smallest exponent of [`exp2_nonpositive`]: that of the smallest normal float.
 pub(super) const LEAST: f32 = -126.0;
 /// 1.5·2²³: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f32 = 12_582_912.0;
@@ -9,8 +9,8 @@ const ROUND: f32 = 12_582_912.0;
 const COEFFICIENTS: [f32; 6] =
     [LN_2, 0.240_226_5, 0.055_503_57, 0.009_618_083, 0.001_339_086_3, 0.000_154_531_63];
 
-/// 2ᵗ for −126 ≤ t ≤ 0, within one unit in the last place. Without branches or table look-ups, so that
-/// a loop over it becomes vector instructions, and without fused operations, so that every instruction
+/// 2ᵗ for −126 ≤ t ≤ 0, within one unit in the last place. It has no branches or table lookups, so that
+/// loops over it vectorize, and no fused operations, so that every instruction
 /// set gives the same bits.
 #[inline(always)]
 pub(super) fn exp2_nonpositive(t: f32) -> f32 {

@@ -1,36 +1,37 @@
-//! Gathering records of the grid into vectors: loads of 16 bytes and a transposition in registers,
-//! instead of single numbers by way of memory.
+//! Gathering records of the grid into vectors with loads of 16 bytes and a transposition in registers,
+//! instead of copying single numbers through memory.
 
 use pulp::{Arch, NullaryFnOnce};
 
 use super::grid::Record;
 
-/// Records gathered at a time.
+/// Number of records gathered at a time.
 pub(super) const LANES: usize = 8;
-/// Lists of places are filled up to multiples of this: vectors of 512 bits.
+/// Lists of positions are padded to multiples of this: vectors of 512 bits.
 pub(super) const PADDING: usize = 16;
 
 /// The two candidates of [`LANES`] records, coordinate by coordinate.
-pub(super) struct Candidates {
+pub(super) struct CandidatePairs {
     pub x: [[f32; LANES]; 2],
     pub y: [[f32; LANES]; 2],
-    /// A bit per record: its candidates are in a list.
+    /// One bit per record, set if its candidates are in a list.
     pub overfull: u32,
 }
 
-/// How records are gathered; the numbers are the same.
+/// A method of gathering records; all give the same numbers.
 pub(super) trait Fetch: Copy {
-    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> Candidates;
+    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> CandidatePairs;
 }
 
-/// On any machine.
+/// The method for any machine.
 #[derive(Clone, Copy)]
 pub(super) struct Portable;
 
 impl Fetch for Portable {
     #[inline(always)]
-    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> Candidates {
-        let mut candidates = Candidates { x: [[0.0; LANES]; 2], y: [[0.0; LANES]; 2], overfull: 0 };
+    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> CandidatePairs {
+        let mut candidates =
+            CandidatePairs { x: [[0.0; LANES]; 2], y: [[0.0; LANES]; 2], overfull: 0 };
         for (lane, &number) in numbers.iter().enumerate() {
             let [one, other] = table[number as usize];
             candidates.overfull |= u32::from(one[0].is_nan()) << lane;
@@ -46,10 +47,10 @@ impl Fetch for Portable {
 #[cfg(target_arch = "x86_64")]
 impl Fetch for pulp::x86::V3 {
     #[inline(always)]
-    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> Candidates {
+    fn fetch(self, table: &[Record], numbers: &[u32; LANES]) -> CandidatePairs {
         use pulp::cast;
         let avx = self.avx;
-        // Two records side by side. A macro, for what is not inlined here loses its instructions.
+        // Two records side by side. A macro, because code that is not inlined here would lose the wide instructions.
         macro_rules! pair {
             ($low:literal, $high:literal) => {
                 avx._mm256_insertf128_ps::<1>(
@@ -62,9 +63,9 @@ impl Fetch for pulp::x86::V3 {
         let (one_ab, other_ab) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpackhi_ps(a, b));
         let (one_cd, other_cd) = (avx._mm256_unpacklo_ps(c, d), avx._mm256_unpackhi_ps(c, d));
         let x = avx._mm256_shuffle_ps::<0x44>(one_ab, one_cd);
-        // Unordered: NaN.
+        // Unordered means NaN.
         let overfull = avx._mm256_movemask_ps(avx._mm256_cmp_ps::<3>(x, x));
-        Candidates {
+        CandidatePairs {
             overfull: overfull as u32,
             x: [cast(x), cast(avx._mm256_shuffle_ps::<0x44>(other_ab, other_cd))],
             y: [
@@ -75,12 +76,12 @@ impl Fetch for pulp::x86::V3 {
     }
 }
 
-/// Work that gathers records.
+/// A computation that gathers records.
 pub(super) trait Task {
     fn run<F: Fetch>(self, fetch: F);
 }
 
-/// Runs a task with the widest instructions the machine has.
+/// Runs a task with the widest instructions of the machine.
 pub(super) fn dispatch(task: impl Task) {
     dispatch_on(Arch::new(), task);
 }
@@ -95,7 +96,7 @@ pub(super) fn dispatch_on(arch: Arch, task: impl Task) {
     }
 }
 
-/// Every instruction set that the machine has.
+/// The instruction sets that the machine supports.
 #[cfg(test)]
 pub(super) fn instruction_sets() -> Vec<Arch> {
     let mut sets = vec![Arch::Scalar];

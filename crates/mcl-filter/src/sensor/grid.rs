@@ -1,35 +1,35 @@
-//! The grid behind [`DistanceField`](super::DistanceField): which map points can be nearest to some
-//! place in a cell.
+//! The grid behind [`DistanceField`](super::DistanceField): the map points that can be nearest to some
+//! point in a cell.
 
 use mcl_core::{OutOfMemory, Point, PointMap};
 
 use super::grid_builder;
 
-/// Entries of [`Grid::cells`]: the low bits are the cell's first record, the high bits log₂ of how
-/// many parts each of its sides is cut into.
+/// Entries of [`Grid::cells`]: the low bits are the first record of the cell, the high bits log₂ of the
+/// number of parts per side.
 pub(super) const RECORD_BITS: u32 = 28;
 pub(super) const RECORD_MASK: u32 = (1 << RECORD_BITS) - 1;
-/// In place of a point's number: no point.
+/// In place of the number of a point: no point.
 pub(super) const NO_POINT: u32 = u32::MAX;
-/// In place of a first point's number: the second number is that of a list.
+/// In place of the number of the first point: the second number is that of a list.
 pub(super) const LISTED: u32 = u32::MAX - 1;
-/// In place of a list's length: left to the tree.
+/// In place of the length of a list: the tree is used.
 pub(super) const CROWDED: u32 = 1 << 30;
-/// A part of a cell without points: its two candidates are farther away than any cut, yet near
+/// Candidates of a part of a cell without points: farther away than any maximum distance, but near
 /// enough that their squares are finite.
 pub(super) const FAR: f32 = 1e18;
-/// Added to a number that stands in place of a coordinate, so that it is the bits of a normal float.
+/// Added to a number stored in place of a coordinate, so that its bits are those of a normal float.
 const NUMBER_BASE: u32 = 1 << 23;
-/// Places at the very end of a cell belong to its last part: positions are scaled by a little less
+/// Positions at the end of a cell belong to its last part: they are scaled by slightly less
 /// than the number of parts, so that rounding cannot lead beyond it.
 pub(super) const SHRINK: f64 = 1.0 - 1.0 / 262_144.0;
 
-/// A place relative to the centre of its cell, in cells.
-pub(super) type Place = [f32; 2];
+/// A position relative to the centre of its cell, in cells.
+pub(super) type CellOffset = [f32; 2];
 
-/// The two candidates of a part of a cell; the same twice when there is one. When there are more, the
-/// first coordinate is NaN, the second a number that [`blocks`](Grid::blocks) knows.
-pub(super) type Record = [Place; 2];
+/// The two candidates of a part of a cell; twice the same if there is only one. If there are more, the
+/// first coordinate is NaN and the second a number that [`blocks`](Grid::blocks) interprets.
+pub(super) type Record = [CellOffset; 2];
 
 /// The record of a part with a list, from its first block and their number, or [`CROWDED`].
 pub(super) fn overfull(first_block: u32, blocks: u32) -> Record {
@@ -44,35 +44,35 @@ fn from_coordinate(coordinate: f32) -> u32 {
     coordinate.to_bits() - NUMBER_BASE
 }
 
-/// What a part of a cell knows.
+/// The candidates of a part of a cell.
 pub(super) enum Candidates<'a> {
-    /// Numbers of all points that are nearest, and nearer than the cut, to some place in it.
+    /// Numbers of all points that are nearest to some point in it, and nearer than the maximum distance.
     Few(&'a [u32]),
     /// Too many such points to list.
     Crowded,
 }
 
-/// Where a list starts, and its length or [`CROWDED`].
+/// Start of a list, and its length or [`CROWDED`].
 #[derive(Clone, Copy)]
 pub(super) struct List {
     pub start: u32,
     pub length: u32,
 }
 
-/// Listed points in a block: their squared distances are computed together.
+/// Number of listed points per block, whose squared distances are computed together.
 pub(super) const BLOCK: usize = 4;
 
-/// Places of some listed points, coordinate by coordinate.
+/// Positions of some listed points, coordinate by coordinate.
 #[derive(Clone, Copy)]
-pub(super) struct Block {
+pub(super) struct PointBlock {
     pub x: [f32; BLOCK],
     pub y: [f32; BLOCK],
 }
 
-/// A grid over a map and everything within the cut of it. Cells with many candidates are cut into
+/// A grid over a map and everything within the maximum distance of it. Cells with many candidates are divided into
 /// 2ⁿ × 2ⁿ parts; each part has a record.
 ///
-/// Coordinates *in cells* count from the centre of the first cell, so that a place belongs to the
+/// Coordinates *in cells* are relative to the centre of the first cell, so that a position belongs to the
 /// cell whose number it rounds to.
 pub(super) struct Grid {
     /// Centre of the first cell (m).
@@ -81,49 +81,49 @@ pub(super) struct Grid {
     pub cell: f64,
     pub columns: usize,
     pub rows: usize,
-    /// Row by row. Those at the border are empty, so that places outside can be moved there.
+    /// Row by row. Cells at the border are empty, so that positions outside can be clamped to them.
     pub cells: Vec<u32>,
-    /// A cell's parts row by row. The first record belongs to all cells without points.
+    /// The parts of a cell row by row. The first record belongs to all cells without points.
     pub records: Vec<Record>,
-    /// The same for exact answers: per record numbers of points, [`NO_POINT`] and [`LISTED`].
+    /// For exact distances: per record the numbers of points, [`NO_POINT`] or [`LISTED`].
     pub numbers: Vec<[u32; 2]>,
     pub lists: Vec<List>,
     pub listed: Vec<u32>,
-    /// Places of the listed points, list by list, each filled up with [`FAR`] to whole blocks.
-    pub blocks: Vec<Block>,
-    /// Every different point of the map.
+    /// Positions of the listed points, list by list, each padded with [`FAR`] to whole blocks.
+    pub blocks: Vec<PointBlock>,
+    /// All distinct points of the map.
     pub points: Vec<Point<2>>,
 }
 
 impl Grid {
-    /// `max_distance` (m): a checked length.
+    /// Builds the grid; `max_distance` (m) has been checked.
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, OutOfMemory> {
         grid_builder::build(map, max_distance)
     }
 
-    /// A coordinate (m) in cells.
+    /// Converts a coordinate (m) to cells.
     #[inline(always)]
     pub fn in_cells(&self, axis: usize, coordinate: f64) -> f64 {
         (coordinate - self.origin[axis]) / self.cell
     }
 
-    /// The lower left corner (m) of the cell about a place in cells.
+    /// The lower left corner (m) of the cell centred at a position in cells.
     pub fn corner(&self, centre: Point<2>) -> Point<2> {
         std::array::from_fn(|axis| self.origin[axis] + (centre[axis] - 0.5) * self.cell)
     }
 
-    /// Where a point lies from the centre of a cell, given in cells. Not by way of metres, which are
+    /// Position of a point relative to the centre of a cell, given in cells. Not computed in metres, which are
     /// coarse far from the origin.
-    pub fn place(&self, number: u32, centre: Point<2>) -> Place {
+    pub fn place(&self, number: u32, centre: Point<2>) -> CellOffset {
         let point = self.points[number as usize];
         [0, 1].map(|axis| (self.in_cells(axis, point[axis]) - centre[axis]) as f32)
     }
 
-    /// The candidates at a place.
+    /// The candidates for a point.
     pub fn candidates_at(&self, point: Point<2>) -> Candidates<'_> {
         let ends = [(self.columns - 1) as f64, (self.rows - 1) as f64];
         let place: Point<2> = std::array::from_fn(|axis| {
-            // Not `clamp`, for NaN has to be some place as well.
+            // Not `clamp`, because NaN must map to some cell too.
             self.in_cells(axis, point[axis]).max(0.0).min(ends[axis])
         });
         let cell = place.map(f64::round);
@@ -145,17 +145,16 @@ impl Grid {
         }
     }
 
-    /// Which of `listed` a list has; `None` when it is left to the tree.
+    /// The range of a list in `listed`; `None` if the tree is used.
     #[inline(always)]
     pub fn list(&self, list: u32) -> Option<std::ops::Range<usize>> {
         let List { start, length } = self.lists[list as usize];
         (length != CROWDED).then(|| start as usize..start as usize + length as usize)
     }
 
-    /// The blocks of an overfull record, from its second and third coordinate; `None` when it is left
-    /// to the tree.
+    /// The blocks of an overfull record, from its second and third coordinate; `None` if the tree is used.
     #[inline(always)]
-    pub fn blocks(&self, first: f32, number: f32) -> Option<&[Block]> {
+    pub fn blocks(&self, first: f32, number: f32) -> Option<&[PointBlock]> {
         let (first, number) = (from_coordinate(first) as usize, from_coordinate(number));
         (number != CROWDED).then(|| &self.blocks[first..first + number as usize])
     }

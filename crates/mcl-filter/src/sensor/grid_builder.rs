@@ -4,46 +4,45 @@ use mcl_core::memory::{reserve, with_room};
 use mcl_core::{Bounds, OutOfMemory, Point, PointMap};
 
 use super::grid::{
-    BLOCK, Block as PlaceBlock, CROWDED, FAR, Grid, LISTED, List, NO_POINT, RECORD_BITS, overfull,
+    BLOCK, CROWDED, FAR, Grid, LISTED, List, NO_POINT, PointBlock, RECORD_BITS, overfull,
 };
 
-/// Cells per map point, and limits of the number of cells. Results do not depend on them, nor on the
+/// Cells per map point, and limits of the number of cells. Results do not depend on them or on the
 /// limits below.
 const CELLS_PER_POINT: usize = 16;
 const MIN_CELLS: usize = 1 << 12;
 const MAX_CELLS: usize = 1 << 17;
-/// A cell is cut into smaller parts while more than one part in this many is overfull ...
+/// A cell is divided into smaller parts as long as more than one part in this many is overfull ...
 const OVERFULL_SHARE: usize = 8;
-/// ... it has no more than this many parts per candidate, fewer where a map has so many points that
-/// records would run out before all cells are cut ...
+/// ... it has no more than this many parts per candidate (fewer if the map has so many points that
+/// records would run out before all cells are divided) ...
 const PARTS_PER_CANDIDATE: f64 = 8.0;
-/// ... and four parts together have less than this times the candidates of the part they were cut
-/// from: four times as many mean that cutting does not help, as at the centre of a circle.
+/// ... and four parts together have less than this times the candidates of the part they were divided
+/// from: four times as many mean that division does not help, as at the centre of a circle.
 const MAX_GROWTH: usize = 3;
 /// At most 2ⁿ × 2ⁿ parts.
 const MAX_DEPTH: u32 = 8;
-/// Records stop growing at this many (128 MiB, and half as much for the numbers of their points).
+/// Largest number of records (128 MiB, and half as much for the numbers of their points).
 const MAX_RECORDS: usize = 1 << 23;
-/// A part with more points than this is left to the tree, so that no query takes long.
+/// Parts with more points than this use the tree, so that no query takes long.
 const MAX_LIST: usize = 64;
-/// Lists stop growing at this many entries in all, or at so many per point if that is more; further
-/// parts are left to the tree.
+/// Largest total number of list entries, absolute or per point, whichever is larger; further parts use the tree.
 const MAX_LISTED: usize = 1 << 24;
 const LISTED_PER_POINT: usize = 4;
-/// Looking at a candidate once for a block or part is a unit of work. When more than this per point
-/// and per cell is done (thousands of nearly equal points are candidates all over the map), blocks of
-/// more than [`MAX_LIST`] candidates are left to the tree.
+/// Examining a candidate once for a block or part is a unit of work. After more than this per point
+/// and per cell (thousands of nearly equal points are candidates all over the map), blocks with
+/// more than [`MAX_LIST`] candidates use the tree.
 const WORK_PER_POINT: usize = 4096;
 const WORK_PER_CELL: usize = 128;
-/// Candidates of cells are noted up to this many in all, or so many per point if that is more, before
-/// records are written of them. Few maps have more.
+/// Largest number of candidates collected before records are written, absolute or per point, whichever is larger. Few
+/// maps have more.
 const MAX_NOTED: usize = 1 << 24;
 const NOTED_PER_POINT: usize = 16;
-/// By how much of its side a cell is taken larger than it is: places are rounded to `f32` and scaled
+/// Fraction of its side by which a cell is enlarged: positions are rounded to `f32` and scaled
 /// by [`SHRINK`](super::grid::SHRINK), which together moves them by less than a quarter of this.
 const MARGIN: f64 = 1e-5;
 
-/// What memory is asked for as.
+/// What out-of-memory errors call this memory.
 const DISTANCES: &str = "a map's distances";
 
 pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfMemory> {
@@ -58,19 +57,19 @@ fn build_within(
 ) -> Result<Grid, OutOfMemory> {
     let mut points = with_room(map.len(), DISTANCES)?;
     points.extend_from_slice(map.points());
-    // Equal points would be listed as often as they occur.
+    // Duplicates would be listed repeatedly.
     points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
     let bounds = map.bounds();
     let largest = bounds.min.iter().chain(&bounds.max).fold(0.0f64, |l, c| c.abs().max(l));
-    // More than the rounding of a sum or difference of coordinates of this size and the cut.
+    // More than the rounding of a sum or difference of coordinates of this size and the maximum distance.
     let rounding = 16.0 * f64::EPSILON * (largest + max_distance);
     let mut grid = empty(&bounds, points.len(), max_distance + rounding);
     let margin = MARGIN * grid.cell + rounding;
     let mut stack: Vec<u32> = with_room(points.len(), DISTANCES)?;
     stack.extend(0..points.len() as u32);
     grid.points = points;
-    let whole = Block { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
+    let whole = CellBlock { column: 0, row: 0, columns: grid.columns, rows: grid.rows };
     let max_distance_squared = max_distance * max_distance;
     let work = WORK_PER_POINT * grid.points.len() + WORK_PER_CELL * grid.cells.len();
     let max_listed = MAX_LISTED.max(LISTED_PER_POINT * grid.points.len());
@@ -90,18 +89,18 @@ fn build_within(
     Ok(builder.grid)
 }
 
-/// A grid over everything within `reach` (m) of the points' box and one cell more, without
-/// candidates.
+/// Creates a grid without candidates over everything within `reach` (m) of the bounding box of the points, plus one
+/// cell.
 fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
     let [width, height] = [0, 1].map(|axis| bounds.extent(axis) + 2.0 * reach);
     let wanted = points.saturating_mul(CELLS_PER_POINT).clamp(MIN_CELLS, MAX_CELLS) as f64;
-    // No side is cut into more than `wanted` parts, so that a long and narrow map does not get many
+    // No side is divided into more than `wanted` cells, so that a long and narrow map does not get many
     // more cells than that.
     let cell = (width * height / wanted).sqrt().max(width.max(height) / wanted);
     let cells = |length: f64| (length / cell).ceil().max(1.0) as usize + 2;
     let (columns, rows) = (cells(width), cells(height));
     Grid {
-        // The first cell ends where the reach begins.
+        // The first cell ends where `reach` begins.
         origin: bounds.min.map(|coordinate| coordinate - reach - 0.5 * cell),
         cell,
         columns,
@@ -118,29 +117,29 @@ fn empty(bounds: &Bounds<2>, points: usize, reach: f64) -> Grid {
 
 /// A rectangle of cells.
 #[derive(Clone, Copy)]
-pub(super) struct Block {
+pub(super) struct CellBlock {
     pub column: usize,
     pub row: usize,
     pub columns: usize,
     pub rows: usize,
 }
 
-impl Block {
+impl CellBlock {
     /// The two halves across the longer side; `None` for a single cell.
-    pub fn halves(self) -> Option<[Block; 2]> {
+    pub fn halves(self) -> Option<[CellBlock; 2]> {
         if self.columns >= self.rows && self.columns > 1 {
             let left = self.columns / 2;
             let right = self.columns - left;
             Some([
-                Block { columns: left, ..self },
-                Block { column: self.column + left, columns: right, ..self },
+                CellBlock { columns: left, ..self },
+                CellBlock { column: self.column + left, columns: right, ..self },
             ])
         } else if self.rows > 1 {
             let lower = self.rows / 2;
             let upper = self.rows - lower;
             Some([
-                Block { rows: lower, ..self },
-                Block { row: self.row + lower, rows: upper, ..self },
+                CellBlock { rows: lower, ..self },
+                CellBlock { row: self.row + lower, rows: upper, ..self },
             ])
         } else {
             None
@@ -150,15 +149,15 @@ impl Block {
 
 /// Candidates of the parts of one cell, row by row.
 #[derive(Default)]
-struct Parts {
+struct PartCandidates {
     /// log₂ of the number of parts per side.
     depth: u32,
     candidates: Vec<u32>,
-    /// Where each part's candidates end.
+    /// End of the candidates of each part.
     ends: Vec<usize>,
 }
 
-impl Parts {
+impl PartCandidates {
     fn of(&self, part: usize) -> std::ops::Range<usize> {
         let start = if part == 0 { 0 } else { self.ends[part - 1] };
         start..self.ends[part]
@@ -172,21 +171,21 @@ impl Parts {
 /// Candidates of all cells, cell by cell.
 #[derive(Default)]
 struct CellCandidates {
-    /// Column and row of a cell, and where its candidates end.
+    /// Column and row of a cell, and the end of its candidates.
     cells: Vec<([u32; 2], usize)>,
     candidates: Vec<u32>,
 }
 
-/// Finds the candidates of all cells from coarse to fine, for a point that is never nearest within a
-/// block of cells need not be looked at again within it; then cuts the cells into parts and writes the
-/// grid's records. How finely they can be cut is known once all candidates are.
+/// Finds the candidates of all cells from coarse to fine, because a point that is never nearest within a
+/// block of cells need not be examined again within it. Then divides the cells into parts and writes the
+/// records of the grid. How finely they can be divided is known only after all candidates have been found.
 struct Builder {
     grid: Grid,
     max_distance_squared: f64,
-    /// By how much (m) cells are taken larger than they are, so that a place which rounding assigns
-    /// to the cell beside its own still finds its nearest point there.
+    /// Length (m) by which cells are enlarged, so that a position which rounding assigns
+    /// to a neighbouring cell still finds its nearest point there.
     margin: f64,
-    /// What may still be done.
+    /// Remaining work.
     work: usize,
     max_listed: usize,
     max_noted: usize,
@@ -195,8 +194,13 @@ struct Builder {
 }
 
 impl Builder {
-    /// Notes the candidates of each cell of the block, all of which are in `stack[from..]`.
-    fn fill(&mut self, block: Block, stack: &mut Vec<u32>, from: usize) -> Result<(), OutOfMemory> {
+    /// Collects the candidates of each cell of the block, all of which are in `stack[from..]`.
+    fn fill(
+        &mut self,
+        block: CellBlock,
+        stack: &mut Vec<u32>,
+        from: usize,
+    ) -> Result<(), OutOfMemory> {
         let kept_from = stack.len();
         let corner = |first: [usize; 2]| self.grid.corner(first.map(|number| number as f64));
         let min = corner([block.column, block.row]);
@@ -222,8 +226,8 @@ impl Builder {
         Ok(())
     }
 
-    /// All cells of the block share one crowded record.
-    fn leave_to_tree(&mut self, block: Block) -> Result<(), OutOfMemory> {
+    /// Gives all cells of the block one shared crowded record.
+    fn leave_to_tree(&mut self, block: CellBlock) -> Result<(), OutOfMemory> {
         self.make_room()?;
         let grid = &mut self.grid;
         let record = grid.records.len() as u32;
@@ -236,7 +240,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Room for one more record of any kind.
+    /// Reserves room for one more record of any kind.
     fn make_room(&mut self) -> Result<(), OutOfMemory> {
         let Grid { records, numbers, lists, listed, blocks, .. } = &mut self.grid;
         reserve(records, 1, DISTANCES)?;
@@ -246,13 +250,13 @@ impl Builder {
         reserve(blocks, MAX_LIST.div_ceil(BLOCK), DISTANCES)
     }
 
-    /// Leaves of the candidates `stack[from..]` those that can be nearest somewhere in the box.
+    /// Keeps of the candidates `stack[from..]` those that can be nearest somewhere in the box.
     ///
-    /// The places nearer to a point q than to a point p are a half-plane. When all four corners of a
-    /// box are in it then so is the box, and p is nearest nowhere in it. Rivals q are only the
-    /// points nearest to the corners, so a few points more than necessary are kept. Squared
-    /// distances have a relative rounding error of less than 4ε; a point is dropped only when it
-    /// loses by more, so the minimum over the kept points is the minimum over all, to the last bit.
+    /// The positions nearer to a point q than to a point p form a half-plane. If all four corners of a
+    /// box are in it, so is the box, and p is nearest nowhere in it. Only the
+    /// points nearest to the corners are used as q, so a few points more than necessary are kept. Squared
+    /// distances have a relative rounding error of less than 4ε; a point is dropped only if it
+    /// loses by more, so the minimum over the kept points is the minimum over all points, bit for bit.
     fn keep_nearest(&self, min: Point<2>, max: Point<2>, stack: &mut Vec<u32>, from: usize) {
         let min = min.map(|coordinate| coordinate - self.margin);
         let max = max.map(|coordinate| coordinate + self.margin);
@@ -266,7 +270,7 @@ impl Builder {
                     *rival = (distance, corners);
                 }
             }
-            // Every place in the box is at least this near to this point.
+            // Every position in the box is at least this near to this point.
             reach = reach.min(corners.iter().copied().fold(0.0, f64::max));
         }
         reach *= 1.0 + 16.0 * f64::EPSILON;
@@ -289,7 +293,7 @@ impl Builder {
         stack.truncate(kept);
     }
 
-    fn note(&mut self, cell: Block, candidates: &[u32]) -> Result<(), OutOfMemory> {
+    fn note(&mut self, cell: CellBlock, candidates: &[u32]) -> Result<(), OutOfMemory> {
         let noted = &mut self.cells;
         reserve(&mut noted.candidates, candidates.len(), DISTANCES)?;
         noted.candidates.extend(candidates);
@@ -301,8 +305,8 @@ impl Builder {
         Ok(())
     }
 
-    /// Cuts all noted cells into parts and writes their records; all together may be one `share`-th of
-    /// those that are left.
+    /// Divides all collected cells into parts and writes their records, using at most one `share`-th of
+    /// the remaining records in total.
     fn write_records(&mut self, share: usize) -> Result<(), OutOfMemory> {
         let CellCandidates { cells, candidates } = std::mem::take(&mut self.cells);
         let left = self.max_records.saturating_sub(self.grid.records.len());
@@ -319,13 +323,13 @@ impl Builder {
         Ok(())
     }
 
-    /// Cuts a cell with these candidates into at most `most` parts and writes their records.
+    /// Divides a cell with these candidates into at most `most` parts and writes their records.
     fn record(
         &mut self,
         [column, row]: [u32; 2],
         candidates: &[u32],
         most: usize,
-        [parts, finer]: &mut [Parts; 2],
+        [parts, finer]: &mut [PartCandidates; 2],
     ) -> Result<(), OutOfMemory> {
         parts.depth = 0;
         parts.candidates.clear();
@@ -356,8 +360,13 @@ impl Builder {
         Ok(())
     }
 
-    /// Cuts every part into four; `min` is the lower left corner of the cell.
-    fn cut(&self, parts: &Parts, min: Point<2>, finer: &mut Parts) -> Result<(), OutOfMemory> {
+    /// Divides every part into four; `min` is the lower left corner of the cell.
+    fn cut(
+        &self,
+        parts: &PartCandidates,
+        min: Point<2>,
+        finer: &mut PartCandidates,
+    ) -> Result<(), OutOfMemory> {
         let side = 2usize << parts.depth;
         let size = self.grid.cell / side as f64;
         finer.depth = parts.depth + 1;
@@ -379,7 +388,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Writes the record of one part of the cell about `centre` (in cells).
+    /// Writes the record of one part of the cell centred at `centre` (in cells).
     fn push(&mut self, centre: Point<2>, candidates: &[u32]) -> Result<(), OutOfMemory> {
         self.make_room()?;
         let grid = &mut self.grid;
@@ -397,7 +406,7 @@ impl Builder {
                 grid.lists.push(List { start: start as u32, length });
                 if fits {
                     for numbers in candidates.chunks(BLOCK) {
-                        let mut block = PlaceBlock { x: [FAR; BLOCK], y: [FAR; BLOCK] };
+                        let mut block = PointBlock { x: [FAR; BLOCK], y: [FAR; BLOCK] };
                         for (i, &number) in numbers.iter().enumerate() {
                             [block.x[i], block.y[i]] = grid.place(number, centre);
                         }
@@ -440,7 +449,7 @@ mod tests {
     use mcl_core::Seed;
     use rand::RngExt;
 
-    /// A wall of 20 m, 3 cm thick: a hundred points in each cell that has any.
+    /// A wall of 20 m, 3 cm thick, with a hundred points in each nonempty cell.
     fn dense_map() -> PointMap<2> {
         let mut rng = Seed::new(1).rng();
         let wall = |along: f64, across: f64| [20.0 * along, 10.0 + 0.03 * across];
@@ -448,7 +457,7 @@ mod tests {
         PointMap::new(points).unwrap()
     }
 
-    /// Records are spread over the whole map: no part of it is left to the tree.
+    /// Records are spread over the whole map, and no part of it uses the tree.
     #[test]
     fn records_suffice_for_all_of_a_dense_map() {
         for max_records in [1 << 18, 1 << 20] {

@@ -8,12 +8,13 @@ use super::pass::{Chunk, Pass, Product, Sum};
 use super::{DistanceField, MapDistances, ScanEndpoints};
 use crate::{CheckedSettings, FilterError};
 
-/// ln of the largest and of 1/smallest magnitude that a product of factors may reach: e^690 ≈ 10^299
-/// leaves room for rounding below the largest and above the smallest normal number (10^±308).
+/// Largest |ln| of a product of factors: e^690 ≈ 10^299 leaves room for rounding below the largest and above the
+/// smallest normal number (10^±308).
 const LARGEST_LOG: f64 = 690.0;
 
-/// Beams are looked along from so many poses, this far before and behind their ends (m), and the map has to have
-/// something this far beside them: metres and spacings of the map, whose squares add up.
+/// Number of poses from which beams are checked for unknown obstacles, the length checked before and behind their ends
+/// (m), and the distance beside them within which the map must have something: in metres and in map spacings, whose
+/// squares add up.
 const LOOKING: usize = 16;
 const ALONG: f64 = 0.3;
 const BESIDE: f64 = 0.05;
@@ -21,23 +22,23 @@ const BESIDE_OF_SPACING: f64 = 0.6;
 
 /// |log₂| of the smallest product of `f32` factors up to 1: six bits above the smallest normal number.
 const F32_LOG2: f64 = 120.0;
-/// How many squared distances are summed in `f32` before their sum is added in `f64`.
+/// Number of squared distances summed in `f32` before their sum is added in `f64`.
 const FEW_SUMMED: usize = 16;
 
-/// How many factors, the logarithm of each no farther from 0 than `log`, make a product whose logarithm
-/// is no farther from 0 than `most`; at least one.
+/// Number of factors, each with a logarithm of magnitude at most `log`, whose product has a logarithm of magnitude at
+/// most `most`; at least one.
 fn factors(most: f64, log: f64) -> usize {
     ((most / log.abs()) as usize).clamp(1, 1 << 20)
 }
 
-/// The likelihood field of *Probabilistic Robotics* (table 6.3) on a map: each used beam has
+/// The likelihood field model of *Probabilistic Robotics* (table 6.3) on a map. Each used beam has
 /// the likelihood
 ///
 /// p(z) = z_hit·N(d; 0, σ_hit) + z_rand/z_max,  z_hit = 1 − z_rand,
 ///
-/// N the normalized one-dimensional Gaussian and d the distance from the beam's endpoint to the
-/// nearest map point (of other maps, what [`MapDistances`] says), cut at `max_distance`. A scan's likelihood
-/// is the product over its beams, to the power of `likelihood_exponent` (1 unless set).
+/// with N the normalized one-dimensional Gaussian and d the distance from the endpoint of the beam to the
+/// nearest map point (for other maps see [`MapDistances`]), truncated at `max_distance`. The likelihood of a scan
+/// is the product over its beams, to the power of `likelihood_exponent` (default 1).
 pub struct LikelihoodField<'a> {
     distances: &'a MapDistances,
     /// z_hit/(σ_hit·√2π).
@@ -48,17 +49,17 @@ pub struct LikelihoodField<'a> {
     decay: f64,
     /// z_rand/z_max.
     random: f64,
-    /// How many beams are multiplied before taking a logarithm.
+    /// Number of beams multiplied before taking a logarithm.
     group: usize,
     exponent: f64,
 }
 
 impl<'a> LikelihoodField<'a> {
-    /// The field over a map's distances.
+    /// Creates the model from the distances of a map.
     ///
     /// # Errors
-    /// [`FilterError::MaxDistanceMismatch`] when the distances are cut elsewhere than the settings
-    /// say, [`FilterError::SigmaHitMismatch`] when those of an NDT map are of another σ_hit.
+    /// [`FilterError::MaxDistanceMismatch`] if the distances are not truncated at the `max_distance` of the settings,
+    /// [`FilterError::SigmaHitMismatch`] if those of an NDT map are for another σ_hit.
     pub fn new(
         distances: &'a MapDistances,
         settings: &CheckedSettings,
@@ -93,22 +94,22 @@ impl<'a> LikelihoodField<'a> {
         })
     }
 
-    /// σ_hit (m), as set or as the map's spacing gives it.
+    /// σ_hit (m), as set or computed from the spacing of the map.
     pub fn sigma_hit(&self) -> f64 {
         (0.5 / self.decay).sqrt()
     }
 
-    /// The distances underneath.
+    /// The map distances.
     pub fn distances(&self) -> &'a MapDistances {
         self.distances
     }
 
-    /// What a beam's likelihood is made of: z_hit/(σ_hit·√2π), z_rand/z_max, and σ_hit (m).
+    /// The parameters of the beam likelihood: z_hit/(σ_hit·√2π), z_rand/z_max, and σ_hit (m).
     pub(crate) fn parts(&self) -> [f64; 3] {
         [self.hit, self.random, self.sigma_hit()]
     }
 
-    /// Log-likelihood of a scan seen from a finite pose of the robot, tempered by the exponent; 0 for
+    /// Log-likelihood of a scan at a finite pose of the robot, tempered by the exponent; 0 for
     /// a scan without usable beams.
     pub fn log_likelihood(&self, endpoints: &ScanEndpoints, map_from_robot: Pose2) -> f64 {
         let (sin, cos) = math::sin_cos(map_from_robot.theta);
@@ -119,7 +120,7 @@ impl<'a> LikelihoodField<'a> {
         log_likelihood[0]
     }
 
-    /// Adds the scan's log-likelihood from each of the poses to `log_weights`.
+    /// Adds the log-likelihood of the scan at each of the poses to `log_weights`.
     pub(crate) fn add_log_likelihoods(
         &self,
         endpoints: &ScanEndpoints,
@@ -135,13 +136,13 @@ impl<'a> LikelihoodField<'a> {
         }
     }
 
-    /// Leaves out the beams that end at something that the map does not know, seen from more than this share of the
-    /// poses, or of 16 of them. `origin` is the laser in the robot's frame.
+    /// Leaves out the beams that end at something unknown for more than this fraction of the poses, or of 16 of them.
+    /// `origin` is the position of the laser in the robot frame.
     ///
-    /// A person in a corridor is nowhere far from a wall, so the distance of the endpoint says little; but along the
-    /// beam there is nothing: a beam ends at something unknown when the map has nothing along its last 0.3 m and
-    /// the 0.3 m that follow. Fox, Burgard and Thrun (*Markov localization for mobile robots in dynamic
-    /// environments*, 1999) compare readings with expected ones instead, which a map of points does not have.
+    /// A person in a corridor is always close to a wall, so the distance of the endpoint from the map is not
+    /// conclusive. Instead, a beam counts as ending at something unknown if the map has nothing along its last 0.3 m
+    /// and the 0.3 m beyond. Fox, Burgard and Thrun (*Markov localization for mobile robots in dynamic
+    /// environments*, 1999) compare readings with expected ones, which a point map does not provide.
     pub(crate) fn leave_out_unknown(
         &self,
         endpoints: &mut ScanEndpoints,
@@ -175,8 +176,8 @@ impl<'a> LikelihoodField<'a> {
         endpoints.retain(|beam| is_known[beam]);
     }
 
-    /// Number of beams that the map explains, seen from a finite pose of the robot: those to whose likelihood the
-    /// Gaussian contributes more than z_rand/z_max does, which without random measurements are all.
+    /// Number of beams that the map explains at a finite pose of the robot: those for which the Gaussian term of the
+    /// likelihood exceeds z_rand/z_max; without random measurements all.
     pub(crate) fn explained(
         &self,
         endpoints: &ScanEndpoints,
@@ -190,19 +191,19 @@ impl<'a> LikelihoodField<'a> {
         points.clear();
         points.extend(endpoints.iter().map(|endpoint| pose.place(0, endpoint)));
         self.distances.all_squared(points, squared);
-        // hit·exp(−d²·decay) > random; without random measurements this is infinite.
+        // Solves hit·exp(−d²·decay) > random; infinite without random measurements.
         let most = math::ln(self.hit / self.random) / self.decay;
         squared.iter().filter(|&&squared| squared < most).count()
     }
-    /// Whether `f32` is good enough for distances and for the Gaussian, which it cuts at
-    /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its height: nothing beside a random part of 10⁻³⁰ of it.
+    /// Whether `f32` is accurate enough for distances and for the Gaussian, which is truncated at
+    /// 2⁻¹²⁶ ≈ 10⁻³⁸ of its peak: negligible beside a random part of 10⁻³⁰ of it.
     fn is_fast(&self, field: &DistanceField) -> bool {
         let gaussian = self.random == 0.0 || self.random >= 1e-30 * self.hit;
         gaussian && field.is_single_precise()
     }
 
-    /// Beams outside, particles inside, in chunks that stay in the first-level cache: the endpoints
-    /// of one beam lie close together, and so do the records that they need.
+    /// Loops over beams outside and particles inside, in chunks that stay in the first-level cache: the endpoints
+    /// of one beam are close together, and so are the records that they need.
     fn add_fast(
         &self,
         field: &DistanceField,
@@ -218,7 +219,7 @@ impl<'a> LikelihoodField<'a> {
         let beams =
             || endpoints.x().iter().zip(endpoints.y()).map(|(x, y)| [x / grid.cell, y / grid.cell]);
         let neutral = if self.random == 0.0 { 0.0 } else { 1.0 };
-        // Likelihoods divided by the largest are between this and 1.
+        // Likelihoods divided by their maximum are between this and 1.
         let whole = self.hit + self.random;
         let smallest = self.random / whole;
         let (few, group) =
@@ -274,11 +275,11 @@ impl<'a> LikelihoodField<'a> {
     /// Σ ln p(z) over beams with these squared distances (m²).
     fn log_likelihood_of(&self, distances_squared: &[f64]) -> f64 {
         if self.random == 0.0 {
-            // ln(a·exp(−d²·decay)) without the exp, which would underflow to 0 far from the map.
+            // ln(a·exp(−d²·decay)) without evaluating exp, which would underflow to 0 far from the map.
             let sum: f64 = distances_squared.iter().sum();
             return distances_squared.len() as f64 * self.ln_hit - sum * self.decay;
         }
-        // One logarithm for as many factors as a product can hold.
+        // One logarithm for as many factors as fit in a product.
         let factor = |&squared: &f64| self.hit * math::exp(-squared * self.decay) + self.random;
         distances_squared
             .chunks(self.group)
@@ -305,7 +306,7 @@ pub(crate) struct Poses<'a> {
 }
 
 impl Poses<'_> {
-    /// Where pose `i` places an endpoint on the map.
+    /// Transforms an endpoint to the map by pose `i`.
     fn place(&self, i: usize, [x, y]: Point<2>) -> Point<2> {
         let (sin, cos) = (self.sin[i], self.cos[i]);
         [self.x[i] + cos * x - sin * y, self.y[i] + sin * x + cos * y]
@@ -322,7 +323,7 @@ mod tests {
     use std::f64::consts::{FRAC_PI_2, TAU};
 
     proptest! {
-        /// Products in groups are the sum of logarithms, at the ends of what settings allow too.
+        /// Grouped products give the sum of logarithms, also at the limits of the settings.
         #[test]
         fn grouping_changes_nothing(
             squared in prop::collection::vec(0.0..4.0f64, 0..400),
@@ -350,8 +351,8 @@ mod tests {
         }
     }
 
-    /// The fast path against the reference, on both sides of every switch between them: from many
-    /// poses, on small and wide maps, with and without random measurements.
+    /// The fast path against the reference path, on both sides of every switch between them: for many
+    /// poses, on small and large maps, with and without random measurements.
     #[test]
     fn fast_and_reference_agree() {
         let mut rng = Seed::new(2).rng();
@@ -391,7 +392,7 @@ mod tests {
             endpoints.load(&scan, &Pose2::IDENTITY, Beams::All, longest).unwrap();
             let MapDistances::Grid(field) = &grid else { panic!("no grid") };
             assert_eq!(field.is_near(endpoints.reach()), is_near);
-            // More than a chunk, and no multiple of anything.
+            // More than a chunk, and not a multiple of the vector length.
             let n = 2 * CHUNK + 13;
             let x: Vec<f64> = (0..n).map(|_| 1e4 + uniform(1.2 * width)).collect();
             let y: Vec<f64> = (0..n).map(|_| uniform(1.2 * width)).collect();
@@ -404,8 +405,8 @@ mod tests {
                 field.add_log_likelihoods(&endpoints, poses, &mut scratch, &mut log_weights);
                 log_weights
             });
-            // A beam's logarithm changes by at most d/σ² per metre of d, here with an error of less
-            // than 1e-6 m and that of the place (DistanceField::is_near), and by the relative errors of
+            // The logarithm of a beam changes by at most d/σ² per metre of d, here with an error of less
+            // than 1e-6 m and that of the position (DistanceField::is_near), and by the relative errors of
             // the exponential and five more roundings, 2⁻²³ + 5·2⁻²⁴ < 5e-7.
             let error = 1e-6 + if is_near { 6.5 * longest / 16_777_216.0 } else { 0.0 };
             let steepest = max_distance.min(10.0 * sigma_hit) / (sigma_hit * sigma_hit);
@@ -422,8 +423,8 @@ mod tests {
         }
     }
 
-    /// A wall, beams that end 0, 0.3, 0.6 and 1.5 m before it, and σ_hit = 0.3 m. With both parts equal at
-    /// d = σ·√(2·ln(hit/random)), three beams are explained from there, and one from half a metre behind.
+    /// A wall, beams that end 0, 0.3, 0.6 and 1.5 m before it, and σ_hit = 0.3 m. Both terms are equal at
+    /// d = σ·√(2·ln(hit/random)), so three beams are explained at this pose, and one half a metre behind it.
     #[test]
     fn explained_beams_by_hand() {
         let wall = (-300..=300).map(|i| [5.0, 0.01 * f64::from(i)]);
@@ -460,7 +461,7 @@ mod tests {
         assert_eq!(explained(0.0, 0.0).1, 4);
     }
 
-    /// A wall ahead, one to the left, and four poses. Points are 1 cm apart, so beams are looked along with 5 cm to
+    /// A wall ahead, one to the left, and four poses. Points are 1 cm apart, so beams are checked within 5 cm to
     /// each side.
     #[test]
     fn beams_that_end_at_something_unknown_are_left_out() {
@@ -472,14 +473,14 @@ mod tests {
         let scan = LaserScan {
             stamp: None,
             geometry: ScanGeometry { start_angle: 0.0, angle_step: FRAC_PI_2, beams: 2 },
-            // Ahead 0.2 m short of the wall, which the beam has before it; to the left somebody stands 0.5 m before
-            // the wall.
+            // Ahead, the beam ends 0.2 m before the wall; to the left, a person stands 0.5 m before the wall.
             ranges: vec![4.8, 2.5],
             map_from_laser: None,
             odometry: None,
             sweep: Default::default(),
         };
-        // From the last two poses somebody ahead as well, and from the last the wall to the left is where the other is.
+        // At the last two poses there is an unknown obstacle ahead too, and at the last one the left beam ends at the
+        // wall.
         let (x, y) = ([0.0, 0.02, -1.0, -1.0], [0.0, 0.02, 0.0, 0.4]);
         let poses = Poses { x: &x, y: &y, sin: &[0.0; 4], cos: &[1.0; 4] };
         let settings = FilterSettings::default().check().unwrap();

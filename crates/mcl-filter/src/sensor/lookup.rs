@@ -1,20 +1,19 @@
-//! Distances for many places at a time: the inner loop of the filter.
+//! Distances for many positions at a time: the inner loop of the filter.
 //!
-//! Positions within a cell are `f32`, but places are not, so that the size of a map costs no accuracy:
-//! they are `f64`, or `f32` from the middle of a cell not far away. Arithmetic and table look-ups
-//! alternate in loops of their own: the former, without branches and fused operations, become vector
-//! instructions where they are inlined into a dispatched function, with the same bits for every
-//! instruction set.
+//! Positions within a cell are `f32`. Positions on the map are `f64`, or `f32` relative to the centre of a nearby
+//! cell, so that the accuracy does not depend on the size of the map. Arithmetic and table lookups
+//! alternate in separate loops. The arithmetic loops have no branches or fused operations; inlined into a dispatched
+//! function, they vectorize and give the same bits for every instruction set.
 
 use super::DistanceField;
 use super::fetch::{Fetch, LANES};
-use super::grid::{BLOCK, Block, Place, RECORD_BITS, RECORD_MASK, SHRINK};
+use super::grid::{BLOCK, CellOffset, PointBlock, RECORD_BITS, RECORD_MASK, SHRINK};
 
-/// Places looked up at a time: few enough that all they need stays in the first-level cache.
+/// Number of positions processed at a time: few enough that their data stays in the first-level cache.
 pub(super) const CHUNK: usize = 256;
 /// 1.5·2⁵²: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// 1.5·2²³: the same in `f32`, below 2²².
+/// 1.5·2²³: the same for `f32`, below 2²².
 const ROUND_F32: f32 = 12_582_912.0;
 /// The low bits in which [`ROUND_F32`] leaves a number.
 const ROUND_MASK: u32 = (1 << 22) - 1;
@@ -25,7 +24,7 @@ pub(super) struct Workspace {
     dx: [f32; CHUNK],
     dy: [f32; CHUNK],
     cell: [u32; CHUNK],
-    /// First the cell's entry, then the number of the record.
+    /// First the entry of the cell, then the number of the record.
     record: [u32; CHUNK],
     /// Candidates of the records, coordinate by coordinate.
     x: [[f32; CHUNK]; 2],
@@ -33,7 +32,7 @@ pub(super) struct Workspace {
     squared: [f32; CHUNK],
 }
 
-/// Where a place is.
+/// A position, located in its cell.
 #[derive(Clone, Copy)]
 pub(super) struct Located {
     /// Relative to the centre of the cell.
@@ -57,7 +56,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Fills in the first `number` places.
+    /// Sets the first `number` positions.
     #[inline(always)]
     pub fn place(&mut self, number: usize, located: impl Fn(usize) -> Located) {
         let (dx, dy) = (&mut self.dx[..number], &mut self.dy[..number]);
@@ -68,16 +67,16 @@ impl Workspace {
     }
 }
 
-/// What a look-up needs beside the grid's tables.
+/// The constants of a lookup, and the tables of the grid.
 #[derive(Clone, Copy)]
 pub(super) struct Lookup<'a> {
     field: &'a DistanceField,
     last_column: f64,
     last_row: f64,
     columns: f64,
-    /// The same three in `f32`.
+    /// The previous three in `f32`.
     limits: [f32; 3],
-    /// The squared cut in cells.
+    /// The squared maximum distance in cells.
     cut: f32,
 }
 
@@ -95,7 +94,7 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// The cell of a place (in cells), and the place relative to its centre.
+    /// The cell of a position (in cells), and the position relative to its centre.
     #[inline(always)]
     pub fn locate(&self, x: f64, y: f64) -> Located {
         let (column, dx) = round(x, self.last_column);
@@ -104,7 +103,7 @@ impl<'a> Lookup<'a> {
         Located { dx: dx as f32, dy: dy as f32, cell }
     }
 
-    /// The same for a place relative to the centre of the cell in `column` and `row`; all four below
+    /// The same for a position relative to the centre of the cell in `column` and `row`; all four arguments are below
     /// 2²².
     #[inline(always)]
     pub fn locate_from(&self, column: f32, row: f32, x: f32, y: f32) -> Located {
@@ -115,7 +114,7 @@ impl<'a> Lookup<'a> {
         Located { dx: x - columns, dy: y - rows, cell }
     }
 
-    /// Squared distances, cut, of the first `number` places of the workspace, in cells. `number` is a
+    /// Truncated squared distances of the first `number` positions of the workspace, in cells. `number` is a
     /// multiple of [`LANES`] and at most [`CHUNK`].
     #[inline(always)]
     pub fn squared_distances<'w, F: Fetch>(
@@ -148,7 +147,7 @@ impl<'a> Lookup<'a> {
         let ([x1, x2], [y1, y2]) = (&mut workspace.x, &mut workspace.y);
         let (x1, x2) = (&mut x1[..number], &mut x2[..number]);
         let (y1, y2) = (&mut y1[..number], &mut y2[..number]);
-        // Which places need a list is hard to predict: branches on that are few.
+        // Which positions need a list is hard to predict, so there are few branches on it.
         let mut overfull = [0u64; CHUNK / 64];
         let outputs = x1
             .as_chunks_mut::<LANES>()
@@ -185,9 +184,9 @@ impl<'a> Lookup<'a> {
         squared
     }
 
-    /// The squared distance, cut, to the nearest of a list.
+    /// The truncated squared distance to the nearest point of a list.
     #[inline(always)]
-    fn nearest_listed(&self, blocks: Option<&[Block]>, cell: u32, dx: f32, dy: f32) -> f32 {
+    fn nearest_listed(&self, blocks: Option<&[PointBlock]>, cell: u32, dx: f32, dy: f32) -> f32 {
         let Some(blocks) = blocks else { return self.crowded(cell, dx, dy) };
         let mut nearest = [self.cut; BLOCK];
         for block in blocks {
@@ -201,7 +200,7 @@ impl<'a> Lookup<'a> {
         if a < b { a } else { b }
     }
 
-    /// The squared distance that the tree says.
+    /// The squared distance from the tree.
     #[cold]
     #[inline(never)]
     fn crowded(&self, cell: u32, dx: f32, dy: f32) -> f32 {
@@ -217,12 +216,12 @@ impl<'a> Lookup<'a> {
 }
 
 #[inline(always)]
-fn squared_distance([x, y]: Place, dx: f32, dy: f32) -> f32 {
+fn squared_distance([x, y]: CellOffset, dx: f32, dy: f32) -> f32 {
     let (x, y) = (x - dx, y - dy);
     x * x + y * y
 }
 
-/// The integer in 0..=`last` nearest to a place, and the place relative to it. 0 for NaN.
+/// The integer in 0..=`last` nearest to a position, and the position relative to it. 0 for NaN.
 #[inline(always)]
 fn round(place: f64, last: f64) -> (f64, f64) {
     let place = if place > 0.0 { place } else { 0.0 };

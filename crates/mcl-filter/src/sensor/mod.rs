@@ -1,5 +1,5 @@
-//! How likely a scan is from a pose (*Probabilistic Robotics*, chapter 6): distances to the nearest
-//! point of a map, or to what else a map is made of, and the likelihood field over them.
+//! Sensor model (*Probabilistic Robotics*, chapter 6): distances to the nearest point, cell, segment or Gaussian of a
+//! map, and the likelihood field based on them.
 
 mod cell_distances;
 mod distance_field;

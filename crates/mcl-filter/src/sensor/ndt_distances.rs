@@ -3,35 +3,35 @@ use mcl_core::{Bounds, NdtMap, Point};
 use crate::FilterError;
 use crate::check::{check_length, check_std};
 
-/// Most cells of the table that a map is looked up in: 4 km² at 0.5 m.
+/// Largest number of cells of the lookup table of a map: 4 km² at 0.5 m.
 const MAX_CELLS: f64 = (1u64 << 24) as f64;
 
-/// How an [`NdtMap`] is read.
+/// How an [`NdtMap`] is evaluated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NdtReading {
-    /// σ_hit of the filter (m): one Mahalanobis distance counts as far as this.
+    /// σ_hit of the filter (m): the distance that corresponds to a Mahalanobis distance of 1.
     pub sigma_hit: f64,
-    /// Standard deviation of an endpoint in each direction (m), added to every cell's covariance. 0 as in
-    /// Biber & Straßer; a thin wall is then a few centimetres wide, whatever σ_hit is. With σ_hit, a place
-    /// beside a wall is as far from it as it is from points along it.
+    /// Standard deviation of an endpoint in each direction (m), added to the covariance of every cell. With 0, as in
+    /// Biber & Straßer, a thin wall is a few centimetres wide, whatever σ_hit is. With σ_hit, the distance to a wall
+    /// is about that to points along it.
     pub endpoint_std: f64,
 }
 
-/// Equivalent distances from an NDT map: where the Mahalanobis distance to its Gaussian is m, the squared
+/// Equivalent distances from an NDT map: for a Mahalanobis distance m to a Gaussian, the squared
 /// distance is (σ_hit·m)², so that exp(−d²/2σ_hit²) is the score exp(−m²/2) of P. Biber and W. Straßer,
 /// *The Normal Distributions Transform: A New Approach to Laser Scan Matching*, IROS 2003.
 ///
-/// Of the cell that a place lies in and the eight around it the best Gaussian counts. Biber and Straßer
-/// add up four grids shifted by half a cell instead, NDT-MCL (J. Saarinen, H. Andreasson, T. Stoyanov and
-/// A. Lilienthal, IROS 2013) takes the nearest cell; all are to keep the edges of cells from mattering.
-/// Where none of the nine has a Gaussian the distance is the cut.
+/// The best Gaussian of the cell that contains the point and the eight cells around it is used. Biber and Straßer
+/// instead sum over four grids shifted by half a cell, and NDT-MCL (J. Saarinen, H. Andreasson, T. Stoyanov and
+/// A. Lilienthal, IROS 2013) uses the nearest cell; all of these reduce the effect of cell borders.
+/// If none of the nine cells has a Gaussian, the distance is `max_distance`.
 pub struct NdtDistances {
     per_metre: f64,
     /// The first column and row of the table.
     first: [f64; 2],
     columns: usize,
     rows: usize,
-    /// Where the ellipses of each cell begin, row by row; one entry more than cells.
+    /// Index of the first ellipse of each cell, row by row; one entry more than cells.
     starts: Vec<u32>,
     ellipses: Vec<Ellipse>,
     bounds: Bounds<2>,
@@ -56,7 +56,7 @@ impl Ellipse {
 }
 
 impl NdtDistances {
-    /// Prepares a map, with distances cut at `max_distance` (m).
+    /// Prepares a map, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
     /// [`FilterError::Setting`] for a `max_distance`, `sigma_hit` or `endpoint_std` out of range, and
@@ -108,22 +108,22 @@ impl NdtDistances {
         })
     }
 
-    /// Where distances are cut (m).
+    /// Distance at which distances are truncated (m).
     pub fn max_distance(&self) -> f64 {
         self.max_distance
     }
 
-    /// The σ_hit that a Mahalanobis distance of 1 counts as (m).
+    /// The σ_hit for which the distances were prepared (m).
     pub fn sigma_hit(&self) -> f64 {
         self.sigma_hit
     }
 
-    /// The smallest box around the means.
+    /// Bounding box of the means.
     pub fn bounds(&self) -> Bounds<2> {
         self.bounds
     }
 
-    /// min((σ_hit·m)², max_distance²) in m², m the smallest Mahalanobis distance from a finite point to
+    /// min((σ_hit·m)², max_distance²) in m², with m the smallest Mahalanobis distance from a finite point to
     /// a Gaussian of its cell or of one of the eight around it.
     #[inline]
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
@@ -169,7 +169,7 @@ mod tests {
             ([2.7, 1.3], 4.0),
             // Σ⁻¹ = [[31.25, −18.75], [−18.75, 31.25]]; a cell farther left: 31.25·0.36.
             ([1.9, 1.5], 11.25),
-            // Two cells farther, and nowhere near: (2 / 0.5)².
+            // Two cells farther, so no cell is near: (2 / 0.5)².
             ([0.9, 1.5], 16.0),
             ([-1e300, 7.0], 16.0),
         ] {
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn an_endpoint_may_be_as_wide_as_the_sensor() {
-        // A wall without width: with endpoints of σ_hit a place beside it is as far as it is.
+        // A wall without width: with an endpoint_std of σ_hit, the distance beside it is the metric one.
         let wall = NdtMap::new(1.0, vec![cell(0, 0, [0.5, 0.5], [0.08, 0.0, 1e-12])]).unwrap();
         let reading = NdtReading { endpoint_std: 0.5, ..CLASSIC };
         let distances = NdtDistances::build(&wall, reading, 2.0).unwrap();

@@ -5,40 +5,41 @@ use super::transform::squared_distances;
 use crate::FilterError;
 use crate::check::check_length;
 
-/// Distance from free cells, centre to centre, within which beams end on an obstacle (m), as far as measurements scatter
-/// about walls; at least so many cells.
+/// Distance from free cells, centre to centre, within which beams end on an obstacle (m), and its minimum in cells: the
+/// scatter of measurements around walls.
 const DEPTH: f64 = 0.12;
 const DEPTH_CELLS: f64 = 2.0;
-/// Of a squared number of cells.
+/// Tolerance of the comparison, in squared cells.
 const ROUNDING: f64 = 1e-9;
 
-/// An occupancy grid, as far as a filter needs to know it.
+/// An occupancy grid as input of the filter.
 ///
-/// Beams end on the surfaces of obstacles: of the occupied cells, those belong to a likelihood field that lie within
-/// 0.12 m of a free cell, or two cells, not the inside of thick walls, into which an estimate could sink without being
-/// any less likely. The outermost cells alone would be too few where a wall is as thick as
-/// measurements of it scatter: then they are what was measured too short. In a grid that knows no free
-/// cell near an occupied one, all belong to it.
+/// Beams end on the surfaces of obstacles. Of the occupied cells, the likelihood field therefore uses only those within
+/// 0.12 m or two cells of a free cell, not the inside of thick walls, into which an estimate could drift without a
+/// lower likelihood. The outermost cells alone would not be enough if a wall is as thick as the scatter of its
+/// measurements: they are then the readings that were too short. In a grid without free cells near occupied ones, all
+/// occupied cells are used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObstacleGrid {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
     /// Edge length of a cell (m).
     pub resolution: f64,
-    /// Pose of the lower left corner, from where columns run along x and rows along y.
+    /// Pose of the lower left corner; the column index increases along x and the row index along y.
     pub map_from_grid: Pose2,
-    /// Whether each cell is occupied: row by row from the bottom, each from the left.
+    /// Whether each cell is occupied, row by row from the bottom, each from left to right.
     pub occupied: Vec<bool>,
-    /// Whether each cell is free; empty where nothing is known of free space.
+    /// Whether each cell is free; empty if the free space is unknown.
     pub free: Vec<bool>,
 }
 
 impl ObstacleGrid {
-    /// Refuses what is no grid.
+    /// Checks that the grid is valid.
     ///
     /// # Errors
-    /// [`FilterError::Setting`] for a resolution that is no length, [`FilterError::NonFinitePose`] for a grid that is
-    /// nowhere, [`FilterError::GridShape`] for cells that are no whole number of rows, or not as many free as occupied ones.
+    /// [`FilterError::Setting`] for a resolution out of range, [`FilterError::NonFinitePose`] for a pose that is not
+    /// finite, [`FilterError::GridShape`] if the number of cells is not a multiple of the width, or the lists of free
+    /// and occupied cells differ in length.
     pub(super) fn check(&self) -> Result<(), FilterError> {
         let ObstacleGrid { width, resolution, map_from_grid, occupied, free } = self;
         check_length("resolution", *resolution)?;
@@ -55,7 +56,7 @@ impl ObstacleGrid {
         Ok(())
     }
 
-    /// Whether each cell is one that beams end on.
+    /// Whether beams end on each cell.
     pub(super) fn surface(&self) -> Vec<bool> {
         let depth = DEPTH_CELLS.max(DEPTH / self.resolution);
         let from_free = match self.free.is_empty() {
@@ -69,7 +70,7 @@ impl ObstacleGrid {
         if seen.contains(&true) { seen } else { self.occupied.clone() }
     }
 
-    /// The centres of these cells in the map's frame (m).
+    /// The centres of the selected cells in the map frame (m).
     pub(super) fn centres(&self, cells: &[bool]) -> Vec<Point<2>> {
         let centre = |index: usize| (index as f64 + 0.5) * self.resolution;
         let chosen = (0..cells.len()).filter(|&cell| cells[cell]);
@@ -81,33 +82,33 @@ impl ObstacleGrid {
             .collect()
     }
 
-    /// The cells that beams end on, as a map of their centres.
+    /// Converts the cells on which beams end to a point map of their centres.
     ///
     /// # Errors
-    /// [`FilterError::Setting`], [`FilterError::NonFinitePose`] and [`FilterError::GridShape`] for what is no grid,
-    /// [`FilterError::Map`] when no cell is occupied.
+    /// [`FilterError::Setting`], [`FilterError::NonFinitePose`] and [`FilterError::GridShape`] for an invalid grid,
+    /// [`FilterError::Map`] if no cell is occupied.
     pub fn surface_points(&self) -> Result<PointMap<2>, FilterError> {
         self.check()?;
         Ok(PointMap::new(self.centres(&self.surface()))?)
     }
 }
 
-/// The free cells of a grid: where a robot may be.
+/// The free cells of a grid, in which the robot may be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FreeSpace {
     map_from_grid: Pose2,
     grid_from_map: Pose2,
     resolution: f64,
     width: usize,
-    /// Numbers of the free cells, increasing; at least one.
+    /// Indices of the free cells, increasing; at least one.
     cells: Vec<u32>,
 }
 
 impl FreeSpace {
-    /// Of a grid; `None` where it knows no free cell.
+    /// The free space of a grid; `None` if it has no free cell.
     ///
     /// # Errors
-    /// [`FilterError::Setting`], [`FilterError::NonFinitePose`] and [`FilterError::GridShape`] for what is no grid.
+    /// [`FilterError::Setting`], [`FilterError::NonFinitePose`] and [`FilterError::GridShape`] for an invalid grid.
     pub fn of(grid: &ObstacleGrid) -> Result<Option<Self>, FilterError> {
         grid.check()?;
         let ObstacleGrid { width, resolution, map_from_grid, .. } = *grid;
@@ -120,7 +121,7 @@ impl FreeSpace {
         Ok((!free.cells.is_empty()).then_some(free))
     }
 
-    /// A place (m) that is as likely as any other in a free cell.
+    /// Draws a position (m) uniformly from the free cells.
     pub fn draw(&self, rng: &mut Rng) -> Point<2> {
         let cell = self.cells[rng.random_range(0..self.cells.len())];
         self.place(cell, [rng.random(), rng.random()])
@@ -131,7 +132,7 @@ impl FreeSpace {
         let [x, y] =
             self.grid_from_map.transform_point(point).map(|metres| metres / self.resolution);
         let is_cell = x >= 0.0 && y >= 0.0 && x < self.width as f64;
-        // Beyond the last row there is no such number.
+        // Indices beyond the last row are not in the list.
         let cell = (y as u64).saturating_mul(self.width as u64).saturating_add(x as u64);
         is_cell && u32::try_from(cell).is_ok_and(|cell| self.cells.binary_search(&cell).is_ok())
     }
@@ -141,7 +142,7 @@ impl FreeSpace {
         self.cells.iter().map(|&cell| self.place(cell, [0.5; 2]))
     }
 
-    /// A place in a cell, by parts of its edges.
+    /// A position in a cell, given as fractions of its edges.
     fn place(&self, cell: u32, [right, up]: [f64; 2]) -> Point<2> {
         let (column, row) = (cell as usize % self.width, cell as usize / self.width);
         let place = [column as f64 + right, row as f64 + up].map(|cells| cells * self.resolution);
@@ -171,13 +172,13 @@ mod tests {
 
     #[test]
     fn only_the_surface_of_a_thick_wall_is_seen() {
-        // Cells of 0.5 m: two of them, also around a corner.
+        // Cells of 0.5 m: two cells, also around a corner.
         let wall = drawn(&["#####..", "#####..", "#####  ", "####   "], Pose2::IDENTITY);
         let seen = drawn(&["   ##  ", "   ##  ", "    #  ", "       "], Pose2::IDENTITY);
         assert_eq!(wall.surface(), seen.occupied);
         let points = wall.surface_points().unwrap();
         assert_eq!(points.points()[0], [2.25, 0.75]);
-        // Cells of 2 cm: 0.12 m is six of them.
+        // Cells of 2 cm: 0.12 m is six cells.
         let fine = drawn(&["########."], Pose2::IDENTITY);
         let fine = ObstacleGrid { resolution: 0.02, ..fine };
         assert_eq!(fine.surface(), [false, false, true, true, true, true, true, true, false]);
@@ -194,7 +195,7 @@ mod tests {
         assert!(matches!(nothing.surface_points(), Err(FilterError::Map(CoreError::NoPoints))));
     }
 
-    /// Turned a quarter to the left about (10, 20): the free cells are x from 9 to 9.5 and from 8.5 to 9, y from 20
+    /// Rotated by 90° to the left about (10, 20): the free cells are x from 9 to 9.5 and from 8.5 to 9, y from 20
     /// to 20.5 and from 20.5 to 21.
     #[test]
     fn places_are_drawn_in_free_cells() {

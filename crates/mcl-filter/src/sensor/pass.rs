@@ -1,4 +1,4 @@
-//! Beams passing over particles: the loop around [`Lookup`] that weighs them.
+//! The loop around [`Lookup`] that weights particles by the beams of a scan.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use super::fetch::{Fetch, PADDING, Task};
 use super::grid::Grid;
 use super::lookup::{Lookup, Workspace};
 
-/// Some particles, in cells of the grid, and the sum or product over beams so far.
+/// A chunk of particles, in cells of the grid, and their sums or products over the beams so far.
 #[derive(Default)]
 pub(super) struct Chunk {
     poses: [Vec<f64>; 4],
@@ -18,13 +18,13 @@ pub(super) struct Chunk {
     workspace: Box<Workspace>,
 }
 
-/// Cells from the grid's first one within which cells are told apart.
+/// Largest distance from the first cell of the grid, in cells, at which cells are distinguished.
 const FARTHEST_CELL: f64 = 4_194_304.0;
 
 impl Chunk {
-    /// Takes over those of the poses in `range`; there are at most [`CHUNK`](super::lookup::CHUNK).
+    /// Loads the poses in `range`, at most [`CHUNK`](super::lookup::CHUNK).
     ///
-    /// The list is filled up to whole vectors with poses that nothing is asked about.
+    /// The list is padded to whole vectors with poses whose results are not used.
     pub fn load(&mut self, grid: &Grid, poses: &Poses<'_>, range: Range<usize>, neutral: f64) {
         let number = range.len().next_multiple_of(PADDING);
         let [x, y, sin, cos] = &mut self.poses;
@@ -56,8 +56,7 @@ impl Chunk {
         self.value.resize(number, neutral);
     }
 
-    /// Adds what the values stand for to the particles' log-weights and makes the values neutral
-    /// again.
+    /// Adds the values, as log-likelihoods, to the log-weights of the particles and resets the values to neutral.
     pub fn take_values(
         &mut self,
         log_weights: &mut [f64],
@@ -71,16 +70,16 @@ impl Chunk {
     }
 }
 
-/// What the squared distances of beams (in cells) do to the value of a particle. Those of a few beams
-/// are combined in `f32` before they change it.
+/// The update of the value of a particle by the squared distances of beams (in cells). Those of a few beams
+/// are combined in `f32` first.
 pub(super) trait Update: Copy {
-    /// No beam, combined.
+    /// The neutral element: no beams combined.
     const NEUTRAL: f32;
     fn combine(self, combined: f32, squared: f32) -> f32;
     fn next(self, value: f64, combined: f32) -> f64;
 }
 
-/// Without random measurements: the sum of squared distances.
+/// The update without random measurements: the sum of squared distances.
 #[derive(Clone, Copy)]
 pub(super) struct Sum;
 
@@ -98,12 +97,12 @@ impl Update for Sum {
     }
 }
 
-/// The product of likelihoods, each divided by the largest that there can be.
+/// The update with random measurements: the product of likelihoods, each divided by its maximum.
 #[derive(Clone, Copy)]
 pub(super) struct Product {
     /// −log₂(e)/(2σ_hit²), σ_hit in cells.
     pub decay: f32,
-    /// What the two parts of the likelihood contribute at distance 0; together 1.
+    /// The contributions of the two terms of the likelihood at distance 0; together 1.
     pub hit: f32,
     pub random: f32,
 }
@@ -128,11 +127,11 @@ impl Update for Product {
 pub(super) struct Pass<'a, I, U> {
     pub lookup: Lookup<'a>,
     pub particles: &'a mut Chunk,
-    /// Endpoints in cells, in the robot's frame.
+    /// Endpoints in cells, in the robot frame.
     pub beams: I,
-    /// Whether `f32` is good enough to place the endpoints ([`Lookup::is_near`]).
+    /// Whether `f32` is accurate enough for the positions of the endpoints ([`Lookup::is_near`]).
     pub near: bool,
-    /// How many beams are combined in `f32`.
+    /// Number of beams combined in `f32`.
     pub few: usize,
     pub update: U,
 }

@@ -2,8 +2,8 @@ use mcl_core::{LaserScan, Point, Pose2, is_usable_range, math};
 
 use crate::{Beams, FilterError};
 
-/// Endpoints of the used beams of one scan in the robot's frame: what every particle places on the
-/// map. Computed once per scan; the buffers are reused.
+/// Endpoints of the used beams of one scan in the robot frame. Computed once per scan for all particles; the buffers
+/// are reused.
 #[derive(Debug, Clone, Default)]
 pub struct ScanEndpoints {
     x: Vec<f64>,
@@ -11,15 +11,15 @@ pub struct ScanEndpoints {
 }
 
 impl ScanEndpoints {
-    /// Replaces the endpoints by those of a scan: of the beams chosen by `beams`, those whose reading
+    /// Replaces the endpoints by those of a scan: of the beams selected by `beams`, those whose reading
     /// satisfies `0 < r ≤ max_range` (m).
     ///
     /// n beams spread over B are those in the middle of n equal parts of the scan,
-    /// ⌊(2i + 1)·B / 2n⌋. They are chosen by direction alone, before unusable readings are dropped,
-    /// so that what a scan sees does not change which beams look.
+    /// ⌊(2i + 1)·B / 2n⌋. They are selected by direction only, before unusable readings are dropped,
+    /// so that the selection does not depend on the readings.
     ///
     /// # Errors
-    /// [`FilterError::ScanGeometry`] when the beams have no finite direction.
+    /// [`FilterError::ScanGeometry`] if the beam directions are not finite.
     pub fn load(
         &mut self,
         scan: &LaserScan,
@@ -42,14 +42,14 @@ impl ScanEndpoints {
                 ((view / step).round() as usize).clamp(1.min(all), all)
             }
         };
-        // Every beam is that in the middle of its own part.
+        // Each beam is in the middle of its part.
         (0..n).for_each(|i| {
             self.push(scan, (2 * i + 1) * all / (2 * n), robot_from_laser, max_range);
         });
         Ok(())
     }
 
-    /// Leaves out the beams of which `keep` says no, by their place.
+    /// Keeps the beams for whose index `keep` returns true.
     pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
         for coordinates in [&mut self.x, &mut self.y] {
             let mut place = 0..;
@@ -66,17 +66,17 @@ impl ScanEndpoints {
         }
     }
 
-    /// The endpoints in the robot's frame (m).
+    /// The endpoints in the robot frame (m).
     pub(crate) fn iter(&self) -> impl Iterator<Item = Point<2>> + '_ {
         self.x.iter().zip(&self.y).map(|(&x, &y)| [x, y])
     }
 
-    /// x coordinates in the robot's frame (m).
+    /// x coordinates in the robot frame (m).
     pub fn x(&self) -> &[f64] {
         &self.x
     }
 
-    /// y coordinates in the robot's frame (m).
+    /// y coordinates in the robot frame (m).
     pub fn y(&self) -> &[f64] {
         &self.y
     }
@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    /// Which beams are used, told by their range: beam i reads i + 1 m.
+    /// The indices of the used beams, recognized by their range: beam i reads i + 1 m.
     fn used(beams: usize, choice: Beams) -> Vec<usize> {
         let ranges: Vec<f64> = (1..=beams).map(|i| i as f64).collect();
         let mut endpoints = ScanEndpoints::default();
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(used(5, Beams::Spread(usize::MAX)), [0, 1, 2, 3, 4]);
         assert_eq!(used(5, Beams::All), [0, 1, 2, 3, 4]);
         assert!(used(0, Beams::Spread(3)).is_empty());
-        // 0.01 rad are 0.573°: a beam per 5.73° of 100 beams are ten, and never none.
+        // 0.01 rad is 0.573°: one beam per 5.73° gives ten of 100 beams, and at least one.
         assert_eq!(used(100, Beams::Degrees(5.73)), used(100, Beams::Spread(10)));
         assert_eq!(used(5, Beams::Degrees(0.001)), [0, 1, 2, 3, 4]);
         assert_eq!(used(5, Beams::Degrees(360.0)), [2]);

@@ -1,18 +1,18 @@
 use mcl_core::{Bounds, LineSegment, Point, SegmentMap, math};
 
-use super::grid_builder::Block;
+use super::grid_builder::CellBlock;
 use crate::FilterError;
 use crate::check::check_length;
 
-/// About as many cells as are looked up, and no side is cut into more. Results do not depend on it.
+/// Approximate number of cells, and the limit per side. Results do not depend on it.
 const CELLS: f64 = (1u64 << 17) as f64;
-/// Candidates looked at while building, per segment and cell. When that is used up (thousands of nearly
-/// equal segments are candidates everywhere), the rest of the cells share the lists of larger blocks.
+/// Largest number of candidates examined while building, per segment and cell. Once it is reached (thousands of
+/// nearly equal segments are candidates everywhere), the remaining cells share the lists of larger blocks.
 const WORK: usize = 128;
 
 /// Exact distances to the nearest segment of a map, from a grid in which each cell lists the segments that
-/// can be the nearest to some place in it. Nothing is rounded to cells: a distance is the minimum of
-/// [`LineSegment::distance_squared`] that a search through all segments would find.
+/// can be the nearest to some point in it. Distances are not rounded to cells: each is the minimum of
+/// [`LineSegment::distance_squared`] over all segments.
 pub struct SegmentDistances {
     segments: Vec<LineSegment>,
     /// Lower left corner of the first cell.
@@ -21,7 +21,7 @@ pub struct SegmentDistances {
     cell: f64,
     columns: usize,
     rows: usize,
-    /// Where the list of each cell begins and ends, row by row.
+    /// Start and end of the list of each cell, row by row.
     cells: Vec<[u32; 2]>,
     /// Indices of segments.
     listed: Vec<u32>,
@@ -30,21 +30,21 @@ pub struct SegmentDistances {
 }
 
 impl SegmentDistances {
-    /// Indexes a map, with distances cut at `max_distance` (m).
+    /// Indexes a map, with distances truncated at `max_distance` (m).
     ///
     /// # Errors
-    /// [`FilterError::Setting`] for a `max_distance` that is no length.
+    /// [`FilterError::Setting`] for a `max_distance` out of range.
     pub fn build(map: &SegmentMap, max_distance: f64) -> Result<Self, FilterError> {
         check_length("max_distance", max_distance)?;
         let mut segments = map.segments().to_vec();
-        // Equal segments would be listed as often as they occur.
+        // Duplicates would be listed repeatedly.
         let ends = |segment: &LineSegment| [segment.start, segment.end];
         segments.sort_by(|a, b| ends(a).partial_cmp(&ends(b)).expect("ends are finite"));
         segments.dedup();
         let bounds = Bounds::around(segments.iter().flat_map(|s| [s.start, s.end]))
             .expect("a map has at least one segment");
         let largest = bounds.min.iter().chain(&bounds.max).fold(0.0f64, |l, c| c.abs().max(l));
-        // More than the rounding of distances between coordinates of this size and the cut.
+        // More than the rounding of distances between coordinates of this size and the maximum distance.
         let rounding = 16.0 * f64::EPSILON * (largest + max_distance);
         let reach = max_distance + rounding;
         let [width, height] = [0, 1].map(|axis| bounds.extent(axis) + 2.0 * reach);
@@ -62,19 +62,19 @@ impl SegmentDistances {
             max_distance,
             segments,
         };
-        // No more is listed than looked at, and lists are counted in `u32`.
+        // The lists have at most as many entries as candidates were examined, and indices are `u32`.
         let work = WORK * (distances.segments.len() + distances.cells.len());
         let mut work = work.min(1 << 31);
-        let whole = Block { column: 0, row: 0, columns, rows };
+        let whole = CellBlock { column: 0, row: 0, columns, rows };
         distances.fill(whole, &all, rounding, &mut work);
         Ok(distances)
     }
 
-    /// Lists the segments that can be nearest to places in a block, out of those that can be in a larger one.
-    fn fill(&mut self, block: Block, candidates: &[u32], rounding: f64, work: &mut usize) {
+    /// Lists the segments that can be nearest to points in a block, given those of a larger block.
+    fn fill(&mut self, block: CellBlock, candidates: &[u32], rounding: f64, work: &mut usize) {
         let near = self.near(block, candidates, rounding);
         *work = work.saturating_sub(candidates.len());
-        // One candidate, or none, is the list of every part.
+        // A list of at most one candidate is the same for every part.
         if let Some(halves) = block.halves()
             && near.len() > 1
             && *work > 0
@@ -93,9 +93,9 @@ impl SegmentDistances {
         }
     }
 
-    /// The candidates that can be nearest to some place in a block, and within the cut: from its middle, a
-    /// distance differs by no more than half the diagonal.
-    fn near(&self, block: Block, candidates: &[u32], rounding: f64) -> Vec<u32> {
+    /// The candidates that can be nearest to some point in a block and within the maximum distance. Distances differ
+    /// from that at its centre by at most half the diagonal.
+    fn near(&self, block: CellBlock, candidates: &[u32], rounding: f64) -> Vec<u32> {
         let [columns, rows] = [block.columns, block.rows].map(|number| 0.5 * number as f64);
         let radius = self.cell * math::hypot(columns, rows) + rounding;
         let middle = [
@@ -112,17 +112,17 @@ impl SegmentDistances {
         pairs.filter(|(_, distance)| **distance <= limit).map(|(index, _)| *index).collect()
     }
 
-    /// Where distances are cut (m).
+    /// Distance at which distances are truncated (m).
     pub fn max_distance(&self) -> f64 {
         self.max_distance
     }
 
-    /// The smallest box around the segments.
+    /// Bounding box of the segments.
     pub fn bounds(&self) -> Bounds<2> {
         self.bounds
     }
 
-    /// min(d², max_distance²) in m², d the distance from a finite point to the nearest segment.
+    /// min(d², max_distance²) in m², with d the distance from a finite point to the nearest segment.
     #[inline]
     pub fn distance_squared(&self, point: Point<2>) -> f64 {
         let [x, y] = [0, 1].map(|axis| (point[axis] - self.origin[axis]) / self.cell);
@@ -145,8 +145,8 @@ mod tests {
     use proptest::prelude::*;
     use rand::RngExt;
 
-    /// By another way than [`LineSegment::distance_squared`]: beside the segment the perpendicular, beyond
-    /// its ends the nearer end.
+    /// An independent implementation of [`LineSegment::distance_squared`]: the perpendicular beside the segment, the
+    /// nearer end beyond its ends.
     fn distance(segment: &LineSegment, place: Point<2>) -> f64 {
         let to = |end: Point<2>| (place[0] - end[0]).hypot(place[1] - end[1]);
         let ends = to(segment.start).min(to(segment.end));
@@ -160,7 +160,7 @@ mod tests {
         ((along[0] * y - along[1] * x) / segment.length()).abs()
     }
 
-    /// Panics unless distances are those of a search through all segments.
+    /// Panics unless the distances equal those of a search through all segments.
     fn compare(segments: &[LineSegment], max_distance: f64, seed: u64) {
         let map = SegmentMap::new(segments.to_vec()).unwrap();
         let distances = SegmentDistances::build(&map, max_distance).unwrap();
@@ -205,7 +205,7 @@ mod tests {
         }
     }
 
-    /// Maps that no cell has few candidates in, or that hardly have a width.
+    /// Maps without cells of few candidates, or with almost no width.
     #[test]
     fn hard_maps_are_exact_too() {
         let star = (0..300).map(|i| {
@@ -222,7 +222,7 @@ mod tests {
         compare(&[LineSegment { start: [7.0, 7.0], end: [7.0, 7.0] }], 1.0, 4);
     }
 
-    /// When the work is used up, cells share lists, and distances stay exact.
+    /// When the work limit is reached, cells share lists, and distances stay exact.
     #[test]
     fn without_work_left_lists_are_longer() {
         let mut rng = Seed::new(5).rng();
@@ -232,7 +232,7 @@ mod tests {
         let map = SegmentMap::new(segments.clone()).unwrap();
         let rich = SegmentDistances::build(&map, 2.0).unwrap();
         let mut poor = SegmentDistances::build(&map, 2.0).unwrap();
-        let whole = Block { column: 0, row: 0, columns: poor.columns, rows: poor.rows };
+        let whole = CellBlock { column: 0, row: 0, columns: poor.columns, rows: poor.rows };
         let all: Vec<u32> = (0..50).collect();
         poor.listed.clear();
         poor.fill(whole, &all, 1e-12, &mut 1_000);

@@ -1,16 +1,16 @@
-//! The distance transform of a grid.
+//! Distance transform of a grid.
 
 use mcl_core::math;
 
-/// Squared distances, in cells, from each cell's centre to that of the nearest occupied cell; infinite
-/// when there is none. First along columns, then the lower envelope of a parabola per column along each
-/// row: P. Felzenszwalb and D. Huttenlocher, *Distance Transforms of Sampled Functions*, Theory of
-/// Computing 8 (2012). Exact: all numbers that are compared are integers, or quotients of integers.
+/// Squared distances, in cells, from the centre of each cell to that of the nearest occupied cell; infinite
+/// if there is none. They are computed along columns first, then as the lower envelope of one parabola per column
+/// along each row: P. Felzenszwalb and D. Huttenlocher, *Distance Transforms of Sampled Functions*, Theory of
+/// Computing 8 (2012). Exact, because all compared numbers are integers or quotients of integers.
 pub(super) fn squared_distances(width: usize, occupied: &[bool]) -> Vec<f64> {
     let height = occupied.len() / width;
     let mut squared = vec![f64::INFINITY; occupied.len()];
     for column in 0..width {
-        // Upwards, then downwards: how many cells ago the last occupied one was.
+        // Upwards, then downwards: the number of cells since the last occupied one.
         let mut since = f64::INFINITY;
         for row in (0..height).chain((0..height).rev()) {
             let cell = row * width + column;
@@ -47,7 +47,7 @@ pub(super) fn squared_distances(width: usize, occupied: &[bool]) -> Vec<f64> {
     squared
 }
 
-/// (x − vertex)² + height, the lowest one from `from` on.
+/// The parabola (x − vertex)² + height, which is the lowest one from `from` on.
 struct Parabola {
     vertex: f64,
     height: f64,
@@ -55,7 +55,7 @@ struct Parabola {
 }
 
 impl Parabola {
-    /// Where one with a vertex farther right becomes the lower of the two.
+    /// The x from which a parabola with a vertex farther right is lower.
     fn meets(&self, right: &Parabola) -> f64 {
         let sum = |parabola: &Parabola| parabola.height + parabola.vertex * parabola.vertex;
         (sum(right) - sum(self)) / (2.0 * (right.vertex - self.vertex))

@@ -1,4 +1,4 @@
-//! Point clouds as scanners and their programs write them: data to build maps of.
+//! Point clouds as written by scanners and their software: data to build maps from.
 
 use std::path::Path;
 
@@ -7,20 +7,20 @@ use mcl_core::Point;
 use super::columns::{NotFinite, Parsed};
 use super::{Format, MapFileError, MapProblem};
 
-/// The points of a file.
+/// The points of a point cloud file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCloud {
-    /// The points in metres and in the file's order; z is 0 where the file has none.
+    /// The points in metres, in file order; z is 0 if the file has no z column.
     pub points: Vec<Point<3>>,
     /// Whether the file has a z column.
     pub has_z: bool,
-    /// Points left out because a coordinate was NaN or infinite: scanners write such points where nothing
-    /// came back.
+    /// Number of points left out because a coordinate was NaN or infinite. Scanners write such points for missing
+    /// returns.
     pub not_finite: usize,
 }
 
 impl PointCloud {
-    /// 3 when the points differ in height, else 2: formats that know no plane write z = 0.
+    /// Returns 3 if the points differ in height, otherwise 2: formats without a 2-D variant write z = 0.
     pub fn dimensions(&self) -> usize {
         let mut heights = self.points.iter().map(|point| point[2]);
         let first = heights.next();
@@ -28,16 +28,16 @@ impl PointCloud {
     }
 }
 
-/// Whether the ending of a path is one that [`read_cloud`] reads: `.ply`, `.pcd` or `.csv`.
+/// Whether a path has an extension that [`read_cloud`] reads: `.ply`, `.pcd` or `.csv`.
 pub fn is_point_cloud(path: impl AsRef<Path>) -> bool {
     matches!(Format::of(path.as_ref()), Ok(Format::Points(_)))
 }
 
-/// Reads a point cloud (PLY, PCD, CSV with a header); the ending of `path` says the format.
+/// Reads a point cloud (PLY, PCD, CSV with a header); the extension of `path` determines the format. Points with NaN
+/// or infinite coordinates are left out and counted.
 ///
 /// # Errors
-/// As [`read_map`](super::read_map), but points with NaN or infinite coordinates are left out and
-/// counted. A file without any point is an error.
+/// As [`read_map`](super::read_map). A file without a finite point is an error too.
 pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud, MapFileError> {
     let path = path.as_ref();
     let Format::Points(format) = Format::of(path)? else {
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_are_no_measurement_are_left_out_and_counted() {
+    fn points_of_missing_returns_are_left_out_and_counted() {
         let header = |data: &str| {
             format!(
                 "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT 1\n\
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!((cloud.points.as_slice(), cloud.not_finite), (&[[1.0, 2.0, 3.0]][..], 2));
         let error = read("a.pcd", &header("nan 0 0\nnan 0 0\n0 inf 1\n")).unwrap_err();
         assert!(error.contains("all 3 points are not finite"), "{error}");
-        // Still as strict as a map in all other things.
+        // In all other respects as strict as for maps.
         let error = read("a.pcd", &header("nan 0 0\n1 2 3\n")).unwrap_err();
         assert!(error.contains("announces 3"), "{error}");
         let error = read("a.csv", "x,y,z\n1,2,up\n").unwrap_err();

@@ -1,21 +1,21 @@
-//! Which columns of a file are coordinates, and what a coordinate must be.
+//! Finding the coordinate columns of a file, and checking coordinates.
 
 use mcl_core::Point;
 
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// What becomes of a point with a coordinate that is NaN or infinite.
+/// How to treat a point with a coordinate that is NaN or infinite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NotFinite {
-    /// It is an error: maps have no such points.
+    /// As an error: maps have no such points.
     Refused,
-    /// It is no measurement, and left out: scanners write such points where nothing came back.
+    /// As a missing return, which is left out: scanners write such points.
     LeftOut,
 }
 
-/// Where x, y and z stand among the columns of a file.
+/// Indices of the x, y and z columns of a file.
 pub(super) struct Axes<const D: usize> {
     columns: [usize; D],
     /// The z column of a file read as a planar map: it must be 0 everywhere.
@@ -23,10 +23,10 @@ pub(super) struct Axes<const D: usize> {
     not_finite: NotFinite,
 }
 
-/// The points of a file, in its order.
+/// The points of a file, in file order.
 pub(super) struct Parsed<const D: usize> {
     pub points: Vec<Point<D>>,
-    /// Points left out because a coordinate was NaN or infinite.
+    /// Number of points left out because a coordinate was NaN or infinite.
     pub left_out: usize,
 }
 
@@ -35,7 +35,7 @@ impl<const D: usize> Parsed<D> {
         Parsed { points: Vec::new(), left_out: 0 }
     }
 
-    /// Points of the file so far.
+    /// Number of points of the file so far.
     pub(super) fn count(&self) -> usize {
         self.points.len() + self.left_out
     }
@@ -49,7 +49,7 @@ impl<const D: usize> Parsed<D> {
 }
 
 impl<const D: usize> Axes<D> {
-    /// Finds the coordinates by name, upper or lower case, in any order.
+    /// Finds the coordinate columns by name, in any case and order.
     pub(super) fn find<S: AsRef<str>>(
         names: &[S],
         not_finite: NotFinite,
@@ -75,11 +75,11 @@ impl<const D: usize> Axes<D> {
         Ok(Axes { columns, flat, not_finite })
     }
 
-    /// The point of one row, unless it is left out; `value` reads the coordinate of a column by its index
+    /// Reads the point of one row, unless it is left out; `value` reads the coordinate of a column, given its index
     /// and name.
     pub(super) fn point(
         &self,
-        place: Place,
+        place: FilePosition,
         value: impl Fn(usize, &'static str) -> Result<f64, MapProblem>,
     ) -> Result<Option<Point<D>>, MapProblem> {
         if self.not_finite == NotFinite::LeftOut {
@@ -112,7 +112,7 @@ impl<const D: usize> Axes<D> {
                     place,
                     column: "z",
                     found: height.to_string(),
-                    expected: "0, because a planar map is wanted",
+                    expected: "0, because the map is planar",
                 });
             }
         }
@@ -120,14 +120,14 @@ impl<const D: usize> Axes<D> {
     }
 }
 
-/// A coordinate from text.
+/// Parses a coordinate.
 pub(super) fn parse_number(
     text: &str,
-    place: Place,
+    place: FilePosition,
     column: &'static str,
 ) -> Result<f64, MapProblem> {
     text.trim().parse().map_err(|_| {
-        // A damaged file may hold a line of any length where a number should be.
+        // A damaged file may have arbitrarily long text in place of a number.
         let mut found: String = text.chars().take(40).collect();
         if found.len() < text.len() {
             found.push('…');
@@ -141,7 +141,7 @@ pub(super) fn parse_number(
     })
 }
 
-/// A point with z = 0 where it has none, as point-cloud tools expect.
+/// Extends a point to three coordinates with z = 0, as point-cloud tools expect.
 pub(super) fn with_height<const D: usize>(point: &Point<D>) -> [f64; 3] {
     std::array::from_fn(|axis| point.get(axis).copied().unwrap_or(0.0))
 }

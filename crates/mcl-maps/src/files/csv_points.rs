@@ -1,4 +1,4 @@
-//! CSV: header `x,y` or `x,y,z`, one point a line.
+//! CSV: header `x,y` or `x,y,z`, one point per line.
 
 use std::io::{self, Write};
 
@@ -6,13 +6,13 @@ use csv::{ErrorKind, Position, ReaderBuilder, StringRecord, Trim, Writer};
 use mcl_core::Point;
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, parse_number};
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
 pub(super) fn write<const D: usize>(points: &[Point<D>], sink: impl Write) -> io::Result<()> {
     let mut writer = Writer::from_writer(sink);
     writer.write_record(&AXES[..D])?;
     for point in points {
-        // Display of f64 is the shortest decimal that reads back to the same bits.
+        // `Display` writes the shortest decimal that parses to the same bits.
         writer.write_record(point.map(|coordinate| coordinate.to_string()))?;
     }
     writer.flush()
@@ -39,9 +39,9 @@ pub(super) fn parse<const D: usize>(
     let mut points = Parsed::new();
     let mut record = StringRecord::new();
     while reader.read_record(&mut record).map_err(|error| problem(bytes, &error))? {
-        let place = Place::Line(line_of(bytes, record.position()));
+        let place = FilePosition::Line(line_of(bytes, record.position()));
         points.push(axes.point(place, |index, column| {
-            // Rows are as long as the header: the reader has checked.
+            // The reader has checked that rows have the length of the header.
             parse_number(record.get(index).unwrap_or_default(), place, column)
         })?);
     }
@@ -52,7 +52,7 @@ fn is_number(text: &str) -> bool {
     text.parse::<f64>().is_ok()
 }
 
-/// The line of a record, from 1. The library's position is where it began to look for the record,
+/// The line number of a record, from 1. The library reports the position where it started to look for the record,
 /// which is before any blank lines and comments.
 fn line_of(bytes: &[u8], position: Option<&Position>) -> u64 {
     let Some(position) = position else { return 0 };
@@ -66,9 +66,11 @@ fn line_of(bytes: &[u8], position: Option<&Position>) -> u64 {
 fn problem(bytes: &[u8], error: &csv::Error) -> MapProblem {
     let line = line_of(bytes, error.position());
     match error.kind() {
-        ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            MapProblem::RowLength { place: Place::Line(line), found: *len, expected: *expected_len }
-        }
+        ErrorKind::UnequalLengths { expected_len, len, .. } => MapProblem::RowLength {
+            place: FilePosition::Line(line),
+            found: *len,
+            expected: *expected_len,
+        },
         ErrorKind::Utf8 { .. } => MapProblem::syntax(format!("line {line}: not UTF-8 text")),
         _ => MapProblem::syntax(error.to_string()),
     }

@@ -6,58 +6,58 @@ use mcl_core::CoreError;
 
 use crate::occupancy::GridError;
 
-/// Why a map file could not be read or written.
+/// An error in reading or writing a map file.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
-    /// The ending names no map format.
+    /// The extension is not that of a map format.
     #[error(
-        "{}: {} is no map format, expected one of .csv, .ply, .pcd, .yaml", path.display(),
+        "{}: {} is not a map format, expected one of .csv, .ply, .pcd, .yaml", path.display(),
         if ending.is_empty() { "a file without ending".into() } else { format!("\".{ending}\"") }
     )]
     UnknownEnding {
         /// The file.
         path: PathBuf,
-        /// Its ending in lower case, without the dot.
+        /// Its extension in lower case, without the dot.
         ending: String,
     },
-    /// The image of a grid map, without its description.
+    /// The path names the image of a grid map, not its description.
     #[error(
-        "{}: an image alone has neither scale nor place; name the .yaml file that describes it",
+        "{}: an image alone has no scale or position; name the .yaml file that describes it",
         path.display()
     )]
     BareImage {
         /// The file.
         path: PathBuf,
     },
-    /// A grid map where points in space are wanted.
+    /// A grid map was given where a 3-D map is expected.
     #[error("{}: a grid map is planar, expected one of .csv, .ply, .pcd for a map in 3-D", path.display())]
     PlanarFormat {
         /// The file.
         path: PathBuf,
     },
-    /// A grid map was named where points are wanted.
+    /// A grid map was given where a point cloud is expected.
     #[error("{}: a grid map, expected a point cloud: .ply, .pcd or .csv", path.display())]
     NoCloud {
         /// The file.
         path: PathBuf,
     },
-    /// The file could not be read at all.
+    /// The file could not be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// The file could not be written; what was there before is untouched.
+    /// The file could not be written; an existing file is unchanged.
     #[error("cannot write {}: {source}", path.display())]
     Unwritable {
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// The file was read, but does not hold a map.
+    /// The file was read, but its content is not a valid map.
     #[error("{}: {problem}", path.display())]
     Content {
         /// The file.
@@ -67,51 +67,51 @@ pub enum MapFileError {
     },
 }
 
-/// Where in a map file something was found.
+/// A position in a map file, for error messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum FilePosition {
     /// A line of a text file, from 1.
     Line(u64),
     /// A point of a binary file, from 0.
     Point(u64),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Line(line) => write!(f, "line {line}"),
-            Place::Point(index) => write!(f, "point {index}"),
+            FilePosition::Line(line) => write!(f, "line {line}"),
+            FilePosition::Point(index) => write!(f, "point {index}"),
         }
     }
 }
 
-/// What is wrong with the content of a map file.
+/// A problem with the content of a map file.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum MapProblem {
-    /// The header (or, in CSV, the quoting) cannot be understood.
+    /// The header (or, in CSV, the quoting) cannot be parsed.
     #[error("{reason}")]
     Syntax {
-        /// The place, where known, and what was found and expected.
+        /// The position, where known, and what was found and expected.
         reason: String,
     },
-    /// A field that is needed is not there.
+    /// A required field is missing.
     #[error("no field \"{field}\", found {found}; expected {expected}")]
     MissingField {
         /// The field.
         field: &'static str,
         /// The fields of the file.
         found: String,
-        /// What the field should say.
+        /// What is expected of the field.
         expected: &'static str,
     },
-    /// A field with a value that cannot be used.
+    /// A field has an invalid value.
     #[error("field \"{field}\": found {found}, expected {expected}")]
     Field {
         /// The field.
         field: &'static str,
         /// Its value.
         found: String,
-        /// What would have been right.
+        /// What was expected.
         expected: &'static str,
     },
     /// A coordinate has no column.
@@ -134,52 +134,52 @@ pub enum MapProblem {
     #[error("{place}: found {found} values, expected {expected}")]
     RowLength {
         /// The row.
-        place: Place,
+        place: FilePosition,
         /// Number of values found.
         found: u64,
         /// Number of values the header announces.
         expected: u64,
     },
-    /// A value is no coordinate.
+    /// A value is not a valid coordinate.
     #[error("{place}, column \"{column}\": found {found}, expected {expected}")]
     Value {
         /// The row.
-        place: Place,
+        place: FilePosition,
         /// The column.
         column: &'static str,
-        /// The value as it stands in the file.
+        /// The value as written in the file.
         found: String,
-        /// What would have been right.
+        /// What was expected.
         expected: &'static str,
     },
-    /// The header announces another number of points than the file holds.
+    /// The number of points in the header is not that of the file.
     #[error(
         "the header announces {announced} {what}, the file holds {found}: it is damaged or cut short"
     )]
     Count {
         /// What is counted: "points", or other elements of a PLY file.
         what: String,
-        /// The number announced.
+        /// The number in the header.
         announced: u64,
-        /// What the file holds.
+        /// The number in the file, in words.
         found: String,
     },
-    /// No points, or coordinates too large for a map.
+    /// There are no points, or coordinates are too large for a map.
     #[error("{0}")]
     Points(CoreError),
-    /// A cloud without a single measured point.
+    /// A point cloud has no finite point.
     #[error(
         "no point in it{}",
         if *not_finite == 0 { String::new() } else { format!(": the coordinates of all {not_finite} points are not finite") }
     )]
     NoMeasurement {
-        /// Points left out.
+        /// Number of points left out.
         not_finite: usize,
     },
-    /// No grid of this size and resolution.
+    /// The size or resolution of a grid is invalid.
     #[error("{0}")]
     Grid(GridError),
-    /// A grid without points.
+    /// A grid has no occupied cell.
     #[error(
         "no cell of {width} × {height} is occupied (p > occupied_thresh), so the map has no point"
     )]

@@ -1,27 +1,26 @@
 //! Map files: point maps in CSV, PLY and PCD, and the grid maps of ROS's map_server.
 //!
-//! The file's ending says the format. Coordinates are metres in the map's frame, stored as 64-bit
-//! numbers (in text as the shortest decimals that read back to the same bits), so a map survives
-//! write → read bit for bit, signed zeros and subnormal numbers included.
+//! The extension of a file determines its format. Coordinates are metres in the map frame, stored as 64-bit
+//! numbers (in text as the shortest decimals that parse to the same bits), so a map is the same bit for bit after
+//! writing and reading, including signed zeros and subnormal numbers.
 //!
-//! | ending | written | read |
+//! | extension | written | read |
 //! |---|---|---|
 //! | `.csv` | header `x,y` (`x,y,z` in 3-D) | any column order, further columns, `#` comments, CRLF |
 //! | `.ply` | `double x y z`, binary little-endian or ASCII | also big-endian, any scalar type, further columns and elements |
 //! | `.pcd` | version 0.7, `x y z` as `SIZE 8 TYPE F`, binary or ASCII | also `binary_compressed`, any scalar type, further columns |
-//! | `.yaml`, `.yml` | map_server grid beside a `.pgm` image, mode trinary | also P2 and `.png`, 16 bits, modes scale and raw, a turned origin |
+//! | `.yaml`, `.yml` | map_server grid beside a `.pgm` image, mode trinary | also P2 and `.png`, 16 bits, modes scale and raw, a rotated origin |
 //!
 //! Point-cloud tools expect three coordinates, so a planar map is written to PLY and PCD with z = 0.
 //! Reading a planar map accepts a file without z or with z = 0 everywhere; any other height is an
 //! error, because dropping it would silently flatten a 3-D cloud.
 //!
-//! A grid map is not a point map: [`read_map`] takes the centres of its occupied cells, [`write_map`] marks
-//! the cells ([`DEFAULT_RESOLUTION`]) that hold a point. Whoever
-//! wants another resolution, or free space, makes the grid ([`crate::occupancy`]) and calls
-//! [`write_grid`].
+//! A grid map is not a point map: [`read_map`] returns the centres of its occupied cells, and [`write_map`] marks
+//! the cells (of [`DEFAULT_RESOLUTION`]) that contain a point. For another resolution, or with free space, build the
+//! grid ([`crate::occupancy`]) and call [`write_grid`].
 //!
-//! A point cloud as a scanner wrote it is data, not a map: [`read_cloud`] takes either dimension, and leaves out
-//! the points that are no measurement.
+//! A point cloud from a scanner is data, not a map: [`read_cloud`] reads both dimensions and leaves out the points of
+//! missing returns.
 //!
 //! # Example
 //! ```
@@ -58,20 +57,20 @@ use crate::occupancy::{Cell, DEFAULT_RESOLUTION, rasterize};
 use columns::{NotFinite, Parsed};
 
 pub use cloud::{PointCloud, is_point_cloud, read_cloud};
-pub use error::{MapFileError, MapProblem, Place};
+pub use error::{FilePosition, MapFileError, MapProblem};
 pub use map_server::{encode_grid, image_in_place, parse_grid, read_grid, write_grid};
 
-/// How numbers are written to PLY and PCD. CSV is always text.
+/// Encoding of numbers in PLY and PCD files. CSV is always text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Encoding {
     /// Little-endian 64-bit numbers: smaller and faster.
     #[default]
     Binary,
-    /// Decimal text: readable and easy to compare, just as exact.
+    /// Decimal text: readable, easy to compare and equally exact.
     Ascii,
 }
 
-/// A format of point maps.
+/// A file format of point maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PointFormat {
     /// `.csv`
@@ -83,10 +82,10 @@ pub enum PointFormat {
 }
 
 impl PointFormat {
-    /// Reads the content of a file.
+    /// Parses the content of a file.
     ///
     /// # Errors
-    /// [`MapProblem`] says what is wrong with it.
+    /// [`MapProblem`] if the content is invalid.
     pub fn parse<const D: usize>(self, bytes: &[u8]) -> Result<PointMap<D>, MapProblem> {
         const { planar_or_spatial(D) };
         let parsed = self.parse_points(bytes, NotFinite::Refused)?;
@@ -105,7 +104,7 @@ impl PointFormat {
         }
     }
 
-    /// Writes the content of the file of a map.
+    /// Writes the file content of a map.
     ///
     /// # Errors
     /// Those of `sink` and of the formats' libraries.
@@ -124,7 +123,7 @@ impl PointFormat {
     }
 }
 
-/// The formats, by the file's ending.
+/// A map format, from the extension of a file.
 enum Format {
     Points(PointFormat),
     Grid,
@@ -144,14 +143,14 @@ impl Format {
     }
 }
 
-/// Whether the ending of a path is that of a grid map (`.yaml`, `.yml`).
+/// Whether a path has the extension of a grid map (`.yaml`, `.yml`).
 pub fn is_grid(path: impl AsRef<Path>) -> bool {
     matches!(Format::of(path.as_ref()), Ok(Format::Grid))
 }
 
-/// Checks before much is computed that a map can be written to a path: a known ending, a folder that exists,
-/// and nothing there but a file that is none of `inputs` ([`prepare`]). A grid map is two files, also among the
-/// inputs.
+/// Checks before a long computation that a map can be written to a path: the extension is known, the folder exists,
+/// and the path is free or a file that is not one of `inputs` ([`prepare`]). A grid map counts as two files, also
+/// among the inputs.
 ///
 /// # Errors
 /// [`MapFileError::UnknownEnding`], [`MapFileError::BareImage`] and [`MapFileError::Unwritable`].
@@ -169,17 +168,16 @@ pub fn check_writable(path: impl AsRef<Path>, inputs: &[PathBuf]) -> Result<(), 
         .map_err(|Unwritable { path, source }| MapFileError::Unwritable { path, source })
 }
 
-/// Point maps have two or three dimensions; anything else does not compile.
+/// Fails to compile unless point maps have two or three dimensions.
 const fn planar_or_spatial(dimensions: usize) {
     assert!(dimensions == 2 || dimensions == 3, "map files hold points in 2 or 3 dimensions");
 }
 
-/// Reads a point map; the ending of `path` says the format, and the points keep the file's order.
+/// Reads a point map; the extension of `path` determines the format, and the points keep the file order.
 ///
 /// # Errors
-/// [`MapFileError`] names the file and what is wrong with it: an unknown ending, an unreadable
-/// file, or the [`MapProblem`] of its content with line or point, column, what was found and what
-/// was expected.
+/// [`MapFileError`] with the file and the reason: an unknown extension, an unreadable file, or the
+/// [`MapProblem`] of its content with line or point, column, what was found and what was expected.
 pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, MapFileError> {
     const { planar_or_spatial(D) };
     let path = path.as_ref();
@@ -189,14 +187,14 @@ pub fn read_map<const D: usize>(path: impl AsRef<Path>) -> Result<PointMap<D>, M
     format.parse(&bytes).map_err(|problem| MapFileError::Content { path: path.into(), problem })
 }
 
-/// The occupied cells of a grid map.
+/// Reads the centres of the occupied cells of a grid map.
 fn read_grid_points<const D: usize>(path: &Path) -> Result<PointMap<D>, MapFileError> {
     if D != 2 {
         return Err(MapFileError::PlanarFormat { path: path.into() });
     }
     let grid = read_grid(path)?;
     let content = |problem| MapFileError::Content { path: path.into(), problem };
-    // A packed image of a few kilobytes may hold a hundred million of them.
+    // A compressed image of a few kilobytes may contain a hundred million of them.
     check_room(grid.count(Cell::Occupied), 4 * size_of::<Point<D>>(), "points of a grid map")
         .map_err(|error| content(MapProblem::Points(error.into())))?;
     let centres = grid.occupied_points();
@@ -220,12 +218,12 @@ fn write_grid_of<const D: usize>(path: &Path, map: &PointMap<D>) -> Result<(), M
     write_grid(path, &grid)
 }
 
-/// Writes a point map; the ending of `path` says the format.
+/// Writes a point map; the extension of `path` determines the format.
 ///
-/// The file is whole or not there: an interrupted write leaves what was under `path` before.
+/// The write is atomic: if it is interrupted, an existing file at `path` is unchanged.
 ///
 /// # Errors
-/// [`MapFileError`] for an unknown ending or a file that cannot be written.
+/// [`MapFileError`] for an unknown extension or a file that cannot be written.
 pub fn write_map<const D: usize>(
     path: impl AsRef<Path>,
     map: &PointMap<D>,

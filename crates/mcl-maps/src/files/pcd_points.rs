@@ -8,12 +8,12 @@ use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, Schema, ValueKind, 
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
-use super::{Encoding, MapProblem, Place};
+use super::{Encoding, FilePosition, MapProblem};
 
-/// Bytes of a line of text, unless numbers are unusually small.
+/// Bytes of a line of text, unless numbers are unusually small in magnitude.
 const USUAL_LINE: usize = 3 * 20;
 
-/// In one piece: the library's writer panics when it is dropped after a disk was full.
+/// Writes to memory first, because the library's writer panics when it is dropped after a failed write.
 pub(super) fn encode<const D: usize>(
     points: &[Point<D>],
     encoding: Encoding,
@@ -46,7 +46,7 @@ pub(super) fn encode<const D: usize>(
             break;
         }
     }
-    // Whatever happened: the writer panics when dropped unfinished.
+    // Always finish: the writer panics when it is dropped unfinished.
     let finished = writer.finish();
     pushed.and(finished).map_err(io::Error::other)?;
     Ok(bytes)
@@ -85,7 +85,7 @@ pub(super) fn parse<const D: usize>(
         }
         return Ok(points);
     }
-    // Padding fields are left out of the records that the library returns.
+    // The library leaves padding fields out of its records.
     let names: Vec<_> = meta
         .field_defs
         .iter()
@@ -98,15 +98,15 @@ pub(super) fn parse<const D: usize>(
         .map_err(|error| MapProblem::syntax(format!("bad PCD data: {error}")))?;
     let mut points = Parsed::new();
     for (index, record) in (0..).zip(records) {
-        let place = Place::Point(index);
+        let place = FilePosition::Point(index);
         let record = record.map_err(|error| MapProblem::syntax(format!("{place}: {error}")))?;
         points.push(axes.point(place, |column, _| Ok(first_value(&record.0[column])))?);
     }
     Ok(points)
 }
 
-/// Compares the number of points with the size of the data before the library, which trusts the
-/// header, allocates for them or copies past the end.
+/// Checks the number of points against the size of the data. The library trusts the header, and would allocate by
+/// it or copy past the end.
 fn check_size(meta: &PcdMeta, payload: &[u8]) -> Result<(), MapProblem> {
     let mut record_size = 0_u64;
     for field in &meta.field_defs {
@@ -130,7 +130,7 @@ fn check_size(meta: &PcdMeta, payload: &[u8]) -> Result<(), MapProblem> {
                  the file is cut short"
             )));
         }
-        // The longest LZF match is 264 bytes from 3.
+        // The longest LZF match encodes 264 bytes in 3.
         if data > compressed * (264 / 3) {
             return Err(MapProblem::syntax(format!(
                 "{compressed} bytes of compressed data cannot hold the announced {data}"
@@ -141,8 +141,7 @@ fn check_size(meta: &PcdMeta, payload: &[u8]) -> Result<(), MapProblem> {
         payload.len() as u64
     };
     let held = data_size / record_size.max(1);
-    // Less than one record may be left over (a final line break, say), unless compressed: there
-    // the sizes are exact.
+    // Less than one record may be left over (such as a final line break); compressed sizes are exact.
     let exact = meta.data != DataKind::BinaryCompressed || data_size == held * record_size;
     if held != meta.num_points || !exact {
         return Err(MapProblem::count("points", meta.num_points, held.to_string()));
@@ -150,8 +149,8 @@ fn check_size(meta: &PcdMeta, payload: &[u8]) -> Result<(), MapProblem> {
     Ok(())
 }
 
-/// Coordinates have one value; 64-bit integers beyond 2⁵³ are rounded, which is still far below the
-/// resolution of any map.
+/// Returns the single value of a coordinate. 64-bit integers beyond 2⁵³ are rounded, by far less than the resolution
+/// of any map.
 fn first_value(field: &Field) -> f64 {
     let value = match field {
         Field::I8(values) => values.first().map(|&value| f64::from(value)),

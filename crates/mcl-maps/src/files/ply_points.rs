@@ -12,11 +12,11 @@ use ply_rs_bw::writer::Writer;
 
 use super::columns::{AXES, Axes, NotFinite, Parsed, with_height};
 use super::text_rows::{TextColumn, TextRows};
-use super::{Encoding, MapProblem, Place};
+use super::{Encoding, FilePosition, MapProblem};
 
 const VERTEX: &str = "vertex";
 
-/// A point to be written.
+/// A point to write.
 struct Vertex([f64; 3]);
 
 impl PropertyAccess for Vertex {
@@ -58,12 +58,12 @@ pub(super) fn write<const D: usize>(
     Ok(())
 }
 
-/// One element as read: its properties in the header's order, lists as NaN.
-struct Row(Vec<f64>);
+/// An element read from a file: its properties in the order of the header, lists as NaN.
+struct ElementRow(Vec<f64>);
 
-impl PropertyAccess for Row {
+impl PropertyAccess for ElementRow {
     fn new() -> Self {
-        Row(Vec::new())
+        ElementRow(Vec::new())
     }
 
     fn set_property(&mut self, _name: &str, property: Property) -> PropertyAccessResult {
@@ -87,7 +87,8 @@ pub(super) fn parse<const D: usize>(
     not_finite: NotFinite,
 ) -> Result<Parsed<D>, MapProblem> {
     let mut reader = Reader::new(bytes);
-    let header = Parser::<Row>::new().read_header(&mut reader).map_err(|error| syntax(&error))?;
+    let header =
+        Parser::<ElementRow>::new().read_header(&mut reader).map_err(|error| syntax(&error))?;
     let payload = reader.into_inner();
     let start = bytes.len() - payload.len();
     check_names(&bytes[..start], &header)?;
@@ -123,7 +124,7 @@ pub(super) fn parse<const D: usize>(
     }
     let mut points = Parsed::new();
     read_binary(&mut rest, vertex, &header, |index, row| {
-        points.push(axes.point(Place::Point(index), |column, _| Ok(row.0[column]))?);
+        points.push(axes.point(FilePosition::Point(index), |column, _| Ok(row.0[column]))?);
         Ok(())
     })?;
     if is_last && rest.len() >= least_size(vertex) {
@@ -137,17 +138,17 @@ fn read_binary(
     rest: &mut &[u8],
     element: &ElementDef,
     header: &Header,
-    mut use_row: impl FnMut(u64, &Row) -> Result<(), MapProblem>,
+    mut use_row: impl FnMut(u64, &ElementRow) -> Result<(), MapProblem>,
 ) -> Result<(), MapProblem> {
     let size = least_size(element);
     if size == 0 {
         return Ok(()); // Nothing is stored for an element without properties.
     }
-    // Before the first row: a header that lies must not keep us reading or allocating.
+    // Checked before the first row, so that a wrong header causes no long reads or large allocations.
     if element.count > rest.len() / size {
         return Err(short(element, rest.len() / size));
     }
-    let parser = Parser::<Row>::new();
+    let parser = Parser::<ElementRow>::new();
     for index in 0..element.count {
         let row = match header.encoding {
             PlyEncoding::BinaryBigEndian => parser.read_big_endian_element(rest, element),
@@ -162,7 +163,7 @@ fn read_binary(
     Ok(())
 }
 
-/// The fewest bytes a binary row can take: every list empty.
+/// The smallest size of a binary row in bytes, with every list empty.
 fn least_size(element: &ElementDef) -> usize {
     let size = |scalar: &ScalarType| match scalar {
         ScalarType::Char | ScalarType::UChar => 1,
@@ -179,7 +180,8 @@ fn least_size(element: &ElementDef) -> usize {
         .sum()
 }
 
-/// The library keeps the last of equally named elements or properties, which would shift the rest.
+/// Refuses duplicate names: the library keeps only the last of equally named elements or properties, which would
+/// shift the others.
 fn check_names(header_text: &[u8], header: &Header) -> Result<(), MapProblem> {
     let declared = |keyword: &[u8]| {
         header_text
@@ -199,7 +201,7 @@ fn check_names(header_text: &[u8], header: &Header) -> Result<(), MapProblem> {
 fn column_name(property: &PropertyDef) -> String {
     match property.data_type {
         PropertyType::Scalar(_) => property.name.clone(),
-        // Not a coordinate, whatever its name.
+        // A list is never a coordinate, whatever its name.
         PropertyType::List(..) => format!("list {}", property.name),
     }
 }
@@ -220,7 +222,7 @@ fn syntax(error: &ParseError) -> MapProblem {
     MapProblem::syntax(format!("bad PLY header: {}", one_line(error)))
 }
 
-/// The library's message without its line breaks, cut to a readable length.
+/// The library's message without line breaks, truncated to a readable length.
 fn one_line(error: &ParseError) -> String {
     let text = error.to_string();
     let words: Vec<_> = text.split_whitespace().collect();

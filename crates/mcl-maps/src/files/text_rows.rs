@@ -4,9 +4,9 @@
 //! `nan`, and `pcd-rs` does not say which line or column an error comes from.
 
 use super::columns::{Axes, Parsed, parse_number};
-use super::{MapProblem, Place};
+use super::{FilePosition, MapProblem};
 
-/// What one column takes on a row of text.
+/// The values that one column takes in a row of text.
 pub(super) enum TextColumn {
     /// This many values.
     Values(u64),
@@ -14,7 +14,7 @@ pub(super) enum TextColumn {
     List,
 }
 
-/// Lines of text after a header; blank lines and `#` comments are passed over.
+/// Lines of text after a header, without blank lines and `#` comments.
 pub(super) struct TextRows<'a> {
     lines: std::str::Lines<'a>,
     line: u64,
@@ -32,18 +32,18 @@ impl<'a> TextRows<'a> {
         Ok(TextRows { lines: text.lines(), line })
     }
 
-    pub(super) fn next_row(&mut self) -> Option<(Place, &'a str)> {
+    pub(super) fn next_row(&mut self) -> Option<(FilePosition, &'a str)> {
         for row in self.lines.by_ref() {
             self.line += 1;
             let row = row.trim();
             if !row.is_empty() && !row.starts_with('#') {
-                return Some((Place::Line(self.line), row));
+                return Some((FilePosition::Line(self.line), row));
             }
         }
         None
     }
 
-    /// Reads `count` points, each a row of the given columns.
+    /// Reads `count` points, one per row of the given columns.
     pub(super) fn points<const D: usize>(
         &mut self,
         count: u64,
@@ -68,7 +68,7 @@ impl<'a> TextRows<'a> {
 /// Puts the first value of every column into `firsts`, and checks the length of the row.
 fn split_row<'a>(
     row: &'a str,
-    place: Place,
+    place: FilePosition,
     columns: &[TextColumn],
     firsts: &mut Vec<&'a str>,
 ) -> Result<(), MapProblem> {
@@ -83,7 +83,7 @@ fn split_row<'a>(
             TextColumn::List => {
                 let count = first.unwrap_or_default();
                 count.parse::<u64>().ok().and_then(|count| count.checked_add(1)).ok_or_else(
-                    || MapProblem::syntax(format!("{place}: {count:?} is no length of a list")),
+                    || MapProblem::syntax(format!("{place}: {count:?} is not a list length")),
                 )?
             }
         };

@@ -1,14 +1,14 @@
-//! Which components a box of points may need.
+//! Selection of the components that the points in a box may need.
 
 use mcl_core::{Bounds, Point};
 use pulp::NullaryFnOnce;
 
-/// How many components are looked at together: many enough that the compiler does not unroll the loop
-/// over them before it can make vector instructions of it.
+/// Number of components processed together: large enough that the compiler vectorizes the loop over them instead of
+/// unrolling it.
 const CHUNK: usize = 16;
 
-/// Components by coordinate: `coordinates[axis]`, in chunks, and the place of each in the caller's list.
-/// After the last component, coordinates are infinite.
+/// Components by coordinate: `coordinates[axis]`, in chunks, and the index of each in the caller's list.
+/// Padding after the last component has infinite coordinates.
 #[derive(Clone)]
 pub(super) struct Components<const D: usize> {
     coordinates: [Vec<[f64; CHUNK]>; D],
@@ -32,13 +32,13 @@ impl<const D: usize> Components<D> {
         self.places.len()
     }
 
-    /// A coordinate of each component.
+    /// One coordinate of all components.
     #[inline(always)]
     pub fn coordinates(&self, axis: usize) -> &[f64] {
         &self.coordinates[axis].as_flattened()[..self.len()]
     }
 
-    /// Becomes `len` components; `coordinate` takes the number of one and an axis.
+    /// Replaces the content by `len` components; `coordinate` gets the number of a component and an axis.
     #[inline(always)]
     fn fill(
         &mut self,
@@ -63,7 +63,7 @@ impl<const D: usize> Components<D> {
 }
 
 /// Keeps the components that a point in the box may need: those whose squared distance to the box is
-/// at most `reach` more than the smallest squared distance within which every place in the box has
+/// at most `reach` more than the smallest squared distance within which every position in the box has
 /// `NEAREST` components (one or two). Returns that smallest squared distance.
 pub(super) struct Filter<'a, const D: usize, const NEAREST: usize> {
     pub components: &'a Components<D>,
@@ -76,7 +76,7 @@ pub(super) struct Filter<'a, const D: usize, const NEAREST: usize> {
 /// Working memory of [`Filter`].
 #[derive(Default)]
 pub(super) struct FilterScratch {
-    /// Squared distances from each component to the nearest place in the box.
+    /// Squared distances from each component to the nearest position in the box.
     near: Vec<[f64; CHUNK]>,
     chosen: Vec<u32>,
 }
@@ -98,9 +98,9 @@ impl<const D: usize, const NEAREST: usize> NullaryFnOnce for Filter<'_, D, NEARE
         }
         let near = &mut near[..chunks];
         let covered = box_distances::<D, NEAREST>(components, bounds, near);
-        // A hair of slack for the rounding of the distances themselves.
+        // A little slack for the rounding of the distances.
         let limit = (covered + reach) * (1.0 + 1e-12);
-        // Without branches, which would be hard to predict.
+        // Branch-free, because branches would be hard to predict.
         let mut count = 0;
         for (j, &near) in near.as_flattened()[..len].iter().enumerate() {
             chosen[count] = j as u32;
@@ -120,8 +120,8 @@ impl<const D: usize, const NEAREST: usize> NullaryFnOnce for Filter<'_, D, NEARE
     }
 }
 
-/// Squared distances from each component to the nearest place in a box; returns the smallest (`NEAREST`
-/// 2: the second smallest) of the squared distances to the furthest place.
+/// Computes squared distances from each component to the nearest position in a box; returns the smallest (`NEAREST`
+/// 2: the second smallest) of the squared distances to the farthest position.
 #[inline(always)]
 fn box_distances<const D: usize, const NEAREST: usize>(
     components: &Components<D>,

@@ -1,4 +1,4 @@
-/// Smaller exponents are taken for this one: its power is a normal number, and nothing beside 1.
+/// Smaller exponents are clamped to this: its power is a normal number, and negligible beside 1.
 const SMALLEST: f64 = -1000.0;
 /// 1.5·2⁵²: adding it rounds to an integer and leaves that integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -17,9 +17,9 @@ const COEFFICIENTS: [f64; 10] = [
     7.070_977_866_508_138e-9,
 ];
 
-/// 2ˣ for x ≤ 1000, within four units in the last place; 2⁻¹⁰⁰⁰ for all x below −1000. Without branches
-/// or table look-ups, so that a loop over it becomes vector instructions, and without fused
-/// operations, so that every instruction set gives the same bits.
+/// 2ˣ for x ≤ 1000, within four units in the last place; 2⁻¹⁰⁰⁰ for all x below −1000. It has no branches
+/// or table lookups, so that loops over it vectorize, and no fused operations, so that every
+/// instruction set gives the same bits.
 #[inline(always)]
 pub(super) fn exp2_bounded(x: f64) -> f64 {
     let x = if x > SMALLEST { x } else { SMALLEST };

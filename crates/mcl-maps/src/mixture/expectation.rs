@@ -10,22 +10,22 @@ use super::log_product::LogProduct;
 use crate::PointSet;
 use crate::point_set::{Node, NodeKind, Tree};
 
-/// ε: what a point's sum leaves out is below this part of it.
+/// ε: the terms omitted from the sum of a point are below this fraction of it.
 const TRUNCATION: f64 = 1e-12;
-/// Subtrees with at most this many points are one unit of parallel work. Fixed, so that sums are
+/// Subtrees with at most this many points are one unit of parallel work. The number is fixed, so that sums are
 /// combined in the same order for any number of threads.
 const TASK_POINTS: usize = 4096;
 
-/// The E step of EM.
+/// Result of the E step of EM.
 pub(crate) struct Expectation<const D: usize> {
     /// Σᵢ ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²).
     pub log_sum: f64,
-    /// What the points pull at each component; empty unless asked for.
+    /// The pull of the points on each component; empty unless requested.
     pub pulls: Vec<Pull<D>>,
 }
 
-/// Sums over all points of `data` and the mixture of equal Gaussians of standard deviation `sigma`
-/// (m) at `means`, one or more, relative to the middle of the data ([`PointSet::centred`]).
+/// Runs the E step over all points of `data` for the mixture of equal Gaussians of standard deviation `sigma`
+/// (m) at `means`, one or more, relative to the centre of the data ([`PointSet::centred`]).
 pub(crate) fn expectation<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
@@ -61,23 +61,23 @@ fn expectation_on<const D: usize>(
     Expectation { log_sum, pulls }
 }
 
-/// A subtree and the components that its points may need, known by their place in this list.
+/// A subtree and the components that its points may need, identified by their index in this list.
 pub(super) struct Task<const D: usize> {
     pub node: usize,
     pub components: Components<D>,
-    /// The places of these components among all.
+    /// The indices of these components among all.
     pub places: Vec<u32>,
 }
 
-/// Down the tree with the components that points need for sums of which the `NEAREST` largest
-/// summands can be left out.
+/// Traversal of the tree with the components that points need, for sums from which the `NEAREST` largest terms may be
+/// left out.
 pub(super) struct Walk<'a, const D: usize, const NEAREST: usize> {
     pub arch: Arch,
     pub tree: &'a Tree<D>,
     pub inverse_unit: f64,
     /// 2σ²·ln(2K/ε): how much further (m²) than the nearest a component still matters.
     reach: f64,
-    /// 2σ²·ln(2⁰/(ε/2)), 2σ²·ln(2¹/(ε/2)), ...: the same among up to 2⁰, 2¹, ... components.
+    /// 2σ²·ln(2⁰/(ε/2)), 2σ²·ln(2¹/(ε/2)), ...: the same for up to 2⁰, 2¹, ... components.
     reach_among: [f64; 33],
 }
 
@@ -85,7 +85,7 @@ pub(super) struct Walk<'a, const D: usize, const NEAREST: usize> {
 pub(super) struct Scratch<const D: usize> {
     filter: FilterScratch,
     pub rows: Vec<Row>,
-    /// Component lists of the path from a task's node down to the current one.
+    /// Component lists of the nodes on the path from a task's node to the current one.
     levels: Vec<Components<D>>,
 }
 
@@ -141,7 +141,7 @@ impl<'a, const D: usize, const NEAREST: usize> Walk<'a, D, NEAREST> {
     }
 
     /// Keeps the components that the points of a node may need. Returns the squared distance within
-    /// which each of them has a component.
+    /// which each point has a component.
     pub fn filter(
         &self,
         node: usize,
@@ -150,8 +150,8 @@ impl<'a, const D: usize, const NEAREST: usize> Walk<'a, D, NEAREST> {
         kept: &mut Components<D>,
     ) -> f64 {
         let Node { bounds, kind, .. } = &self.tree.nodes[node];
-        // Half of ε is for what is left out on the way to a leaf, in all at most K components; half is
-        // for what is left out at the leaf, fewer than the list has.
+        // Half of ε bounds the components omitted on the way to a leaf, at most K in total; the other half those
+        // omitted at the leaf, fewer than its list has.
         let reach = match kind {
             NodeKind::Split(..) => self.reach,
             NodeKind::Leaf(_) => {
@@ -204,8 +204,8 @@ impl<const D: usize> Walk<'_, D, 1> {
         (sums.ln(), pulls.iter().map(PullLanes::total).collect())
     }
 
-    /// Multiplies `sums` by those of the points of a node, and adds to `pulls`. The node is `level`
-    /// below its task's, and its points need no other `components` than these.
+    /// Multiplies `sums` by those of the points of a node, and adds to `pulls`. The node is `level` levels
+    /// below that of its task, and its points need only these `components`.
     fn descend(
         &self,
         node: usize,
@@ -216,7 +216,7 @@ impl<const D: usize> Walk<'_, D, 1> {
         mut pulls: Option<&mut [PullLanes<D>]>,
     ) {
         let Node { bounds, points: count, kind, .. } = &self.tree.nodes[node];
-        // Lists shrink little from one level to the next: every second one is enough.
+        // Lists shrink little from one level to the next, so they are filtered at every second level.
         if let NodeKind::Split(left, right) = *kind
             && level.is_multiple_of(2)
         {
@@ -252,7 +252,7 @@ impl<const D: usize> Walk<'_, D, 1> {
         scratch.levels[level] = kept;
     }
 
-    /// One component has all the responsibility: its sums need no more than the points' moments.
+    /// The case of a single component, whose sums follow from the moments of the points.
     fn alone(
         &self,
         node: usize,
@@ -272,7 +272,7 @@ impl<const D: usize> Walk<'_, D, 1> {
     }
 }
 
-/// Every instruction set that the machine has.
+/// The instruction sets that the machine supports.
 #[cfg(test)]
 pub(super) fn instruction_sets() -> Vec<Arch> {
     let mut sets = vec![Arch::Scalar];
@@ -284,7 +284,7 @@ pub(super) fn instruction_sets() -> Vec<Arch> {
     sets
 }
 
-/// This many points about seven places.
+/// This many points around seven centres.
 #[cfg(test)]
 pub(super) fn crowds(number: u32) -> Vec<Point<2>> {
     use rand::RngExt;
@@ -297,7 +297,7 @@ pub(super) fn crowds(number: u32) -> Vec<Point<2>> {
 mod tests {
     use super::*;
 
-    /// With lone and crowded components, short and long lists, near and far points.
+    /// Covers isolated and clustered components, short and long lists, near and far points.
     #[test]
     fn the_same_bits_for_every_instruction_set() {
         let mut points = crowds(5000);

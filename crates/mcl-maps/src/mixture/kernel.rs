@@ -9,18 +9,18 @@ use super::exp::exp2_bounded;
 use super::log_product::LogProduct;
 use crate::point_set::{LEAF_POINTS, LeafPoints};
 
-/// Sums of exponentials from this power of two up are far enough above the smallest that
-/// [`exp2_bounded`] returns, and need no shift of the exponents.
+/// Sums of exponentials of at least this power of two are far enough above the smallest value of
+/// [`exp2_bounded`] that the exponents need no shift.
 const UNSHIFTED: f64 = 600.0;
 
 pub(super) type Row = [f64; LEAF_POINTS];
 
-/// A sum in parts, each its own lane of a vector.
+/// A sum in parts, one per lane of a vector.
 type Lanes = [f64; LANES];
 const LANES: usize = 4;
 
-/// Weight and weighted displacement that points give to a component: Σᵢ pᵢⱼ and Σᵢ pᵢⱼ·(xᵢ − μⱼ), with
-/// pᵢⱼ of equation 4.
+/// The pull of points on a component: its total responsibility Σᵢ pᵢⱼ and the weighted displacement
+/// Σᵢ pᵢⱼ·(xᵢ − μⱼ), with pᵢⱼ of equation 4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pull<const D: usize> {
     pub weight: f64,
@@ -38,7 +38,7 @@ impl<const D: usize> Pull<D> {
     }
 }
 
-/// A [`Pull`] while it is summed.
+/// The partial sums of a [`Pull`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PullLanes<const D: usize> {
     weight: Lanes,
@@ -48,7 +48,7 @@ pub(super) struct PullLanes<const D: usize> {
 impl<const D: usize> PullLanes<D> {
     pub const NONE: Self = PullLanes { weight: [0.0; LANES], displacement: [[0.0; LANES]; D] };
 
-    /// Adds `count` points at a mean distance from the component for which it alone is responsible.
+    /// Adds `count` points at a mean `displacement` from the component, which alone is responsible for them.
     pub fn add(&mut self, count: f64, displacement: [f64; D]) {
         self.weight[0] += count;
         for axis in 0..D {
@@ -62,18 +62,18 @@ impl<const D: usize> PullLanes<D> {
     }
 }
 
-/// √(log₂e/2σ²): in this unit of length, a component's density falls as 2^−d².
+/// √(log₂e/2σ²): with lengths multiplied by this, the density of a component falls as 2^−d².
 pub(super) fn inverse_unit(sigma: f64) -> f64 {
     (0.5 * LOG2_E).sqrt() / sigma
 }
 
-/// Evaluates one leaf: multiplies `sums` by Πᵢ Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) over its points, and, where
-/// `pulls` is given, adds what the points pull at the components to `pulls[components.places[j]]`.
+/// Evaluates one leaf: multiplies `sums` by Πᵢ Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) over its points and, if
+/// `pulls` is given, adds the pull of the points on the components to `pulls[components.places[j]]`.
 pub(super) struct Leaf<'a, const D: usize> {
     pub points: &'a LeafPoints<D>,
-    /// How many of the points count; the others are padding.
+    /// Number of points; the rest is padding.
     pub count: usize,
-    /// The middle of the points' box (m).
+    /// The centre of the bounding box of the points (m).
     pub center: [f64; D],
     pub components: &'a Components<D>,
     /// Squared distance (m²) within which every point has a component.
@@ -99,7 +99,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
         };
         let len = components.len();
 
-        // Far from all components, exponents count from that of the nearest.
+        // Far from all components, exponents are relative to that of the nearest.
         let mut shift = [0.0; LEAF_POINTS];
         if self.covered * scale * scale > UNSHIFTED {
             shift = [f64::INFINITY; LEAF_POINTS];
@@ -153,7 +153,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
     }
 }
 
-/// Lengths are counted in the unit, from the middle of the box.
+/// Scales lengths to the unit, relative to the centre of the box.
 #[inline(always)]
 pub(super) fn centred_leaf<const D: usize>(
     leaf: &LeafPoints<D>,
@@ -169,8 +169,8 @@ pub(super) fn centred_leaf<const D: usize>(
     points
 }
 
-/// From one of the points. With the same rounding wherever it is used: the exponent of the nearest
-/// component, counted from itself, is 0.
+/// Squared distance from one of the points. The rounding is the same wherever it is used, so that the exponent of the
+/// nearest component, relative to itself, is exactly 0.
 #[inline(always)]
 pub(super) fn squared_distance<const D: usize>(
     points: &LeafPoints<D>,
@@ -186,7 +186,7 @@ pub(super) fn squared_distance<const D: usize>(
     squared
 }
 
-/// Σ aᵢ·bᵢ in parts: lane l sums i = l, l + 4, l + 8, ...
+/// Σ aᵢ·bᵢ in partial sums: lane l sums i = l, l + 4, l + 8, ...
 #[inline(always)]
 fn dot(a: &Row, b: &Row) -> Lanes {
     let mut sums = [0.0; LANES];

@@ -7,8 +7,8 @@ const LANES: usize = 4;
 const MANTISSA: u64 = (1 << 52) - 1;
 const ONE: u64 = 1023 << 52;
 
-/// The logarithm of a long product of positive normal numbers, without a logarithm for each: the
-/// product of their mantissas and the sum of their exponents.
+/// The logarithm of a long product of positive normal numbers, computed from the product of their mantissas and the
+/// sum of their exponents instead of a logarithm for each.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LogProduct {
     mantissa: f64,

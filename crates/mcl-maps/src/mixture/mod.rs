@@ -1,14 +1,14 @@
-//! The Gaussian mixture that a sample-based map stands for (paper, equations 1, 2 and 4).
+//! The Gaussian mixture represented by a sample-based map (paper, equations 1, 2 and 4).
 //!
-//! Every sum over the K components of a point leaves out only components whose whole contribution is
+//! A sum over the K components of a point omits only components whose total contribution is
 //! below ε (10⁻¹²) of the sum. Points and components are matched by descending a tree of boxes over
-//! the points: with U the largest distance from a place in the box to the nearest component, a
-//! component further than √(U² + 2σ²·ln(n/ε)) from the box is left out of all its points, as n of them
+//! the points: with U the largest distance from a position in the box to the nearest component, a
+//! component farther than √(U² + 2σ²·ln(n/ε)) from the box is omitted for all its points, because n of them
 //! give at most n·exp(−(U² + 2σ²·ln(n/ε))/2σ²) = ε·exp(−U²/2σ²), and the sum of each point is at least
-//! exp(−U²/2σ²). On the way down n is K, at a leaf the length of the list that it chooses from; each has
+//! exp(−U²/2σ²). On the way down n is K, at a leaf it is the length of the list it selects from; each gets
 //! half of ε. The list of components shrinks on the way, so no index over components is needed, and
-//! the distribution of neither matters. Where only one component is left, the sums over the points
-//! below follow from their number, mean and scatter.
+//! the method does not depend on how points or components are distributed. If only one component is left, the sums
+//! over the points below follow from their number, mean and scatter.
 
 mod components;
 mod exp;
@@ -30,17 +30,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::{MapError, PointSet};
 
-/// How likely a set of points is under a map.
+/// Log-likelihood of a set of points under a map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LogLikelihood {
-    /// ln p(D | Θ) in nats, equation 2: the sum over all points. Its density is per metre to the
+    /// ln p(D | Θ) in nats (equation 2), the sum over all points, of a density per metre to the
     /// power of D.
     pub total: f64,
     /// The total divided by the number of points.
     pub per_point: f64,
 }
 
-/// The mixture log-likelihood `Σᵢ [ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) − ln K − D/2·ln(2πσ²)]` of the points
+/// Computes the mixture log-likelihood `Σᵢ [ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) − ln K − D/2·ln(2πσ²)]` of the points
 /// under a map (paper, equations 1 and 2), with `sigma` in metres. Finite for every finite point,
 /// however far from the map.
 ///
@@ -57,7 +57,7 @@ pub fn mixture_log_likelihood<const D: usize>(
     Ok(log_likelihood(data.len(), expectation.log_sum, D, map.len(), sigma))
 }
 
-/// Adds what does not depend on the place of the components: −ln K − D/2·ln(2πσ²) per point.
+/// Adds the terms that do not depend on the component means: −ln K − D/2·ln(2πσ²) per point.
 pub(crate) fn log_likelihood(
     points: usize,
     log_sum: f64,
@@ -71,7 +71,7 @@ pub(crate) fn log_likelihood(
     LogLikelihood { total, per_point: total / points as f64 }
 }
 
-/// σ has to leave σ² and the exponents of points kilometres away within a float's range.
+/// Checks that σ² and the exponents of points kilometres away are within the range of a float.
 pub(crate) fn check_sigma(sigma: f64) -> Result<(), MapError> {
     if (1e-9..=1e9).contains(&sigma) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! What the likelihood would lose with each component.
+//! The loss of likelihood when a component is removed.
 
 use std::f64::consts::LN_2;
 
@@ -13,18 +13,18 @@ use super::kernel::{Row, centred_leaf, squared_distance};
 use crate::PointSet;
 use crate::point_set::{LEAF_POINTS, LeafPoints, Node, NodeKind};
 
-/// Relative to the data and a mixture of two components or more.
+/// Removal costs of the components of a mixture, at least two, on the data.
 pub(crate) struct Removal {
     /// Σᵢ −ln(1 − pᵢⱼ): by how many nats Σᵢ ln Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) falls when component j alone is
-    /// removed and the others stay where they are; within 2·10⁻⁶ of itself.
+    /// removed and the others are unchanged; relative error at most 2·10⁻⁶.
     pub cost: Vec<f64>,
     /// The nearest and the second nearest component of each point, in the order of
     /// [`Tree::order`](crate::point_set::Tree).
     pub nearest: Vec<[u32; 2]>,
 }
 
-/// The removal costs of two or more components of standard deviation `sigma` (m) at `means`, relative to
-/// the middle of the data.
+/// Computes the removal costs of two or more components of standard deviation `sigma` (m) at `means`, relative to
+/// the centre of the data.
 pub(crate) fn removal<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
@@ -40,13 +40,14 @@ fn removal_on<const D: usize>(
     means: &[Point<D>],
     sigma: f64,
 ) -> Removal {
-    // Every point has to see its two nearest components: without the nearest, the second counts.
+    // Every point needs its two nearest components: without the nearest, the second one dominates.
     let walk = Walk::<D, 2>::new(arch, data, means.len(), sigma);
     let tasks = walk.tasks(means);
-    let parts: Vec<Part> = tasks
+    let parts: Vec<TaskRemoval> = tasks
         .par_iter()
         .map_init(Scratch::default, |scratch, task| {
-            let mut part = Part { cost: vec![0.0; task.components.len()], nearest: Vec::new() };
+            let mut part =
+                TaskRemoval { cost: vec![0.0; task.components.len()], nearest: Vec::new() };
             let mut add = |node, components: &Components<D>, rows: &mut Vec<Row>| {
                 walk.removal_of_leaf(node, components, task, rows, &mut part);
             };
@@ -64,8 +65,8 @@ fn removal_on<const D: usize>(
     all
 }
 
-/// The costs of a task's components, and its points' nearest ones.
-struct Part {
+/// The removal costs of the components of a task, and the components nearest to its points.
+struct TaskRemoval {
     cost: Vec<f64>,
     nearest: Vec<[u32; 2]>,
 }
@@ -77,7 +78,7 @@ impl<const D: usize> Walk<'_, D, 2> {
         components: &Components<D>,
         task: &Task<D>,
         rows: &mut Vec<Row>,
-        part: &mut Part,
+        part: &mut TaskRemoval,
     ) {
         let Node { bounds, points: count, kind, .. } = &self.tree.nodes[node];
         let NodeKind::Leaf(index) = *kind else { return };
@@ -95,8 +96,8 @@ impl<const D: usize> Walk<'_, D, 2> {
     }
 }
 
-/// Adds the removal costs of the components to the points of one leaf to `cost[components.places[j]]`;
-/// returns which two of them are nearest to each point.
+/// Adds the removal costs of the components for the points of one leaf to `cost[components.places[j]]`;
+/// returns the two components nearest to each point.
 struct Leaf<'a, const D: usize> {
     points: &'a LeafPoints<D>,
     count: usize,
@@ -122,7 +123,7 @@ impl<const D: usize> NullaryFnOnce for Leaf<'_, D> {
             self.rows.resize(len, [0.0; LEAF_POINTS]);
         }
         let rows = &mut self.rows[..len];
-        // Squared distances to the nearest and the second nearest, and which these are.
+        // Squared distances to the nearest and the second nearest component, and their indices.
         let (mut first, mut second) = ([f64::INFINITY; LEAF_POINTS], [f64::INFINITY; LEAF_POINTS]);
         let (mut first_at, mut second_at) = ([0.0; LEAF_POINTS], [0.0; LEAF_POINTS]);
         for (j, row) in rows.iter_mut().enumerate() {
@@ -207,7 +208,7 @@ mod tests {
             points.push([30.0, 1.0]);
             let data = PointSet::new(points).unwrap();
             let mut means = data.centred(&data.points()[..count]);
-            // Two in one place share their points.
+            // Two components at the same position share their points.
             means.push(means[0]);
             let found = removal(&data, &means, sigma);
             let all = expectation(&data, &means, sigma, false).log_sum;

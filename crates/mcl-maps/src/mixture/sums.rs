@@ -1,4 +1,4 @@
-//! The sums of each point by itself, and what becomes of them when one component moves.
+//! The mixture sums of the individual points, and their update when one component moves.
 
 use mcl_core::Point;
 use pulp::{Arch, NullaryFnOnce};
@@ -12,12 +12,12 @@ use super::log_product::LogProduct;
 use crate::PointSet;
 use crate::point_set::{LEAF_POINTS, LeafPoints, NodeKind, Tree};
 
-/// A component at a place adds less than 2⁻⁴⁰ of the sum of any point further away than this allows.
+/// A component adds less than 2⁻⁴⁰ of the sum of any point farther away than this allows.
 const NEGLIGIBLE: f64 = 40.0;
-/// No power of two above this is needed: LogProduct takes normal numbers.
+/// Powers of two are clamped to this, because LogProduct takes normal numbers.
 const LARGEST: f64 = 900.0;
 
-/// Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) of every point, in units of its nearest component as of the last
+/// Σⱼ exp(−‖xᵢ−μⱼ‖²/2σ²) of every point, in units of the term of its nearest component at the last
 /// [`new`](Self::new).
 pub(crate) struct Sums<'a, const D: usize> {
     arch: Arch,
@@ -25,7 +25,7 @@ pub(crate) struct Sums<'a, const D: usize> {
     inverse_unit: f64,
     /// By leaf.
     leaves: Vec<LeafSums>,
-    /// For each node the largest squared distance (in units of 1/`inverse_unit`²) that its points had
+    /// For each node the largest squared distance (in units of 1/`inverse_unit`²) of its points
     /// from their nearest component.
     furthest: Vec<f64>,
 }
@@ -40,8 +40,8 @@ struct LeafSums {
 }
 
 impl<'a, const D: usize> Sums<'a, D> {
-    /// The sums over components of standard deviation `sigma` (m) at `means`, one or more, relative to
-    /// the middle of the data.
+    /// Computes the sums over components of standard deviation `sigma` (m) at `means`, one or more, relative to
+    /// the centre of the data.
     pub fn new(data: &'a PointSet<D>, means: &[Point<D>], sigma: f64) -> Self {
         Self::on(Arch::new(), data, means, sigma)
     }
@@ -80,7 +80,7 @@ impl<'a, const D: usize> Sums<'a, D> {
         Sums { arch, tree, inverse_unit, leaves, furthest }
     }
 
-    /// Indices of the leaves with points to whose sums a component at one of `places` adds something.
+    /// Finds the indices of the leaves with points to whose sums a component at one of `places` contributes.
     pub fn near(&self, places: &[Point<D>], found: &mut Vec<usize>) {
         found.clear();
         let mut open = vec![0];
@@ -101,17 +101,17 @@ impl<'a, const D: usize> Sums<'a, D> {
         }
     }
 
-    /// The mean of the points of some leaves, weighted by what a component at `place` has of their sums
-    /// (where EM would move it); `None` when that is nothing.
+    /// The mean of the points of some leaves, weighted by the responsibility of a component at `place`
+    /// (to where EM would move it); `None` if its total responsibility is 0.
     pub fn pulled(&self, place: &Point<D>, leaves: &[usize]) -> Option<Point<D>> {
         let (weight, displacement) = self.arch.dispatch(PulledFrom { sums: self, place, leaves });
         (weight > 0.0)
             .then(|| std::array::from_fn(|axis| place[axis] + displacement[axis] / weight))
     }
 
-    /// By how many nats Σᵢ ln Σⱼ … over the points of some leaves rises when the component at `from` moves
-    /// to each of `candidates`. Its part is subtracted from the sum of each point, so what a point would lose
-    /// is exact to 10⁻¹⁶·e^loss: enough to tell good moves, not how bad very bad ones are.
+    /// The rise of Σᵢ ln Σⱼ … over the points of some leaves, in nats, when the component at `from` moves
+    /// to each of `candidates`. The component's term is subtracted from the sum of each point, so the loss of a point
+    /// is exact to 10⁻¹⁶·e^loss: enough to recognize good moves, but not to rank very bad ones.
     pub fn gains(&self, from: &Point<D>, candidates: &[Point<D>], leaves: &[usize]) -> Vec<f64> {
         let mut places = vec![*from];
         places.extend(candidates);
@@ -121,7 +121,7 @@ impl<'a, const D: usize> Sums<'a, D> {
         products[1..].iter().map(|product| product.ln() - before).collect()
     }
 
-    /// Moves a component. `leaves` are those that either place adds something to.
+    /// Moves a component. `leaves` are those to which it contributes at either position.
     pub fn shift(&mut self, from: &Point<D>, to: &Point<D>, leaves: &[usize]) {
         let (tree, inverse_unit) = (self.tree, self.inverse_unit);
         for &leaf in leaves {
@@ -133,14 +133,14 @@ impl<'a, const D: usize> Sums<'a, D> {
     }
 }
 
-/// The contribution of a component at `place` to the sum of a point, in the point's unit.
+/// The contribution of a component at `place` to the sum of a point, in the unit of the point.
 #[inline(always)]
 fn power<const D: usize>(points: &LeafPoints<D>, i: usize, place: &[f64; D], shift: f64) -> f64 {
     let x = shift - squared_distance(points, i, place);
     exp2_bounded(if x < LARGEST { x } else { LARGEST })
 }
 
-/// A place in the unit of length, from the middle of a box.
+/// A position in the unit of length, relative to the centre of a box.
 #[inline(always)]
 fn scaled<const D: usize>(place: &Point<D>, center: &[f64; D], scale: f64) -> [f64; D] {
     std::array::from_fn(|axis| (place[axis] - center[axis]) * scale)
@@ -220,7 +220,7 @@ impl<const D: usize> NullaryFnOnce for PulledFrom<'_, '_, D> {
     }
 }
 
-/// Multiplies each product by the sums of the points, with the first place's component at that place.
+/// Multiplies each product by the sums of the points, with the component moved from the first position to another.
 struct Moved<'a, 'b, const D: usize> {
     sums: &'a Sums<'b, D>,
     places: &'a [Point<D>],
@@ -281,7 +281,7 @@ impl<const D: usize> NullaryFnOnce for Shift<'_, D> {
     }
 }
 
-/// What remains of a sum, not below 0 by rounding.
+/// The difference `sum − part`, at least 0 despite rounding.
 #[inline(always)]
 fn without(sum: f64, part: f64) -> f64 {
     let rest = sum - part;
@@ -328,7 +328,7 @@ mod tests {
                     let slack = 1e-8 * (1.0 + before.abs());
                     prop_assert!((gain - expected).abs() < slack, "{gain} for {expected}");
                 }
-                // The last one stays.
+                // The last move is kept.
                 sums.shift(&from, &means[j], &leaves);
             }
         }

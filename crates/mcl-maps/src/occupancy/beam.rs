@@ -1,6 +1,6 @@
-//! The cells that a beam crosses.
+//! Ray casting: the cells that a beam crosses.
 
-/// The cells (column, row) that the segment from `start` to `end` crosses, in order and but for the one
+/// The cells (column, row) that the segment from `start` to `end` crosses, in order, without the one
 /// it ends in. Positions are in cells: cell (i, j) is [i, i + 1) × [j, j + 1).
 ///
 /// Source: J. Amanatides and A. Woo, *A Fast Voxel Traversal Algorithm for Ray Tracing* (1987).
@@ -8,14 +8,14 @@ pub(super) fn cells_before_end(start: [f64; 2], end: [f64; 2]) -> impl Iterator<
     let cell = |position: [f64; 2]| position.map(|value| value.floor() as i64);
     let (mut at, last) = (cell(start), cell(end));
     let direction = [0, 1].map(|axis| end[axis] - start[axis]);
-    // Where on the segment, from 0 to 1, its next border of each axis is, and how far the one after.
+    // Position on the segment, from 0 to 1, of its next cell border on each axis, and the distance to the one after.
     let per_cell = direction.map(|d| 1.0 / d.abs());
     let mut next = [0, 1].map(|axis| {
         let inside = start[axis] - at[axis] as f64;
         let distance = if direction[axis] > 0.0 { 1.0 - inside } else { inside };
         distance * per_cell[axis]
     });
-    // Counted beforehand, so that rounding can neither miss the last cell nor run past it.
+    // The number of cells is computed first, so that rounding can neither miss the last cell nor run past it.
     let mut left = [0, 1].map(|axis| at[axis].abs_diff(last[axis]));
     std::iter::from_fn(move || {
         if left == [0, 0] {
@@ -59,7 +59,7 @@ mod tests {
             for pair in crossed.windows(2) {
                 prop_assert_eq!(pair[0].0.abs_diff(pair[1].0) + pair[0].1.abs_diff(pair[1].1), 1);
             }
-            // Every cell is nearer to the segment than half its diagonal.
+            // The centre of every cell is nearer to the segment than half its diagonal.
             let d = [end[0] - start[0], end[1] - start[1]];
             for &(column, row) in &crossed {
                 let from_start = [column as f64 + 0.5 - start[0], row as f64 + 0.5 - start[1]];

@@ -1,8 +1,8 @@
 //! Occupancy grids: the plane in square cells that are occupied, free or unknown.
 //!
-//! Other programs keep their maps like this (ROS's map_server, see [`crate::files`]). As a point map, a
-//! grid is the centres of its occupied cells; as a grid, a point map is the cells that hold a point,
-//! and, with a log at hand, the cells that its beams crossed are [free](rasterize).
+//! Many programs use such maps (ROS's map_server, see [`crate::files`]). A grid is converted to a point map by taking
+//! the centres of its occupied cells. A point map is converted to a grid by marking the cells that contain a point
+//! as occupied and, with a log, those that its beams cross as [free](rasterize).
 //!
 //! # Example
 //! ```
@@ -24,43 +24,43 @@ use mcl_core::{CoreError, OutOfMemory, Point, Pose2};
 
 pub use rasterize::{FreeSpace, rasterize};
 
-/// Most cells of a grid: 500 m × 500 m at 5 cm.
+/// Largest number of cells of a grid: 500 m × 500 m at 5 cm.
 pub const MAX_CELLS: usize = 100_000_000;
 
-/// Edge length of a cell in metres unless another is given; the usual one of indoor maps.
+/// Default edge length of a cell in metres, as usual for indoor maps.
 pub const DEFAULT_RESOLUTION: f64 = 0.05;
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Cell {
-    /// An obstacle.
+    /// Contains an obstacle.
     Occupied,
-    /// Nothing is there.
+    /// Contains no obstacle.
     Free,
-    /// Nobody looked, or it could not be told.
+    /// Not observed, or not certain.
     #[default]
     Unknown,
 }
 
-/// Why there is no such grid.
+/// An error in creating a grid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GridError {
-    /// A resolution that is no length.
+    /// The resolution is not a positive number.
     #[error("the resolution is {0} m, expected a positive number")]
     Resolution(f64),
-    /// More cells than [`MAX_CELLS`].
+    /// The grid would have more than [`MAX_CELLS`] cells.
     #[error(
         "{width} × {height} cells of {resolution} m are more than {MAX_CELLS}; use a larger resolution"
     )]
     TooLarge {
-        /// Columns.
+        /// Number of columns.
         width: f64,
-        /// Rows.
+        /// Number of rows.
         height: f64,
         /// Edge length of a cell in metres.
         resolution: f64,
     },
-    /// The log that the free space was to be taken from has no reference poses, or unusable settings.
+    /// The log for the free space has no reference poses, or settings are unusable.
     #[error("the free space cannot be found: {0}")]
     Log(#[from] CoreError),
     /// There was not enough memory.
@@ -68,7 +68,7 @@ pub enum GridError {
     Memory(#[from] OutOfMemory),
 }
 
-/// A grid of square cells, at least one.
+/// An occupancy grid of one or more square cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OccupancyGrid {
     width: usize,
@@ -78,16 +78,16 @@ pub struct OccupancyGrid {
 }
 
 impl OccupancyGrid {
-    /// A grid of the given cells: row by row from the bottom, each from the left, `width` cells a row.
-    /// `resolution` is the edge length of a cell in metres; `map_from_grid` is the pose of the lower
-    /// left corner of the first cell, from where columns run along x and rows along y.
+    /// Creates a grid from its cells: row by row from the bottom, each from left to right, `width` cells per row.
+    /// `resolution` is the edge length of a cell in metres; `map_from_grid` is the pose of the lower left
+    /// corner of the first cell, with the column index increasing along x and the row index along y.
     ///
     /// # Errors
-    /// [`GridError::Resolution`] unless it is a positive number, [`GridError::TooLarge`] for more than
+    /// [`GridError::Resolution`] unless the resolution is positive, [`GridError::TooLarge`] for more than
     /// [`MAX_CELLS`] cells.
     ///
     /// # Panics
-    /// When the cells are none, or no whole number of rows.
+    /// If there are no cells, or their number is not a multiple of `width`.
     pub fn new(
         width: usize,
         resolution: f64,
@@ -104,12 +104,12 @@ impl OccupancyGrid {
         Ok(OccupancyGrid { width, resolution, map_from_grid, cells })
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.cells.len() / self.width
     }
@@ -119,22 +119,22 @@ impl OccupancyGrid {
         self.resolution
     }
 
-    /// Pose of the lower left corner in the map's frame.
+    /// Pose of the lower left corner in the map frame.
     pub fn map_from_grid(&self) -> Pose2 {
         self.map_from_grid
     }
 
-    /// The cells, row by row from the bottom, each from the left.
+    /// The cells, row by row from the bottom, each from left to right.
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// How many cells are of this kind.
+    /// Number of cells in this state.
     pub fn count(&self, kind: Cell) -> usize {
         self.cells.iter().filter(|&&cell| cell == kind).count()
     }
 
-    /// The centres of the occupied cells in the map's frame, in metres, in the order of the cells.
+    /// The centres of the occupied cells in the map frame, in metres, in the order of the cells.
     pub fn occupied_points(&self) -> Vec<Point<2>> {
         let occupied = self.cells.iter().enumerate().filter(|(_, cell)| **cell == Cell::Occupied);
         let centre = |index: usize| (index as f64 + 0.5) * self.resolution;
@@ -167,8 +167,8 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     #[test]
-    fn centres_of_a_turned_grid() {
-        // Occupied: right below and left above.
+    fn centres_of_a_rotated_grid() {
+        // Occupied: lower right and upper left.
         let (o, f, u) = (Cell::Occupied, Cell::Free, Cell::Unknown);
         let origin = Pose2::new(10.0, 20.0, FRAC_PI_2);
         let grid = OccupancyGrid::new(3, 2.0, origin, vec![f, u, o, o, f, u]).unwrap();

@@ -4,22 +4,22 @@ use mcl_core::{Bounds, Point, PointMap, Pose2, Recording, is_usable_range};
 use super::beam::cells_before_end;
 use super::{Cell, GridError, OccupancyGrid, check_resolution, check_size};
 
-/// Where the free space of a grid is taken from.
+/// The source of a grid's free space.
 #[derive(Debug, Clone, Copy)]
 pub struct FreeSpace<'a> {
-    /// The log whose beams cross it, seen from its reference poses.
+    /// The log whose beams, from its reference poses, mark free cells.
     pub recording: &'a Recording,
-    /// Readings beyond this many metres are not used.
+    /// Largest reading that is used, in metres.
     pub max_range: f64,
 }
 
-/// The grid of a point map, with cells of `resolution` metres whose borders are whole multiples of it.
+/// Rasterizes a point map to a grid with cells of `resolution` metres, whose borders are multiples of it.
 ///
-/// A cell is occupied if it holds a point of the map. With a log, a cell is free if it is not occupied,
-/// a usable beam crossed it and none ended in it: where something was measured that the map has no
-/// point for, nothing is claimed. Beams without a usable reading (0 < r ≤ `max_range`) claim nothing
-/// either, as a missing return may be glass as well as free space. All else is unknown. The grid holds
-/// all points and beams with a cell around them.
+/// A cell is occupied if it contains a point of the map. With a log, a cell is free if it is not occupied,
+/// a usable beam crossed it and none ended in it. A cell in which a beam ended but the map has no point is therefore
+/// unknown. Beams without a usable reading (0 < r ≤ `max_range`) mark no cells, because a missing return may mean
+/// glass as well as free space. All other cells are unknown. The grid contains all points and beams, with a margin
+/// of one cell.
 ///
 /// # Errors
 /// [`GridError`] for a resolution that is not positive or too fine for the extent of the map, and for a
@@ -57,15 +57,15 @@ pub fn rasterize(
     OccupancyGrid::new(raster.width, resolution, raster.map_from_grid(), cells)
 }
 
-/// What memory is asked for as.
+/// What out-of-memory errors call this memory.
 const BEAMS: &str = "beams across a grid map";
 
-/// Start and end of each usable beam, in the map's frame.
+/// Start and end of each usable beam, in the map frame.
 fn beams(free_space: FreeSpace<'_>) -> Result<Vec<[Point<2>; 2]>, GridError> {
     let FreeSpace { recording, max_range } = free_space;
     let ends = recording.points(max_range)?;
     let starts = recording.scans.iter().flat_map(|scan| {
-        // Every scan has a reference: the points above have been found.
+        // Every scan has a reference pose, otherwise computing the points above had failed.
         let start = scan.map_from_laser.map_or([f64::NAN; 2], |pose| [pose.x, pose.y]);
         let usable = scan.ranges.iter().filter(|&&range| is_usable_range(range, max_range));
         usable.map(move |_| start)
@@ -75,17 +75,17 @@ fn beams(free_space: FreeSpace<'_>) -> Result<Vec<[Point<2>; 2]>, GridError> {
     Ok(beams)
 }
 
-/// Which cell a position lies in.
+/// Conversion from positions to cells.
 struct Raster {
     resolution: f64,
-    /// Index of the first column and row, counted from the map's origin.
+    /// Index of the first column and row, relative to the origin of the map.
     first: [f64; 2],
     width: usize,
     height: usize,
 }
 
 impl Raster {
-    /// The cells around these bounds, and one more on each side.
+    /// The raster of the cells that cover these bounds, and one more on each side.
     fn around(bounds: &Bounds<2>, resolution: f64) -> Result<Self, GridError> {
         let first = bounds.min.map(|value| (value / resolution).floor() - 1.0);
         let last = bounds.max.map(|value| (value / resolution).floor() + 1.0);
@@ -99,7 +99,7 @@ impl Raster {
         Pose2::new(x, y, 0.0)
     }
 
-    /// In cells from the lower left corner.
+    /// A position in cells, relative to the lower left corner.
     fn position(&self, point: &Point<2>) -> [f64; 2] {
         [0, 1].map(|axis| point[axis] / self.resolution - self.first[axis])
     }
@@ -109,7 +109,7 @@ impl Raster {
         self.index_of(column, row)
     }
 
-    /// The margin keeps positions inside, however they are rounded.
+    /// The margin keeps positions inside despite rounding.
     fn index_of(&self, column: i64, row: i64) -> usize {
         row as usize * self.width + column as usize
     }
@@ -155,8 +155,8 @@ mod tests {
 
     #[test]
     fn beams_free_the_cells_before_their_end() {
-        // From (0.5, 0.5): a wall 3 m to the right, one 2 m up that the map does not hold, no return to
-        // the left, and one beyond the largest range.
+        // From (0.5, 0.5): a wall 3 m to the right, one 2 m up that is not in the map, no return from the left, and a
+        // reading beyond the maximum range.
         let recording =
             log(vec![scan(Some(Pose2::new(0.5, 0.5, 0.0)), &[3.0, 2.0, f64::INFINITY, 11.0])]);
         let map = PointMap::new(vec![[3.5, 0.5]]).unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_grid() {
+    fn settings_that_make_no_grid_are_refused() {
         let map = PointMap::new(vec![[0.0, 0.0], [1e9, 1e9]]).unwrap();
         assert_eq!(rasterize(&map, 0.0, None), Err(GridError::Resolution(0.0)));
         let message = rasterize(&map, 0.05, None).unwrap_err().to_string();

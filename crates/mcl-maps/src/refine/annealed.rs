@@ -6,7 +6,7 @@ use mcl_core::math;
 /// Evaluations at each σ.
 const EVALUATIONS: usize = 10;
 
-/// Replaces the model by what annealing makes of it, if that is likelier.
+/// Replaces the model by the result of annealing, if that has a larger likelihood.
 pub(super) fn search<const D: usize>(
     data: &PointSet<D>,
     model: &mut Model<D>,

@@ -5,12 +5,12 @@ use crate::mixture::{Sums, expectation, log_likelihood};
 use crate::point_set::{LEAF_POINTS, NodeKind, Tree};
 use crate::{FkmSettings, PointSet};
 
-/// How many data points a kept one may be exchanged for: the nearest to where EM would move it.
+/// Number of data points that a kept one may be exchanged for: those nearest to where EM would move it.
 const CANDIDATES: usize = 8;
 
-/// Replaces means by data points, each by another one, and exchanges these for others nearby as long as
-/// the data becomes likelier under the subset. Returns the indices of the kept points, in the order of
-/// the means, and whether no sweep was left that gained more than the tolerance.
+/// Replaces the means by distinct data points, and exchanges these for others nearby as long as the likelihood of the
+/// data under the subset rises. Returns the indices of the kept points, in the order of the means, and whether the
+/// last sweep gained at most the tolerance.
 pub(super) fn search<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
@@ -22,7 +22,7 @@ pub(super) fn search<const D: usize>(
     let mut search = Nearest::new(tree);
     let mut kept: Vec<Slot> = Vec::with_capacity(means.len());
     for mean in means {
-        // No more means than points: one is left for each.
+        // There are no more means than points, so a free point is left for each.
         let [slot] = search.nearest_free::<1>(mean).map(|found| found.expect("a free point").0);
         search.take(slot, true);
         kept.push(slot);
@@ -48,7 +48,7 @@ pub(super) fn search<const D: usize>(
             best = found;
             progress.step(Stage::Exchange, best);
         } else {
-            // Sums were updated with rounding, and the last gains were below it.
+            // The sums carry rounding errors of their updates, and the last gains were below these.
             kept = before;
             break;
         }
@@ -61,7 +61,7 @@ fn places<const D: usize>(kept: &[Slot], tree: &Tree<D>) -> Vec<Point<D>> {
     kept.iter().map(|slot| slot.point(tree)).collect()
 }
 
-/// Goes through all kept points once.
+/// Tries to exchange each kept point once.
 fn sweep<const D: usize>(
     data: &PointSet<D>,
     kept: &mut [Slot],
@@ -98,7 +98,7 @@ fn sweep<const D: usize>(
     }
 }
 
-/// A data point, by its place in the tree.
+/// A data point, identified by its position in the tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Slot {
     leaf: usize,
@@ -106,7 +106,7 @@ struct Slot {
 }
 
 impl Slot {
-    /// The point, relative to the middle of the data.
+    /// The point, relative to the centre of the data.
     fn point<const D: usize>(&self, tree: &Tree<D>) -> Point<D> {
         std::array::from_fn(|axis| tree.leaves[self.leaf][axis][self.place])
     }
@@ -117,10 +117,10 @@ impl Slot {
     }
 }
 
-/// Nearest data points that have not been taken.
+/// Search for the nearest data points that are not in the subset.
 struct Nearest<'a, const D: usize> {
     tree: &'a Tree<D>,
-    /// Where each leaf's points begin in the order of the tree.
+    /// Index of the first point of each leaf in the order of the tree.
     starts: Vec<usize>,
     counts: Vec<usize>,
     is_taken: Vec<[bool; LEAF_POINTS]>,
@@ -146,7 +146,7 @@ impl<'a, const D: usize> Nearest<'a, D> {
         self.is_taken[slot.leaf][slot.place] = is_taken;
     }
 
-    /// The `N` nearest free points to a place with their squared distances, nearest first; of equally
+    /// The `N` free points nearest to a position with their squared distances, nearest first; of equally
     /// near ones the first in the tree.
     fn nearest_free<const N: usize>(&self, place: &Point<D>) -> [Option<(Slot, f64)>; N] {
         let mut found: [Option<(Slot, f64)>; N] = [None; N];

@@ -1,8 +1,8 @@
-//! Maps of the same size that explain the data better than plain fuzzy k-means leaves them.
+//! Refinements: maps of the same size with a larger likelihood than plain fuzzy k-means gives.
 //!
-//! EM climbs to the nearest local maximum, and the paper's snapping to data points steps down from it.
-//! The methods here look for a higher one, or climb on afterwards; every one ends in a subset of the
-//! data with no more points than the initial map. docs/refinement.md tells how they compare.
+//! EM converges to the nearest local maximum, and the paper's snapping to data points then lowers the likelihood.
+//! The methods here search for a higher maximum, or continue after snapping. Each results in a subset of the
+//! data with no more points than the initial map. docs/refinement.md compares them.
 
 mod annealed;
 mod exchange;
@@ -21,51 +21,51 @@ use crate::{
     FkmSettings, MapError, PointSet, accelerated_fuzzy_k_means, fuzzy_k_means, snap_to_data,
 };
 
-/// How to improve an initial map.
+/// A method that improves an initial map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "method", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Refinement {
     /// [`fuzzy_k_means`], as in the paper.
     Fkm {},
-    /// [`accelerated_fuzzy_k_means`]: fewer updates, as good a maximum, not the same.
+    /// [`accelerated_fuzzy_k_means`]: fewer updates, to an equally good but not the same maximum.
     FkmAccelerated {},
-    /// Fuzzy k-means from the initial map and from random ones of its size; the likeliest is kept.
+    /// Fuzzy k-means from the initial map and from random ones of its size; the map with the largest likelihood is
+    /// kept.
     Restarts {
         /// Number of random maps.
         restarts: usize,
     },
-    /// Fuzzy k-means with a σ that falls to the wanted one, so that components first spread over what
-    /// is far from them (deterministic annealing: Ueda & Nakano, Neural Networks 11, 1998).
+    /// Fuzzy k-means with a σ that decreases to the requested one, so that components are first attracted by distant
+    /// points (deterministic annealing: Ueda & Nakano, Neural Networks 11, 1998).
     Annealed {
-        /// The largest σ, in multiples of the wanted one.
+        /// The largest σ, in multiples of the requested one.
         start: u32,
-        /// Number of σ before the wanted one, in equal ratios.
+        /// Number of σ values before the requested one, in equal ratios.
         steps: usize,
     },
-    /// Split and merge: adds components where the data is explained worst, lets EM settle, and removes
-    /// as many that the data misses least, as long as that raises the likelihood (split and merge EM:
-    /// Ueda et al., Neural Computation 12, 2000; in numbers, as breathing k-means: Fritzke,
-    /// arXiv:2006.15666).
+    /// Split and merge: splits the components whose points gain most, runs EM, removes as many components with the
+    /// smallest removal cost, and keeps the result if the likelihood rises (split and merge EM: Ueda et al., Neural
+    /// Computation 12, 2000; many components at a time as in breathing k-means: Fritzke, arXiv:2006.15666).
     SplitMerge {
         /// Number of rounds.
         rounds: usize,
     },
-    /// Fuzzy k-means; then, instead of snapping only, kept points are exchanged for others nearby as
-    /// long as that raises the likelihood of the subset itself.
+    /// Fuzzy k-means, snapping, and exchange of kept points for others nearby as long as the likelihood of the data
+    /// under the subset rises.
     Exchange {
-        /// Largest number of times that all points are gone through.
+        /// Largest number of sweeps over all kept points.
         sweeps: usize,
     },
     /// [`SplitMerge`](Self::SplitMerge), then [`Exchange`](Self::Exchange).
     Best {
         /// Number of rounds.
         rounds: usize,
-        /// Largest number of times that all points are gone through.
+        /// Largest number of sweeps over all kept points.
         sweeps: usize,
     },
 }
 
-/// The defaults.
+/// Each method with its default settings.
 impl Refinement {
     /// Five random maps.
     pub const RESTARTS: Self = Refinement::Restarts { restarts: 5 };
@@ -88,7 +88,7 @@ impl Refinement {
         Self::BEST,
     ];
 
-    /// The name: as of `--refine`.
+    /// The name of the method, as in `--refine`.
     pub fn name(&self) -> &'static str {
         match self {
             Refinement::Fkm {} => "fkm",
@@ -107,12 +107,12 @@ impl Refinement {
 pub struct RefineSettings {
     /// The method.
     pub method: Refinement,
-    /// σ, and when EM stops.
+    /// σ and the stopping criteria of EM.
     pub fkm: FkmSettings,
-    /// Seed of what is drawn (restarts, and split and merge after it got stuck).
+    /// Random seed (for restarts, and for split and merge once it is stuck).
     pub seed: Seed,
-    /// Stop looking further after so many seconds, with the best found so far; what is found then
-    /// depends on the machine.
+    /// Time limit in seconds, after which the best result so far is returned; the result then depends on the speed of
+    /// the machine.
     pub budget_s: Option<f64>,
 }
 
@@ -138,15 +138,15 @@ impl RefineSettings {
     }
 }
 
-/// What led to an entry of a [`RefineReport`].
+/// The operation behind an entry of a [`RefineReport`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// The model that the initial map stands for.
+    /// The model of the initial map.
     Initial,
     /// An evaluation of EM.
     Em,
-    /// A better maximum, from another start or at the end of annealing.
+    /// A higher maximum, from another start or at the end of annealing.
     Restart,
     /// Components split and merged.
     SplitMerge,
@@ -156,12 +156,12 @@ pub enum Stage {
     Exchange,
 }
 
-/// A step that was accepted.
+/// An accepted step of a refinement.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RefineStep {
-    /// What was done.
+    /// The operation.
     pub stage: Stage,
-    /// Log-likelihood of the data per point afterwards, in nats.
+    /// Log-likelihood of the data per point after the step, in nats.
     pub log_likelihood: f64,
     /// Evaluations of all points so far.
     pub evaluations: usize,
@@ -169,14 +169,14 @@ pub struct RefineStep {
     pub seconds: f64,
 }
 
-/// What a refinement did. The log-likelihood never falls from one step to the next, but at
+/// Report of a refinement. The log-likelihood never falls from one step to the next, except at
 /// [`Stage::Snap`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RefineReport {
     /// The accepted steps.
     pub steps: Vec<RefineStep>,
-    /// Whether EM, and exchanges where there are some, ended because nothing gained more than the
-    /// tolerance; not because of the largest number of iterations or sweeps, or the time budget.
+    /// Whether EM, and the exchanges if any, stopped because the gain was at most the tolerance, and not because of
+    /// the maximum number of iterations or sweeps or the time limit.
     pub converged: bool,
     /// Evaluations of all points.
     pub evaluations: usize,
@@ -187,15 +187,15 @@ pub struct RefineReport {
 pub struct Refined<const D: usize> {
     /// Indices of the kept points in the data: at most as many as the initial map has.
     pub indices: Vec<usize>,
-    /// The means that EM ended with, before any was replaced by a data point.
+    /// The final means of EM, before any was replaced by a data point.
     pub means: Vec<Point<D>>,
-    /// How they came about.
+    /// Report of the refinement.
     pub report: RefineReport,
 }
 
-/// Improves the map `initial` of `data`. `observe` is called with every accepted step.
+/// Refines the map `initial` of `data`. `observe` is called with every accepted step.
 ///
-/// The same bits for any number of threads, unless a time budget ends it.
+/// The result is the same bit for bit for any number of threads, unless the time limit ends it.
 ///
 /// # Errors
 /// [`MapError::Setting`] for settings out of range; [`MapError::Memory`].
@@ -242,7 +242,7 @@ pub fn refine<const D: usize>(
         Refinement::Exchange { .. } | Refinement::Fkm {} | Refinement::FkmAccelerated {} => {}
     }
     let last = progress.evaluations + max_iterations;
-    // The model that the climb begins with has had its step.
+    // The step of the initial model has already been reported.
     let mut is_known = true;
     let mut converged = climb(data, &mut model, sigma, tolerance, |per_point| {
         if !std::mem::take(&mut is_known) {
@@ -263,7 +263,7 @@ pub fn refine<const D: usize>(
     Ok(progress.finish(indices, data.absolute(&model.means), converged))
 }
 
-/// The report while it grows.
+/// The report in progress.
 struct Progress<'a> {
     start: Instant,
     end: Option<Instant>,
@@ -275,14 +275,14 @@ struct Progress<'a> {
 impl<'a> Progress<'a> {
     fn new(budget_s: Option<f64>, observe: &'a mut dyn FnMut(&RefineStep)) -> Self {
         let start = Instant::now();
-        // A budget beyond what a clock can tell never ends.
+        // A limit beyond the range of the clock never ends.
         let end = budget_s
             .and_then(|budget| Duration::try_from_secs_f64(budget).ok())
             .and_then(|budget| start.checked_add(budget));
         Progress { start, end, evaluations: 0, steps: Vec::new(), observe }
     }
 
-    /// Whether the time budget is used up.
+    /// Whether the time limit has been reached.
     fn is_over(&self) -> bool {
         self.end.is_some_and(|end| Instant::now() >= end)
     }
@@ -305,7 +305,7 @@ impl<'a> Progress<'a> {
     }
 }
 
-/// EM for a limited number of evaluations, counted but not reported.
+/// Runs EM for a limited number of evaluations, which are counted but not reported.
 fn relax<const D: usize>(
     data: &PointSet<D>,
     means: Vec<Point<D>>,

@@ -6,7 +6,7 @@ use crate::fkm_accelerated::climb;
 use crate::sampling::sample_random;
 use crate::{MapError, PointSet};
 
-/// Takes the model to its maximum, and keeps the likeliest of it and those above random maps of its size.
+/// Runs EM from the model and from random maps of its size, and keeps the maximum with the largest likelihood.
 pub(super) fn search<const D: usize>(
     data: &PointSet<D>,
     model: &mut Model<D>,

@@ -3,9 +3,9 @@ use rayon::prelude::*;
 
 use crate::PointSet;
 
-/// How often the two halves of a cluster take turns with their points.
+/// Number of 2-means iterations.
 const HALVING_ROUNDS: usize = 3;
-/// Steps of the power iteration towards a cluster's longest axis.
+/// Number of power iterations for the longest axis of a cluster.
 const AXIS_STEPS: usize = 8;
 
 /// A component replaced by two.
@@ -16,15 +16,15 @@ pub(super) struct Split<const D: usize> {
     pub halves: [Point<D>; 2],
 }
 
-/// A split of each component that has two different points nearest to it, with what it gains: by how much
-/// (m²) the squared distances of its points, summed, fall. `nearest` is the component nearest to each
-/// point, in the order of the tree.
+/// Computes a split of each component that is nearest to at least two different points, with its gain: the decrease
+/// (m²) of the sum of squared distances of its points. `nearest` is the component nearest to each point, in the order
+/// of the tree.
 pub(super) fn splits<const D: usize>(
     data: &PointSet<D>,
     components: usize,
     nearest: impl Iterator<Item = u32> + Clone,
 ) -> Vec<(f64, Split<D>)> {
-    // The points by component: counting sort.
+    // Groups the points by component with a counting sort.
     let mut ends = vec![0; components];
     for component in nearest.clone() {
         ends[component as usize] += 1;
@@ -52,8 +52,8 @@ pub(super) fn splits<const D: usize>(
         .collect()
 }
 
-/// Two means of a cluster (2-means, begun on both sides of the middle of its longest axis), and by how
-/// much the sum of squared distances is less than with one.
+/// Two means of a cluster (2-means, started on both sides of the mean along its longest axis), and the decrease of the
+/// sum of squared distances from that with one mean.
 fn halve<const D: usize>(cluster: &[Point<D>]) -> Option<([Point<D>; 2], f64)> {
     let count = cluster.len() as f64;
     let mean = mean(cluster.iter(), count)?;
@@ -68,7 +68,7 @@ fn halve<const D: usize>(cluster: &[Point<D>]) -> Option<([Point<D>; 2], f64)> {
             let side = usize::from(b < a);
             counts[side] += 1.0;
             for axis in 0..D {
-                // From the mean, so that no digits are lost.
+                // Relative to the mean, so that no digits are lost.
                 sums[side][axis] += point[axis] - mean[axis];
             }
         }
@@ -83,8 +83,8 @@ fn halve<const D: usize>(cluster: &[Point<D>]) -> Option<([Point<D>; 2], f64)> {
     (gain > 0.0).then_some((sides, gain))
 }
 
-/// The direction of the largest spread, as long as the spread (one standard deviation or less); `None`
-/// when all points are the same.
+/// The direction of the largest spread, with the spread (one standard deviation or less) as its length; `None`
+/// if all points are equal.
 fn longest_axis<const D: usize>(cluster: &[Point<D>], mean: &Point<D>) -> Option<Point<D>> {
     let mut scatter = [[0.0; D]; D];
     for point in cluster {
@@ -94,8 +94,8 @@ fn longest_axis<const D: usize>(cluster: &[Point<D>], mean: &Point<D>) -> Option
             }
         }
     }
-    // Power iteration from the axis with the largest spread of its own, which is never orthogonal to
-    // the eigenvector looked for.
+    // Power iteration from the coordinate axis with the largest spread, which is never orthogonal to the wanted
+    // eigenvector.
     let widest = (0..D).max_by(|&a, &b| scatter[a][a].total_cmp(&scatter[b][b]))?;
     let mut direction: Point<D> = std::array::from_fn(|axis| scatter[axis][widest]);
     let mut spread = 0.0;
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_heaps_are_told_apart() {
+    fn two_clusters_are_separated() {
         let cluster = [[0.0, 0.0], [0.2, 0.0], [9.0, 3.0], [9.2, 3.0], [9.1, 3.3]];
         let (mut halves, gain) = halve(&cluster).unwrap();
         halves.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -154,14 +154,14 @@ mod tests {
     }
 
     #[test]
-    fn equal_points_and_lone_ones_are_left_whole() {
+    fn equal_points_and_single_points_are_not_split() {
         assert!(halve(&[[1.0, 2.0]]).is_none());
         assert!(halve(&[[1.0, 2.0]; 7]).is_none());
         assert!(halve::<2>(&[]).is_none());
     }
 
     #[test]
-    fn a_diagonal_has_its_axis() {
+    fn the_axis_of_a_diagonal_is_found() {
         let cluster: Vec<[f64; 2]> = (0..11).map(|i| [f64::from(i), -2.0 * f64::from(i)]).collect();
         let axis = longest_axis(&cluster, &[5.0, -10.0]).unwrap();
         assert!((axis[1] / axis[0] + 2.0).abs() < 1e-9);

@@ -7,7 +7,7 @@ use crate::PointSet;
 use crate::fkm::Model;
 use crate::mixture::removal;
 
-/// One in so many components is split in a round, at first.
+/// At first, one in this many components is split in a round.
 const PART: usize = 10;
 /// Evaluations of EM before the first round.
 const EVALUATIONS_FIRST: usize = 8;
@@ -17,10 +17,10 @@ const EVALUATIONS_SPLIT: usize = 3;
 const EVALUATIONS_MERGED: usize = 5;
 /// A round that gains less than this (nats per point) is followed by a smaller one.
 const SMALL_GAIN: f64 = 1e-3;
-/// Once stuck, what decides is disturbed by factors of up to e to the power of this, either way.
+/// Once stuck, both criteria are disturbed by random factors of up to e to the power of ± this.
 const DISTURBANCE: f64 = 0.3;
 
-/// Replaces the model by likelier ones with as many components.
+/// Replaces the model by ones with a larger likelihood and as many components.
 pub(super) fn search<const D: usize>(
     data: &PointSet<D>,
     model: &mut Model<D>,
@@ -30,7 +30,7 @@ pub(super) fn search<const D: usize>(
 ) {
     let components = model.means.len();
     if components < 2 {
-        // Nothing to merge with.
+        // A single component cannot be merged.
         return;
     }
     let sigma = settings.fkm.sigma;
@@ -44,15 +44,14 @@ pub(super) fn search<const D: usize>(
         if progress.is_over() {
             break;
         }
-        let mut choice = effort.next();
+        let mut plan = effort.next();
         let mut means = model.means.clone();
-        for Split { component, halves: [first, second] } in split(data, &means, sigma, &mut choice)
-        {
+        for Split { component, halves: [first, second] } in split(data, &means, sigma, &mut plan) {
             means[component] = first;
             means.push(second);
         }
         let more = relax(data, means, sigma, EVALUATIONS_SPLIT, progress).means;
-        let is_kept = merge(data, &more, sigma, components, &mut choice);
+        let is_kept = merge(data, &more, sigma, components, &mut plan);
         let kept =
             more.into_iter().zip(is_kept).filter_map(|(mean, is_kept)| is_kept.then_some(mean));
         let fewer = relax(data, kept.collect(), sigma, EVALUATIONS_MERGED, progress);
@@ -65,7 +64,7 @@ pub(super) fn search<const D: usize>(
     }
 }
 
-/// How many components a round splits: fewer when rounds gain little, and a small random number once
+/// Determines how many components a round splits: fewer if rounds gain little, and a small random number once
 /// that does not help either.
 struct Effort {
     largest: usize,
@@ -81,17 +80,17 @@ impl Effort {
         Effort { largest, moved: largest, is_stuck: false, round: 0, seed }
     }
 
-    /// The next round's.
-    fn next(&mut self) -> Choice {
+    /// The plan of the next round.
+    fn next(&mut self) -> RoundPlan {
         let mut rng = self.seed.derive(&self.round.to_string()).rng();
         self.round += 1;
         if self.is_stuck {
             self.moved = rng.random_range(1..=(self.largest / 3).max(1));
         }
-        Choice { number: self.moved, disturbance: self.is_stuck.then_some(rng) }
+        RoundPlan { number: self.moved, disturbance: self.is_stuck.then_some(rng) }
     }
 
-    /// What the round gained (nats per point).
+    /// Records the gain of the round (nats per point).
     fn rate(&mut self, gain: f64) {
         if gain < SMALL_GAIN {
             self.is_stuck |= self.moved <= self.largest / 4;
@@ -100,14 +99,14 @@ impl Effort {
     }
 }
 
-/// The number of components that a round splits and merges, and whether other ones than those that
-/// seem best.
-struct Choice {
+/// The number of components that a round splits and merges, and the random disturbance of the criteria that
+/// select them, if any.
+struct RoundPlan {
     number: usize,
     disturbance: Option<Rng>,
 }
 
-impl Choice {
+impl RoundPlan {
     fn disturbed(&mut self, value: f64) -> f64 {
         match &mut self.disturbance {
             Some(rng) => value * math::exp(rng.random_range(-DISTURBANCE..DISTURBANCE)),
@@ -116,35 +115,36 @@ impl Choice {
     }
 }
 
-/// The splits that the points profit most from.
+/// Splits the components whose points gain most.
 fn split<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
     sigma: f64,
-    choice: &mut Choice,
+    plan: &mut RoundPlan,
 ) -> Vec<Split<D>> {
     let nearest = removal(data, means, sigma).nearest;
     let mut splits = splits(data, means.len(), nearest.iter().map(|&[first, _]| first));
     for (gain, _) in &mut splits {
-        *gain = choice.disturbed(*gain);
+        *gain = plan.disturbed(*gain);
     }
     splits.sort_by(|(a, _), (b, _)| b.total_cmp(a));
-    splits.into_iter().take(choice.number).map(|(_, split)| split).collect()
+    splits.into_iter().take(plan.number).map(|(_, split)| split).collect()
 }
 
-/// Which `components` of the means are left when those go that the data misses least.
+/// Selects the `components` means that are kept when those with the smallest removal costs are removed.
 fn merge<const D: usize>(
     data: &PointSet<D>,
     means: &[Point<D>],
     sigma: f64,
     components: usize,
-    choice: &mut Choice,
+    plan: &mut RoundPlan,
 ) -> Vec<bool> {
     let removal = removal(data, means, sigma);
-    let cost: Vec<f64> = removal.cost.into_iter().map(|cost| choice.disturbed(cost)).collect();
+    let cost: Vec<f64> = removal.cost.into_iter().map(|cost| plan.disturbed(cost)).collect();
     let mut order: Vec<usize> = (0..means.len()).collect();
     order.sort_by(|&a, &b| cost[a].total_cmp(&cost[b]));
-    // Costs hold as long as those stay that take over the points: they are kept, while others are left.
+    // Costs are valid as long as the components that take over the points stay; these are kept as long as others are
+    // left to remove.
     let mut heirs = vec![Vec::new(); means.len()];
     for [first, second] in removal.nearest {
         let known: &mut Vec<u32> = &mut heirs[first as usize];

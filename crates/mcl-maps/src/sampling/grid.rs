@@ -5,20 +5,20 @@ use mcl_core::{Bounds, OutOfMemory, Point, TIE_DISTANCE, math};
 
 use crate::MapError;
 
-/// Bisection on the cell size ends when the bracket is this narrow (relative).
+/// Relative width of the bracket at which bisection on the cell size stops.
 const BISECTION_WIDTH: f64 = 1e-12;
-/// Cell indices stay below this, where every integer is a float.
+/// Limit of cell indices, below which every integer is representable as a float.
 const MAX_CELL_INDEX: f64 = (1u64 << 52) as f64;
 
-/// What memory is asked for as.
+/// What out-of-memory errors call this memory.
 const CELLS: &str = "cells of a grid";
 
-/// Where the grid's lines lie.
+/// Position of the grid lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GridOffset<const D: usize> {
     /// A corner of a cell, in metres.
     Metres(Point<D>),
-    /// The same as a fraction of the cell size; for random offsets uniform in [0, 1) per axis.
+    /// A corner of a cell as a fraction of the cell size; random offsets are uniform in [0, 1) per axis.
     Cells(Point<D>),
 }
 
@@ -46,7 +46,7 @@ impl<const D: usize> GridOffset<D> {
     }
 }
 
-/// What grid-based sampling kept.
+/// Result of grid-based sampling.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridSample<const D: usize> {
     /// Indices of the kept points, ascending.
@@ -57,12 +57,12 @@ pub struct GridSample<const D: usize> {
     pub offset: Point<D>,
 }
 
-/// Grid-based sampling by cell size (paper, section IV-A): each non-empty cell keeps the point
+/// Samples points on a grid of a given cell size (paper, section IV-A): each non-empty cell keeps the point
 /// nearest to the mean of its points, which minimizes equation 6. The cell of a point is
-/// `floor((p − offset)/cell)` per axis. Distances within 10⁻⁹ m of the smallest are ties, and the
-/// earliest point wins.
+/// `floor((p − offset)/cell)` per axis. Distances within 10⁻⁹ m of the smallest are ties, and the point with the
+/// lowest index wins.
 ///
-/// Takes finite points; O(N).
+/// The points must be finite. O(N).
 ///
 /// # Errors
 /// [`MapError::Setting`] unless `cell` is positive and the offset finite; [`MapError::CellIndex`] for
@@ -86,15 +86,15 @@ pub fn sample_grid<const D: usize>(
     Ok(GridSample { indices: keep_nearest_to_mean(points, &cells, count)?, cell, offset })
 }
 
-/// Grid-based sampling by size: bisection on the cell size, keeping the largest result of at most
-/// `size` points. The number of non-empty cells does not fall steadily with the cell size, so the
-/// result may be a few points short; the sample says how many it has and by which cell.
+/// Samples points on a grid, with the cell size chosen by bisection for the largest result of at most `size` points.
+/// The number of non-empty cells is not monotonic in the cell size, so the result may be a few points short; the
+/// sample contains the cell size used.
 ///
-/// Grid lines through one fixed place can separate the points however large the cells are (points on
-/// both sides of the origin fall in different cells at any size). Where that makes `size` impossible,
-/// the grid is shifted by half a cell; the sample's `offset` says so.
+/// Grid lines through one fixed point can separate the points however large the cells are (points on
+/// both sides of the origin fall in different cells at any size). If that makes `size` impossible,
+/// the grid is shifted by half a cell; see the `offset` of the sample.
 ///
-/// Takes one or more finite points and `1 ≤ size`; O(N) per bisection step.
+/// Requires one or more finite points and `1 ≤ size`. O(N) per bisection step.
 ///
 /// # Errors
 /// As [`sample_grid`].
@@ -111,7 +111,7 @@ pub fn sample_grid_of_size<const D: usize>(
     let count = |cell: f64, offset: &GridOffset<D>| -> Result<usize, MapError> {
         Ok(Grid::over(points, cell, offset.metres(cell))?.count_cells(points)?)
     };
-    // Larger than any distance from the grid's corner to a point: every axis has at most two cells.
+    // Larger than any distance from the grid corner to a point, so every axis has at most two cells.
     let reach =
         bounds.min.iter().chain(&bounds.max).map(|coordinate| coordinate.abs()).fold(1.0, f64::max);
     let largest_offset = offset.metres(0.0).iter().map(|o| o.abs()).fold(0.0, f64::max);
@@ -126,7 +126,7 @@ pub fn sample_grid_of_size<const D: usize>(
     let smallest = reach.max(largest_offset) * 4.0 / MAX_CELL_INDEX;
     let mut small = 0.0;
     while best.0 < size && large - small > BISECTION_WIDTH * large && large > smallest {
-        // Geometric steps until the bracket has a lower end: cell sizes span orders of magnitude.
+        // Geometric steps until the bracket has a lower end, because cell sizes span orders of magnitude.
         let middle =
             if small == 0.0 { (0.25 * large).max(smallest) } else { 0.5 * (small + large) };
         let found = count(middle, &offset)?;
@@ -142,7 +142,7 @@ pub fn sample_grid_of_size<const D: usize>(
     sample_grid(points, best.1, offset)
 }
 
-/// A grid of cells over the bounding box of some points.
+/// A grid of cells over the bounding box of the points.
 struct Grid<const D: usize> {
     cell: f64,
     offset: Point<D>,
@@ -150,7 +150,7 @@ struct Grid<const D: usize> {
     first: [i64; D],
     /// Number of cells per axis.
     shape: [u64; D],
-    /// Number of cells in the box; `None` when it overflows.
+    /// Number of cells in the box; `None` on overflow.
     cells: Option<u64>,
 }
 
@@ -177,7 +177,7 @@ impl<const D: usize> Grid<D> {
         std::array::from_fn(|axis| ((point[axis] - self.offset[axis]) / self.cell).floor() as i64)
     }
 
-    /// Position of a point's cell in the box, first axis fastest. Only where `cells` is known.
+    /// Index of the cell of a point in the box, first axis fastest. Requires `cells`.
     #[inline]
     fn position(&self, point: &Point<D>) -> u64 {
         let cell = self.cell_of(point);
@@ -186,8 +186,8 @@ impl<const D: usize> Grid<D> {
         })
     }
 
-    /// The number of cells in the box where a table of them is affordable: `bytes` per cell, up to
-    /// some multiple of the memory of the points themselves.
+    /// The number of cells in the box if a table of them, with `bits` per cell, takes at most a small multiple of the
+    /// memory of the points.
     fn table_len(&self, points: usize, bits: u64) -> Option<usize> {
         const SMALL: u64 = 1 << 25;
         let affordable = SMALL.max(8 * 64 * points as u64) / bits;
@@ -210,8 +210,8 @@ impl<const D: usize> Grid<D> {
         Ok(count)
     }
 
-    /// Numbers the non-empty cells from 0 by first appearance: the number of each point's cell, and
-    /// how many there are.
+    /// Numbers the non-empty cells from 0 in order of first appearance; returns the number of each point's cell, and
+    /// the number of cells.
     fn number_cells(&self, points: &[Point<D>]) -> Result<(Vec<u32>, usize), OutOfMemory> {
         const EMPTY: u32 = u32::MAX;
         let mut next = 0u32;
@@ -242,7 +242,7 @@ impl<const D: usize> Grid<D> {
     }
 }
 
-/// For each of `count` cells the point nearest to the mean of the cell's points, ascending.
+/// For each of `count` cells, finds the point nearest to the mean of its points; returns ascending indices.
 fn keep_nearest_to_mean<const D: usize>(
     points: &[Point<D>],
     cells: &[u32],
@@ -251,11 +251,11 @@ fn keep_nearest_to_mean<const D: usize>(
     #[derive(Clone, Copy)]
     struct Cell<const D: usize> {
         first: Point<D>,
-        /// Sum of the points' displacements from `first`, so that points far from the origin lose
+        /// Sum of the displacements of the points from `first`, so that points far from the origin lose
         /// no digits; later the mean.
         mean: Point<D>,
         points: f64,
-        /// Smallest distance of a point from the mean; squared at first.
+        /// Smallest distance of a point from the mean, first squared.
         nearest: f64,
         kept: usize,
     }
@@ -291,7 +291,7 @@ fn keep_nearest_to_mean<const D: usize>(
     for cell in &mut table {
         cell.nearest = cell.nearest.sqrt();
     }
-    // Backwards, so that the earliest of the tied points is written last.
+    // Backwards, so that the tied point with the lowest index is written last.
     for (index, (point, &cell)) in points.iter().zip(cells).enumerate().rev() {
         let cell = &mut table[cell as usize];
         let limit = cell.nearest + TIE_DISTANCE;
@@ -310,7 +310,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The definition, word by word.
+    /// Direct implementation of the definition.
     fn brute_force(points: &[Point<2>], cell: f64, offset: Point<2>) -> Vec<usize> {
         let mut cells: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
         for (index, p) in points.iter().enumerate() {
@@ -403,7 +403,7 @@ mod tests {
         assert_eq!(sample.indices, [0]);
     }
 
-    /// In single-digit metres and at UTM coordinates the same points are kept.
+    /// The same points are kept near the origin and at UTM coordinates.
     #[test]
     fn far_from_the_origin_no_digit_is_lost() {
         // Multiples of 2⁻¹⁰ m: exact in both frames.

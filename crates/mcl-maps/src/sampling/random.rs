@@ -1,6 +1,6 @@
 use mcl_core::Seed;
 
-/// Indices of `count` distinct points of `available`, drawn without replacement, ascending.
+/// Draws the indices of `count` distinct points of `available` without replacement, in ascending order.
 ///
 /// `count` is at most `available`.
 pub fn sample_random(available: usize, count: usize, seed: Seed) -> Vec<usize> {
@@ -14,8 +14,8 @@ pub fn sample_random(available: usize, count: usize, seed: Seed) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// Pinned, so that no dependency can silently move results. One draw per algorithm that the
-    /// library chooses between.
+    /// Pinned values, so that no dependency can silently change results; one draw per algorithm that the
+    /// library may choose.
     #[test]
     fn draws_are_stable() {
         assert_eq!(sample_random(1000, 4, Seed::new(1)), [124, 291, 379, 996]);

@@ -1,10 +1,10 @@
 use super::SegmentSettings;
 use super::piece::Piece;
 
-/// One piece for all that are on one line, longest first.
+/// Merges all pieces that are on one line, longest first.
 ///
-/// The longest piece, whose line is known best, takes in all that [lie on it](Piece::goes_on_in), until none
-/// does; then the longest of those that are left. What comes of it is merged alike, until nothing changes.
+/// The longest piece, whose line is known best, absorbs all pieces that [lie on it](Piece::goes_on_in) until there
+/// are none; then the longest of the remaining ones does. This is repeated with the result until nothing changes.
 pub(super) fn merge(mut pieces: Vec<Piece>, settings: &SegmentSettings) -> Vec<Piece> {
     loop {
         let before = pieces.len();

@@ -1,17 +1,17 @@
-//! Line segments: the walls that scans show, each kept as its two ends.
+//! Line segment extraction: the walls seen in the scans, each stored as its two ends.
 //!
-//! Split and merge (the iterative end point fit), the first of those that V. Nguyen, A. Martinelli, N. Tomatis
-//! and R. Siegwart compare in *A Comparison of Line Extraction Algorithms using 2D Laser Rangefinder for Indoor
-//! Mobile Robotics*, IROS 2005: each scan is split into pieces, and pieces on one line become one. Here
-//! those of all scans are merged at once, so that a wall that many scans saw is one segment.
-//! Lines are those of total least squares through every point of their pieces.
+//! The algorithm is split and merge (iterative end point fit), the first of those compared by V. Nguyen,
+//! A. Martinelli, N. Tomatis and R. Siegwart in *A Comparison of Line Extraction Algorithms using 2D Laser
+//! Rangefinder for Indoor Mobile Robotics*, IROS 2005: each scan is split into pieces, and pieces on one line are
+//! merged. Here the pieces of all scans are merged together, so that a wall seen in many scans is one segment. Lines
+//! are fitted by total least squares to all points of their pieces.
 //!
 //! # Example
 //! ```
 //! use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry};
 //! use mcl_maps::segments::{SegmentSettings, line_segments};
 //!
-//! // A wall along y, 2 m ahead, seen from two places.
+//! // A wall along y, 2 m ahead, seen from two positions.
 //! let geometry = ScanGeometry { start_angle: -0.5, angle_step: 0.01, beams: 101 };
 //! let scan = |y: f64| LaserScan {
 //!     stamp: None,
@@ -37,23 +37,24 @@ use mcl_core::{LineSegment, Recording, SegmentMap, check_finite};
 use crate::MapError;
 use piece::Piece;
 
-/// What counts as a wall.
+/// Settings of [`line_segments`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentSettings {
-    /// How far points of a scan may be from the line through the ends of their piece, and the ends of a piece
-    /// from the line that it becomes a part of (m).
+    /// Largest distance of the points of a scan from the line through the ends of their piece, and of the ends of a
+    /// piece from the line that it is merged into (m).
     pub tolerance: f64,
-    /// A wall ends where nothing was seen for longer than this (m).
+    /// A segment ends at a gap without points that is longer than this (m).
     pub max_gap: f64,
     /// Shorter segments are left out (m).
     pub min_length: f64,
-    /// Segments of fewer points, of all scans together, are left out.
+    /// Segments with fewer points, of all scans together, are left out.
     pub min_points: usize,
 }
 
 impl SegmentSettings {
-    /// Walls of this tolerance (m), of at least 0.3 m and 10 points, with gaps of up to 0.3 m: on the logs at
-    /// hand, 0.5 m brings several times as much line where no points are, for 1 % more of the points.
+    /// Settings with this tolerance (m), for segments of at least 0.3 m and 10 points, with gaps of up to 0.3 m. On
+    /// the logs of the data sets, gaps of 0.5 m would cover 1 % more of the points, but several times as much length
+    /// without points.
     pub fn of_tolerance(tolerance: f64) -> Self {
         SegmentSettings { tolerance, max_gap: 0.3, min_length: 0.3, min_points: 10 }
     }
@@ -71,14 +72,14 @@ impl SegmentSettings {
     }
 }
 
-/// The walls that a recording shows, longest first.
+/// Extracts the line segments of a recording, longest first.
 ///
-/// Points are those of [`Recording::points`], with readings of up to `max_range` metres. The order of the
-/// scans does not matter, not even to the last bit.
+/// Points are those of [`Recording::points`], with readings of up to `max_range` metres. The result does not depend on
+/// the order of the scans, not even in the last bit.
 ///
 /// # Errors
-/// [`MapError::Setting`] for settings out of range, [`MapError::Points`] for a recording without points in the
-/// plane (see [`Recording::points`]), [`MapError::NoSegment`] when nothing in it is a wall.
+/// [`MapError::Setting`] for settings out of range, [`MapError::Points`] for a recording without usable points
+/// (see [`Recording::points`]), [`MapError::NoSegment`] if no segment is found.
 pub fn line_segments(
     recording: &Recording,
     max_range: f64,

@@ -2,8 +2,8 @@ use std::cmp::Ordering;
 
 use mcl_core::{LineSegment, Point, math};
 
-/// Number, mean and scatter of points: all that a line through them needs. Those of two sets of points
-/// together are known from those of each.
+/// Number, mean and scatter of points: sufficient for fitting a line, and computable for the union of two sets of
+/// points from those of each.
 #[derive(Debug, Clone, Copy)]
 struct Moments {
     number: f64,
@@ -17,8 +17,8 @@ impl Moments {
         Moments { number: 1.0, mean: point, scatter: [0.0; 3] }
     }
 
-    /// The moments of both sets of points (T. Chan, G. Golub and R. LeVeque, *Updating Formulae and a Pairwise
-    /// Algorithm for Computing Sample Variances*, COMPSTAT 1982).
+    /// The moments of the union of both sets of points (T. Chan, G. Golub and R. LeVeque, *Updating Formulae and a
+    /// Pairwise Algorithm for Computing Sample Variances*, COMPSTAT 1982).
     fn with(self, other: Moments) -> Self {
         let number = self.number + other.number;
         let [dx, dy] = [0, 1].map(|axis| other.mean[axis] - self.mean[axis]);
@@ -32,7 +32,7 @@ impl Moments {
         }
     }
 
-    /// Direction of the line with the least sum of squared distances: that of the larger eigenvalue.
+    /// Direction of the line with the smallest sum of squared distances: the eigenvector of the larger eigenvalue.
     fn direction(&self) -> Point<2> {
         let [xx, xy, yy] = self.scatter;
         let (sin, cos) = math::sin_cos(0.5 * math::atan2(2.0 * xy, xx - yy));
@@ -40,31 +40,31 @@ impl Moments {
     }
 }
 
-/// Points on a line: the line of total least squares through them, and how far it reaches.
+/// Points on a line: their total least squares line, and its extent.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
     moments: Moments,
     direction: Point<2>,
-    /// From the mean to the ends, along the direction (m).
+    /// Positions of the ends along the direction, relative to the mean (m).
     low: f64,
     high: f64,
 }
 
 impl Piece {
-    /// The piece of one or more points.
+    /// Fits a piece to one or more points.
     pub fn of(points: &[Point<2>]) -> Self {
         let moments = points.iter().copied().map(Moments::of).reduce(Moments::with);
         Self::reaching(moments.expect("a piece has points"), points.iter().copied())
     }
 
-    /// The piece of all points of this one and of the others.
+    /// Fits a piece to all points of this one and of the others.
     pub fn with(&self, others: &[Piece]) -> Self {
         let moments = others.iter().fold(self.moments, |sum, piece| sum.with(piece.moments));
         let ends = others.iter().chain([self]).flat_map(|piece| [piece.start(), piece.end()]);
         Self::reaching(moments, ends)
     }
 
-    /// From the first to the last of these places along the line.
+    /// The piece from the first to the last of these positions along the line.
     fn reaching(moments: Moments, places: impl Iterator<Item = Point<2>>) -> Self {
         let direction = moments.direction();
         let mut piece = Piece { moments, direction, low: 0.0, high: 0.0 };
@@ -75,7 +75,7 @@ impl Piece {
         piece
     }
 
-    /// A place along the line and to the left of it, from the mean (m).
+    /// A position in the frame of the line: along it and to its left, relative to the mean (m).
     fn seen(&self, place: Point<2>) -> Point<2> {
         let [x, y] = [0, 1].map(|axis| place[axis] - self.moments.mean[axis]);
         let [cos, sin] = self.direction;
@@ -94,8 +94,8 @@ impl Piece {
         self.at(self.high)
     }
 
-    /// Whether another piece lies on this line, no farther from it than `tolerance`, and no farther along it
-    /// than `max_gap` from this piece (m).
+    /// Whether another piece lies on this line: within `tolerance` of it, and separated from this piece by at most
+    /// `max_gap` along it (m).
     pub fn goes_on_in(&self, other: &Piece, tolerance: f64, max_gap: f64) -> bool {
         let [start, end] = [other.start(), other.end()].map(|place| self.seen(place));
         start[1].abs() <= tolerance
@@ -113,8 +113,8 @@ impl Piece {
         LineSegment { start: self.start(), end: self.end() }
     }
 
-    /// By length, shortest first. Only pieces that are the same in all bits are equal, so that what is done in
-    /// this order hangs on no other.
+    /// Orders by length, shortest first. Only pieces that are identical in all bits are equal, so that the order does
+    /// not depend on that of the input.
     pub fn by_length(&self, other: &Piece) -> Ordering {
         let key = |piece: &Piece| {
             let Moments { number, mean: [x, y], scatter: [xx, xy, yy] } = piece.moments;
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn a_line_by_hand() {
         // About (2, 1): (−2, −1), (0, 0.5), (0, −0.5), (2, 1). xx = 8, xy = 4, yy = 2.5, so that the direction
-        // is atan2(8, 5.5)/2; the first and the last lie as far from the mean along it.
+        // is atan2(8, 5.5)/2; the first and the last point are equally far from the mean along it.
         let piece = Piece::of(&[[0.0, 0.0], [2.0, 1.5], [2.0, 0.5], [4.0, 2.0]]);
         let angle = 0.5 * 8f64.atan2(5.5);
         let reach = 2.0 * angle.cos() + angle.sin();
@@ -154,7 +154,7 @@ mod tests {
             (wall(1.0, 0.05, 2.0, -0.05), true),
             (wall(4.4, 0.0, 6.0, 0.09), true),
             (wall(-3.0, 0.0, -0.4, 0.0), true),
-            // Too far beside it at one end, behind either end; across it.
+            // Too far beside it at one end, beyond either end; across it.
             (wall(1.0, 0.0, 2.0, 0.11), false),
             (wall(4.6, 0.0, 6.0, 0.0), false),
             (wall(-3.0, 0.0, -0.6, 0.0), false),
@@ -165,7 +165,7 @@ mod tests {
     }
 
     proptest! {
-        /// Of the parts as of all points, in the order of the points or backwards.
+        /// Merging the parts gives the fit to all points, in the order of the points or reversed.
         #[test]
         fn merging_is_fitting_all_points(
             points in prop::collection::vec([-5.0..5.0f64, -0.5..0.5f64], 3..60),

@@ -3,14 +3,14 @@ use mcl_core::{LineSegment, Point, math};
 use super::SegmentSettings;
 use super::piece::Piece;
 
-/// Any two points are on a line.
+/// A piece of two points needs no split, as they are always on a line.
 const MIN_POINTS: usize = 3;
 
-/// The pieces of a scan, whose points are in the order of its beams: runs without gaps, split at the point
-/// farthest from the line between their ends as long as that is beyond the tolerance.
+/// Splits a scan, whose points are in beam order, into pieces: runs without gaps, split at the point
+/// farthest from the line between their ends as long as that exceeds the tolerance.
 ///
-/// Distances are to the segment between the ends, not to the line through them: a run may come back to where
-/// it began.
+/// Distances are to the segment between the ends, not to the line through them, because a run may return to where
+/// it started.
 pub(super) fn split<'a>(
     points: &'a [Point<2>],
     settings: &SegmentSettings,

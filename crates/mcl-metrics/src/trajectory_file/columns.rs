@@ -1,13 +1,13 @@
-//! What the columns of a table are, by their names.
+//! Recognition of the columns of a table by their names.
 
 use mcl_core::text::{list, printable};
 
-/// Whether a text is a number, finite or not.
+/// Whether a text is a number, including NaN and infinity.
 pub(super) fn is_number(text: &str) -> bool {
     text.trim().parse::<f64>().is_ok()
 }
 
-/// Index of each column that is read.
+/// Indices of the columns that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Columns {
     pub time: Time,
@@ -17,15 +17,15 @@ pub(super) struct Columns {
     pub heading: Heading,
     /// Whether the names are those of EuRoC.
     pub is_euroc: bool,
-    /// Whether there is an angle beside the quaternion, which is not read.
+    /// Whether there is an angle besides the quaternion; the angle is not read.
     pub leaves_out_angle: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Time {
-    /// One column; nanoseconds per unit, where the name has it.
+    /// One column, with the nanoseconds per unit if the name contains the unit.
     One { column: usize, unit: Option<i64> },
-    /// Seconds, and the nanoseconds beyond them.
+    /// Two columns: seconds, and the remaining nanoseconds.
     Two { seconds: usize, nanoseconds: usize },
 }
 
@@ -40,7 +40,7 @@ pub(super) enum Heading {
     Quaternion([usize; 4]),
 }
 
-/// What a name says.
+/// The meaning of a column name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Time { unit: Option<i64> },
@@ -86,7 +86,7 @@ fn role(name: &str) -> Option<Role> {
     let unit = unit.as_deref();
     let last = name.rsplit('.').next().unwrap_or_default();
     match last {
-        // Nanoseconds as `secs` has them beside it, or all of the time.
+        // The nanoseconds beside a column of seconds, or the whole time.
         "nsec" | "nsecs" | "nanosec" | "nanosecs" | "nanoseconds" => {
             return Some(Role::Nanoseconds);
         }
@@ -107,7 +107,7 @@ fn role(name: &str) -> Option<Role> {
         let in_degrees = unit.is_some_and(|unit| unit.starts_with("deg") || unit == "°");
         return Some(Role::Angle { in_degrees });
     }
-    // `p_x`, `pose.position.x`, `qx`: what it is of, and the axis.
+    // `p_x`, `pose.position.x`, `qx`: the quantity and the axis.
     let axis = name.chars().last().and_then(|axis| "xyzw".find(axis))?;
     let of = name[..name.len() - 1].trim_end_matches(['.', '_']);
     let is_one_of = |names: &[&str]| {
@@ -123,7 +123,7 @@ fn role(name: &str) -> Option<Role> {
 }
 
 impl Columns {
-    /// The columns of a table; a sentence about what is missing or ambiguous.
+    /// Finds the columns of a table; the error is a sentence about what is missing or ambiguous.
     pub fn find(names: &[String]) -> Result<Self, String> {
         let roles: Vec<Option<Role>> = names.iter().map(|name| role(name)).collect();
         let all = |is: &dyn Fn(Role) -> bool| -> Vec<usize> {
@@ -181,7 +181,7 @@ fn time(
     if let (Some(seconds), Some(nanoseconds)) = (seconds, nanoseconds) {
         return Ok(Time::Two { seconds, nanoseconds });
     }
-    // A table made of a topic has the time of the recording beside that of the message, which counts.
+    // A table exported from a topic has the time of recording and that of the message, which is used.
     let of_message = |column: &usize| names[*column].to_lowercase().contains("header");
     let mut times: Vec<usize> =
         (0..roles.len()).filter(|&k| matches!(roles[k], Some(Role::Time { .. }))).collect();
@@ -208,7 +208,7 @@ fn time(
     }
 }
 
-/// A name as messages have it; a broken file can have very long ones.
+/// A name for messages, truncated because a broken file can have very long ones.
 pub(super) fn shown(name: &str) -> String {
     let start: String = name.trim().chars().take(40).collect();
     printable(&start).into_owned()

@@ -6,21 +6,21 @@ use mcl_core::text::printable;
 use crate::planar::quoted;
 use crate::tum::TumError;
 
-/// Why a trajectory file could not be read.
+/// An error in reading a trajectory file.
 #[derive(Debug, thiserror::Error)]
 pub enum TrajectoryFileError {
-    /// A file in the TUM format.
+    /// An error in a file in the TUM format.
     #[error(transparent)]
     Tum(#[from] TumError),
-    /// The file could not be opened, or its beginning not be read.
+    /// The file could not be opened, or its start could not be read.
     #[error("{}: {source}", .file.display())]
     Open {
         /// The file.
         file: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// A line could not be read (or is no UTF-8 text).
+    /// A line could not be read, or is not UTF-8 text.
     #[error("{}, line {line}: cannot read: {source}", .file.display())]
     Read {
         /// The file.
@@ -30,7 +30,7 @@ pub enum TrajectoryFileError {
         /// The reason.
         source: io::Error,
     },
-    /// A line with another number of fields than the others.
+    /// A line has a different number of fields than the others.
     #[error("{}, line {line}: {found} fields, expected {expected}", .file.display())]
     FieldCount {
         /// The file.
@@ -42,7 +42,7 @@ pub enum TrajectoryFileError {
         /// Number and meaning of those expected.
         expected: String,
     },
-    /// A field with a value that cannot be used.
+    /// A field has an invalid value.
     #[error(
         "{}, line {line}, field {}: found {found}, expected {expected}", .file.display(), printable(.field)
     )]
@@ -58,22 +58,22 @@ pub enum TrajectoryFileError {
         /// What was expected.
         expected: String,
     },
-    /// Columns that are missing, or of which two would do.
+    /// Columns are missing or ambiguous.
     #[error("{}, line {line}: {problem}; the columns are {columns}", .file.display())]
     Columns {
         /// The file.
         file: PathBuf,
-        /// The line of the names, from 1.
+        /// The line of the column names, from 1.
         line: usize,
         /// What is missing or ambiguous.
         problem: String,
         /// The columns found.
         columns: String,
     },
-    /// Columns without names.
+    /// The columns have no names.
     #[error(
         "{}, line {line}: found {}, expected a line before it with the names of the columns (t,x,y,theta), or \
-         a file in the TUM format: t x y z qx qy qz qw, parted by blanks", .file.display(), quoted(.found)
+         a file in the TUM format: t x y z qx qy qz qw, separated by blanks", .file.display(), quoted(.found)
     )]
     NoNames {
         /// The file.
@@ -83,7 +83,7 @@ pub enum TrajectoryFileError {
         /// The line.
         found: String,
     },
-    /// No pose in the file.
+    /// The file has no pose.
     #[error("{}: no pose found below the names of the columns", .file.display())]
     Empty {
         /// The file.

@@ -5,14 +5,14 @@ use std::path::Path;
 
 use mcl_core::{Pose2, Stamp};
 
-use super::{Found, TrajectoryFileError, TrajectoryFormat};
+use super::{ParsedFile, TrajectoryFileError, TrajectoryFormat};
 use crate::planar::{Attitude, NonPlanar, Refused, check_height, quoted};
 
 pub(super) fn read(
     reader: impl BufRead,
     file: &Path,
     non_planar: NonPlanar,
-) -> Result<Found, TrajectoryFileError> {
+) -> Result<ParsedFile, TrajectoryFileError> {
     let mut poses = Vec::new();
     for (index, text) in reader.lines().enumerate() {
         let line = index as u64 + 1;
@@ -25,12 +25,12 @@ pub(super) fn read(
         poses.push(pose(text, file, line, non_planar)?);
     }
     let stamps = (0..).map(|frame| Stamp::from_nanoseconds(frame * 1_000_000_000));
-    Ok(Found {
+    Ok(ParsedFile {
         trajectory: stamps.zip(poses).collect(),
         format: TrajectoryFormat::Kitti,
         has_headings: true,
         notes: vec![
-            "a file in the KITTI format has no stamps: its frame numbers are taken for seconds"
+            "a file in the KITTI format has no stamps: its frame numbers are used as seconds"
                 .into(),
         ],
     })

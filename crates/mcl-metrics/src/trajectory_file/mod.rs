@@ -1,21 +1,21 @@
-//! Trajectory files of others, whatever their format, recognized by what they hold:
+//! Trajectory files in several formats, recognized by their content:
 //!
 //! | format | a line | recognized by |
 //! |---|---|---|
-//! | [TUM](crate::tum) | `t x y z qx qy qz qw`, parted by blanks | the rest |
-//! | KITTI | the upper three rows of the pose's matrix, row by row | 12 numbers parted by blanks |
-//! | EuRoC | `#timestamp [ns], p_RS_R_x [m], …, q_RS_w [], …` | its names of columns |
-//! | CSV | columns by name, parted by commas, semicolons or tabs | a line of names before the numbers |
+//! | [TUM](crate::tum) | `t x y z qx qy qz qw`, separated by blanks | all other files |
+//! | KITTI | the upper three rows of the pose matrix, row by row | 12 numbers separated by blanks |
+//! | EuRoC | `#timestamp [ns], p_RS_R_x [m], …, q_RS_w [], …` | its column names |
+//! | CSV | named columns, separated by commas, semicolons or tabs | a line of names before the numbers |
 //!
-//! Of a CSV file with names are read: time (`t`, `time`, `stamp`, `timestamp`, or `sec` and `nsec`), `x` and
-//! `y`, and where they are there `z`, a heading in radians (`theta`, `yaw`, `heading`) or a quaternion (`qx`
-//! `qy` `qz` `qw`, in any order). Names may be longer, as topics are written by ROS (`pose.position.x`,
-//! `field.header.stamp`, `p_x`, `orientation.w`), and have units (`time_ms`, `timestamp [ns]`, `yaw (deg)`).
-//! Times above 10¹⁷ are nanoseconds, all others seconds, unless the name has the unit. Names of which two
-//! would do are an error that lists the columns.
+//! These columns of a CSV file are read: time (`t`, `time`, `stamp`, `timestamp`, or `sec` and `nsec`), `x` and
+//! `y`, and if present `z`, a heading in radians (`theta`, `yaw`, `heading`) or a quaternion (`qx`
+//! `qy` `qz` `qw`, in any order). Names may have prefixes, as in exported ROS topics (`pose.position.x`,
+//! `field.header.stamp`, `p_x`, `orientation.w`), and units (`time_ms`, `timestamp [ns]`, `yaw (deg)`).
+//! Unless the name contains a unit, times above 10¹⁷ are nanoseconds and all others seconds. Ambiguous
+//! names are an error that lists the columns.
 //!
-//! Not all files have headings: those of CSV without such a column and of TUM whose quaternions are all
-//! `0 0 0 0` hold positions only.
+//! Not all files have headings: CSV files without such a column, and TUM files whose quaternions are all
+//! `0 0 0 0`, contain positions only.
 //!
 //! # Example
 //! ```
@@ -43,9 +43,9 @@ use serde::Serialize;
 use crate::tum;
 use columns::is_number;
 
-/// Bytes in which the first line that is no comment is looked for.
+/// Number of bytes in which the first line that is not a comment is searched.
 const SNIFFED_BYTES: u64 = 1 << 16;
-/// What parts the columns of a table.
+/// The separators of table columns.
 const SEPARATORS: [char; 3] = [',', ';', '\t'];
 
 pub use crate::planar::{NonPlanar, QuaternionOrder, ReadSettings};
@@ -59,39 +59,39 @@ pub enum TrajectoryFormat {
     Tum,
     /// KITTI: 12 numbers of a matrix, no stamps.
     Kitti,
-    /// EuRoC: CSV with its names.
+    /// EuRoC: CSV with the column names of EuRoC.
     Euroc,
-    /// CSV with names of columns.
+    /// CSV with column names.
     Csv,
 }
 
-/// What a trajectory file holds, and what is worth knowing about it.
+/// The content of a trajectory file, with notes and warnings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrajectoryFile {
-    /// Stamped poses in file order, at least one; headings within (−π, π], 0 where there are none.
+    /// Stamped poses in file order, at least one; headings within (−π, π], 0 if the file has none.
     pub trajectory: Trajectory,
-    /// The format it was recognized as.
+    /// The recognized format.
     pub format: TrajectoryFormat,
-    /// Whether the file has headings; else it holds positions only.
+    /// Whether the file has headings; otherwise it contains positions only.
     pub has_headings: bool,
-    /// How many stamps are earlier than the one before.
+    /// Number of stamps that are earlier than the one before.
     pub backward_stamps: usize,
-    /// How many stamps equal the one before.
+    /// Number of stamps that equal the one before.
     pub repeated_stamps: usize,
-    /// What a user should be told, a sentence each.
+    /// Notes for the user, one sentence each.
     pub notes: Vec<String>,
-    /// What makes the file's content doubtful, a sentence each.
+    /// Reasons to doubt the content of the file, one sentence each.
     pub doubts: Vec<String>,
 }
 
-/// Whether a file is one of trajectories by its first line that is no comment, which begins with a number or has names
-/// of columns with separators; a log begins with the name of a record's kind.
+/// Whether a file is a trajectory file, judged by its first line that is not a comment: it begins with a number or has
+/// column names with separators, while a log begins with the type of a record.
 ///
 /// # Errors
-/// When the file cannot be read.
+/// If the file cannot be read.
 pub fn is_trajectory_file(path: impl AsRef<Path>) -> io::Result<bool> {
     let file = File::open(path)?.take(SNIFFED_BYTES);
-    let head = Head::read(&mut BufReader::new(file))?;
+    let head = FileHead::read(&mut BufReader::new(file))?;
     let text = head.first_line();
     let first = text.split(SEPARATORS).next().unwrap_or_default();
     let first = first.split_whitespace().next().unwrap_or_default();
@@ -101,7 +101,7 @@ pub fn is_trajectory_file(path: impl AsRef<Path>) -> io::Result<bool> {
 /// Reads the file at `path`; see [`read`].
 ///
 /// # Errors
-/// As [`read`], and when the file cannot be opened.
+/// As [`read`], and if the file cannot be opened.
 pub fn read_file(
     path: impl AsRef<Path>,
     settings: &ReadSettings,
@@ -111,34 +111,35 @@ pub fn read_file(
     read(BufReader::new(File::open(path).map_err(open)?), path, settings)
 }
 
-/// Reads a trajectory; `name` stands for the file in errors. What is held at most is proportional to what is
-/// read.
+/// Reads a trajectory; `name` is the name of the file in errors. Memory use is proportional to the input.
 ///
 /// # Errors
-/// When no format is recognized, columns are missing or ambiguous, at the first line that is no planar pose
-/// (unless poses are projected), and when there is no pose at all.
+/// If no format is recognized, columns are missing or ambiguous, a line is not a planar pose
+/// (unless poses are projected), or there is no pose.
 pub fn read(
     mut reader: impl BufRead,
     name: impl AsRef<Path>,
     settings: &ReadSettings,
 ) -> Result<TrajectoryFile, TrajectoryFileError> {
     let name = name.as_ref();
-    let head = Head::read(&mut reader)
+    let head = FileHead::read(&mut reader)
         .map_err(|source| TrajectoryFileError::Open { file: name.to_owned(), source })?;
     let whole = io::Cursor::new(&head.bytes).chain(reader);
     let found = match head.kind() {
-        Kind::Tum => {
+        FileKind::Tum => {
             let (file, has_headings) = tum::read_with(whole, name, settings)?;
-            Found {
+            ParsedFile {
                 trajectory: file.trajectory,
                 format: TrajectoryFormat::Tum,
                 has_headings,
                 notes: vec![],
             }
         }
-        Kind::Kitti => kitti::read(whole, name, settings.non_planar)?,
-        Kind::Table { names, line } => table::read(whole, name, &names, line, settings.non_planar)?,
-        Kind::NoNames { line } => {
+        FileKind::Kitti => kitti::read(whole, name, settings.non_planar)?,
+        FileKind::Table { names, line } => {
+            table::read(whole, name, &names, line, settings.non_planar)?
+        }
+        FileKind::NoNames { line } => {
             let found = head.first_line();
             return Err(TrajectoryFileError::NoNames { file: name.to_owned(), line, found });
         }
@@ -146,17 +147,17 @@ pub fn read(
     Ok(found.finish())
 }
 
-/// What the reader of a format found.
-struct Found {
+/// The result of the reader of a format.
+struct ParsedFile {
     trajectory: Trajectory,
     format: TrajectoryFormat,
     has_headings: bool,
     notes: Vec<String>,
 }
 
-impl Found {
+impl ParsedFile {
     fn finish(self) -> TrajectoryFile {
-        let Found { trajectory, format, has_headings, notes } = self;
+        let ParsedFile { trajectory, format, has_headings, notes } = self;
         let mut doubts = Vec::new();
         let count = |is: fn(&[mcl_core::Stamp]) -> bool| {
             trajectory.stamps().windows(2).filter(|pair| is(pair)).count()
@@ -180,8 +181,8 @@ impl Found {
     }
 }
 
-/// Whether all headings are the same although the robot goes more than a metre, and not straight on: steps of
-/// 0.1 m and more look in directions that differ by more than 0.5 rad.
+/// Whether all headings are equal although the robot moves more than a metre and not in a straight line: steps of
+/// at least 0.1 m have directions that differ by more than 0.5 rad.
 fn is_fixed_on_a_turning_path(poses: &[Pose2]) -> bool {
     const LENGTH_M: f64 = 1.0;
     const STEP_M: f64 = 0.1;
@@ -206,26 +207,26 @@ fn is_fixed_on_a_turning_path(poses: &[Pose2]) -> bool {
     turns && length > LENGTH_M
 }
 
-/// The beginning of a file, up to its first line of numbers or names.
-struct Head {
-    /// As read, comments included.
+/// The start of a file, up to its first line of numbers or names.
+struct FileHead {
+    /// The bytes read, including comments.
     bytes: Vec<u8>,
-    /// Where the last line of it that is not empty begins, and the last comment before.
-    last: Option<Place>,
-    comment: Option<Place>,
+    /// Start of the last line that is not empty, and of the last comment before it.
+    last: Option<LineStart>,
+    comment: Option<LineStart>,
 }
 
-/// A line: where it begins in bytes, and its number, from 1.
+/// A line: the byte at which it starts, and its number, from 1.
 #[derive(Clone, Copy)]
-struct Place {
+struct LineStart {
     begin: usize,
     line: usize,
 }
 
-enum Kind {
+enum FileKind {
     Tum,
     Kitti,
-    /// Columns, named in a line.
+    /// Columns with names in a line.
     Table {
         names: String,
         line: usize,
@@ -236,15 +237,15 @@ enum Kind {
     },
 }
 
-impl Head {
+impl FileHead {
     fn read(reader: &mut impl BufRead) -> io::Result<Self> {
-        let mut head = Head { bytes: Vec::new(), last: None, comment: None };
+        let mut head = FileHead { bytes: Vec::new(), last: None, comment: None };
         for line in 1.. {
             let begin = head.bytes.len();
             if reader.read_until(b'\n', &mut head.bytes)? == 0 {
                 break;
             }
-            let place = Place { begin, line };
+            let place = LineStart { begin, line };
             match head.text(place).bytes().next() {
                 None => {}
                 Some(b'#' | b'%') => head.comment = Some(place),
@@ -257,8 +258,8 @@ impl Head {
         Ok(head)
     }
 
-    /// The line at a place, without blanks around it.
-    fn text(&self, place: Place) -> String {
+    /// The text of a line, without surrounding blanks.
+    fn text(&self, place: LineStart) -> String {
         let line =
             self.bytes[place.begin..].split(|&byte| byte == b'\n').next().unwrap_or_default();
         let text = String::from_utf8_lossy(line);
@@ -269,34 +270,34 @@ impl Head {
         self.last.map(|place| self.text(place)).unwrap_or_default()
     }
 
-    fn kind(&self) -> Kind {
-        // A file without any pose: its error is that of TUM files.
-        let Some(place) = self.last else { return Kind::Tum };
+    fn kind(&self) -> FileKind {
+        // A file without any pose gives the error of TUM files.
+        let Some(place) = self.last else { return FileKind::Tum };
         let text = self.text(place);
         let fields: Vec<&str> = text.split_whitespace().collect();
         let separated = |text: &str| text.contains(SEPARATORS);
         match fields[..] {
             [..] if fields.len() == 12 && fields.iter().all(|field| is_number(field)) => {
-                Kind::Kitti
+                FileKind::Kitti
             }
             [first, ..] if !is_number(first.split([',', ';']).next().unwrap_or_default()) => {
-                // Names, if there is more than one; else a broken line.
+                // Column names if there is more than one, otherwise an invalid line.
                 match separated(&text) {
-                    true => Kind::Table { names: text, line: place.line },
-                    false => Kind::Tum,
+                    true => FileKind::Table { names: text, line: place.line },
+                    false => FileKind::Tum,
                 }
             }
-            // Numbers. TUM files may have tabs, and names of columns in a comment.
-            _ if !text.contains([',', ';']) && fields.len() == 8 => Kind::Tum,
+            // Numbers. TUM files may have tabs, and column names in a comment.
+            _ if !text.contains([',', ';']) && fields.len() == 8 => FileKind::Tum,
             _ if separated(&text) => match self.comment {
                 Some(comment) if separated(&self.text(comment)) => {
                     let names = self.text(comment);
                     let names = names.trim_start_matches(['#', '%']).trim_start().to_owned();
-                    Kind::Table { names, line: comment.line }
+                    FileKind::Table { names, line: comment.line }
                 }
-                _ => Kind::NoNames { line: place.line },
+                _ => FileKind::NoNames { line: place.line },
             },
-            _ => Kind::Tum,
+            _ => FileKind::Tum,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Tables with names of columns.
+//! Tables with column names.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -7,10 +7,10 @@ use csv::{ErrorKind, ReaderBuilder, StringRecord, Trim};
 use mcl_core::{Pose2, Stamp, wrap_angle};
 
 use super::columns::{Columns, Heading, Time, is_number, shown};
-use super::{Found, TrajectoryFileError, TrajectoryFormat};
+use super::{ParsedFile, TrajectoryFileError, TrajectoryFormat};
 use crate::planar::{Attitude, NonPlanar, Refused, check_height, quoted};
 
-/// A time above this is one of nanoseconds (of 1973 and later): as seconds it is beyond all clocks.
+/// A time above this is in nanoseconds (1973 or later), because it is too large for seconds.
 const NANOSECONDS_FROM: f64 = 1e17;
 
 /// Reads a table whose columns are named in `line` (from 1).
@@ -20,7 +20,7 @@ pub(super) fn read(
     names: &str,
     line: usize,
     non_planar: NonPlanar,
-) -> Result<Found, TrajectoryFileError> {
+) -> Result<ParsedFile, TrajectoryFileError> {
     let delimiter = delimiter(names);
     let names = split(names, delimiter);
     let columns = Columns::find(&names).map_err(|problem| {
@@ -58,7 +58,7 @@ pub(super) fn read(
         notes
             .push("headings are those of the quaternions; the column of angles is not read".into());
     }
-    Ok(Found {
+    Ok(ParsedFile {
         trajectory: stamps.into_iter().zip(poses).collect(),
         format: if columns.is_euroc { TrajectoryFormat::Euroc } else { TrajectoryFormat::Csv },
         has_headings: columns.heading != Heading::Absent,
@@ -66,7 +66,7 @@ pub(super) fn read(
     })
 }
 
-/// Names that a message lists.
+/// Number of names listed in a message.
 const MAX_LISTED: usize = 30;
 
 fn builder(delimiter: u8) -> ReaderBuilder {
@@ -107,17 +107,17 @@ fn skip_lines(
     Ok(())
 }
 
-/// An error of the reader of rows, in the lines of the file.
+/// Converts an error of the row reader to line numbers of the file.
 fn cannot_read(error: csv::Error, file: &Path, before: u64, begins: u64) -> TrajectoryFileError {
     let line = error.position().map_or(begins, |at| before + at.line());
     let source = match error.into_kind() {
         ErrorKind::Io(source) => source,
-        _ => std::io::Error::new(std::io::ErrorKind::InvalidData, "the line is no UTF-8 text"),
+        _ => std::io::Error::new(std::io::ErrorKind::InvalidData, "the line is not UTF-8 text"),
     };
     TrajectoryFileError::Read { file: file.to_owned(), line, source }
 }
 
-/// A row, and where it stands.
+/// A row and its position in the file.
 struct Row<'a> {
     file: &'a Path,
     line: u64,
@@ -128,7 +128,7 @@ struct Row<'a> {
 impl Row<'_> {
     fn check_count(&self) -> Result<(), TrajectoryFileError> {
         let (found, named) = (self.record.len(), self.names.len());
-        // A separator at the end of each line is no field.
+        // A separator at the end of each line adds no field.
         let ends_with_separator = found == named + 1 && self.text(named).is_empty();
         if found == named || ends_with_separator {
             return Ok(());
@@ -171,7 +171,7 @@ impl Row<'_> {
         text.parse().map_err(|_| self.error(column, quoted(text), "a whole number"))
     }
 
-    /// `unit` is that of the name; the first row decides where that has none.
+    /// `unit` is that of the column name; if it has none, the first row determines the unit.
     fn stamp(&self, time: Time, unit: &mut Option<i64>) -> Result<Stamp, TrajectoryFileError> {
         let (column, nanoseconds) = match time {
             Time::Two { seconds, nanoseconds } => {
@@ -203,7 +203,7 @@ impl Row<'_> {
         })
     }
 
-    /// A time in a unit of so many nanoseconds, exact where it is a whole number; `None` beyond 64 bits.
+    /// A time in a unit of this many nanoseconds, exact if it is an integer; `None` beyond 64 bits.
     fn in_nanoseconds(&self, column: usize, unit: i64) -> Result<Option<i64>, TrajectoryFileError> {
         if let Ok(whole) = self.text(column).parse::<i64>() {
             return Ok(whole.checked_mul(unit));

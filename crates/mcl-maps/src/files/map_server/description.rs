@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::files::MapProblem;
 
-/// How the values of pixels are understood.
+/// How pixel values are interpreted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
     Trinary,
@@ -18,16 +18,16 @@ pub(super) enum Mode {
 const MODES: [(&str, Mode); 3] =
     [("trinary", Mode::Trinary), ("scale", Mode::Scale), ("raw", Mode::Raw)];
 
-/// The fields of the file that map_server knows; it ignores others.
+/// The fields of the YAML file that map_server uses; others are ignored.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Description {
     /// Name of the image, relative to the folder of the description.
     pub image: String,
-    /// The path of an image elsewhere, of which `image` is but the name.
+    /// The original path, if it leads out of the folder; `image` is then only its file name.
     pub elsewhere: Option<String>,
     /// Metres per pixel.
     pub resolution: f64,
-    /// x, y (metres) and yaw (radians) of the image's lower left corner.
+    /// x, y (metres) and yaw (radians) of the lower left corner of the image.
     pub origin: [f64; 3],
     pub negate: bool,
     pub occupied_threshold: f64,
@@ -35,7 +35,7 @@ pub(super) struct Description {
     pub mode: Mode,
 }
 
-/// A value as it stands in the file.
+/// A YAML value.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 enum Value {
@@ -47,7 +47,7 @@ enum Value {
 }
 
 impl Value {
-    fn told(&self) -> String {
+    fn described(&self) -> String {
         match self {
             Value::Truth(truth) => truth.to_string(),
             Value::Number(number) => number.to_string(),
@@ -56,7 +56,7 @@ impl Value {
                 if start.len() < text.len() { format!("{start:?}…") } else { format!("{text:?}") }
             }
             Value::List(list) if list.len() <= 4 => {
-                let parts: Vec<String> = list.iter().map(Value::told).collect();
+                let parts: Vec<String> = list.iter().map(Value::described).collect();
                 format!("[{}]", parts.join(", "))
             }
             Value::List(list) => format!("a list of {}", list.len()),
@@ -74,11 +74,11 @@ impl Description {
             ))
         })?;
         let fields: BTreeMap<String, Value> = serde_saphyr::from_str(text).map_err(|error| {
-            let told = error.to_string();
-            let reason = told.lines().next().unwrap_or_default();
-            MapProblem::syntax(format!("no YAML of \"field: value\" lines: {reason}"))
+            let message = error.to_string();
+            let reason = message.lines().next().unwrap_or_default();
+            MapProblem::syntax(format!("not YAML with lines of \"field: value\": {reason}"))
         })?;
-        let fields = Fields(fields);
+        let fields = RawFields(fields);
         let (image, elsewhere) = fields.image()?;
         let description = Description {
             image,
@@ -101,7 +101,7 @@ impl Description {
         Ok(description)
     }
 
-    /// The file's text.
+    /// Writes the text of the file.
     pub(super) fn text(&self) -> String {
         let Description { resolution, origin: [x, y, yaw], .. } = self;
         let mode = MODES.iter().find(|(_, mode)| *mode == self.mode).map_or("", |(name, _)| name);
@@ -120,12 +120,12 @@ impl Description {
     }
 }
 
-/// A number that every YAML reader takes for a float, with the shortest digits that read back exactly.
+/// Formats a number so that every YAML parser reads a float, with the fewest digits that parse to the same bits.
 fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// A plain word where that is one, else in double quotes.
+/// Writes a text plainly if that is safe in YAML, otherwise in double quotes.
 fn quoted(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     if text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(is_plain) {
@@ -144,9 +144,10 @@ fn quoted(text: &str) -> String {
 
 const METRES: &str = "a positive number of metres per pixel";
 
-struct Fields(BTreeMap<String, Value>);
+/// The fields of the file by name, before they are checked.
+struct RawFields(BTreeMap<String, Value>);
 
-impl Fields {
+impl RawFields {
     fn get(&self, name: &'static str, expected: &'static str) -> Result<&Value, MapProblem> {
         self.0.get(name).ok_or_else(|| {
             let names: Vec<&str> = self.0.keys().map(String::as_str).take(12).collect();
@@ -164,7 +165,7 @@ impl Fields {
         let value = self.get(name, expected)?;
         finite(value)
             .filter(|&number| is_valid(number))
-            .ok_or_else(|| MapProblem::field(name, value.told(), expected))
+            .ok_or_else(|| MapProblem::field(name, value.described(), expected))
     }
 
     fn probability(&self, name: &'static str) -> Result<f64, MapProblem> {
@@ -177,7 +178,7 @@ impl Fields {
             Value::Truth(truth) => Ok(*truth),
             Value::Number(0.0) => Ok(false),
             Value::Number(1.0) => Ok(true),
-            other => Err(MapProblem::field(name, other.told(), expected)),
+            other => Err(MapProblem::field(name, other.described(), expected)),
         }
     }
 
@@ -196,7 +197,7 @@ impl Fields {
         {
             let expected =
                 "numbers; some map savers write -nan for a yaw of 0: write 0 in its place";
-            return Err(MapProblem::field("origin", value.told(), expected));
+            return Err(MapProblem::field("origin", value.described(), expected));
         }
         let numbers = match value {
             Value::List(list) => list.iter().map(finite).collect::<Option<Vec<f64>>>(),
@@ -204,7 +205,7 @@ impl Fields {
         };
         numbers
             .and_then(|numbers| <[f64; 3]>::try_from(numbers).ok())
-            .ok_or_else(|| MapProblem::field("origin", value.told(), expected))
+            .ok_or_else(|| MapProblem::field("origin", value.described(), expected))
     }
 
     fn mode(&self) -> Result<Mode, MapProblem> {
@@ -214,27 +215,27 @@ impl Fields {
             Value::Text(text) if known(text).is_some() => {
                 Ok(known(text).map_or(Mode::Trinary, |(_, mode)| *mode))
             }
-            _ => Err(MapProblem::field("mode", value.told(), "trinary, scale or raw")),
+            _ => Err(MapProblem::field("mode", value.described(), "trinary, scale or raw")),
         }
     }
 
-    /// The image, and the path that leads elsewhere, if it is one: a map may come from anywhere, and must not make
-    /// us read files there. Those who save maps often write absolute paths; then the file of that name beside the
-    /// description is meant.
+    /// The name of the image, and the original path if it leads out of the folder. A map may come from an untrusted
+    /// source and must not make the program read other files. Map savers often write absolute paths; the file of that
+    /// name beside the description is then used.
     fn image(&self) -> Result<(String, Option<String>), MapProblem> {
         let expected = "the name of the image file, within the folder of the .yaml file";
         let value = self.get("image", expected)?;
         let Value::Text(path) = value else {
-            return Err(MapProblem::field("image", value.told(), expected));
+            return Err(MapProblem::field("image", value.described(), expected));
         };
-        // Backslashes part the names of a path of Windows, and belong to names elsewhere.
+        // Backslashes separate path components on Windows, and are part of file names elsewhere.
         let is_windows = matches!(path.as_bytes(), [drive, b':', b'\\' | b'/', ..] if drive.is_ascii_alphabetic());
         let is_separator = |c: char| c == '/' || is_windows && c == '\\';
         let name = path.rsplit(is_separator).next().unwrap_or_default();
         let mut parts = Path::new(path).components();
         let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
         if matches!(name, "" | "." | "..") {
-            return Err(MapProblem::field("image", value.told(), expected));
+            return Err(MapProblem::field("image", value.described(), expected));
         }
         Ok(match stays && !is_windows {
             true => (path.clone(), None),
@@ -246,7 +247,7 @@ impl Fields {
 fn finite(value: &Value) -> Option<f64> {
     match value {
         Value::Number(number) => Some(*number),
-        // Such as "5e-2", which YAML 1.1 takes for text.
+        // Such as "5e-2", which is text in YAML 1.1.
         Value::Text(text) => text.trim().parse().ok(),
         _ => None,
     }
@@ -299,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_path_that_leads_elsewhere_the_name_counts() {
+    fn only_the_name_of_a_path_out_of_the_folder_is_used() {
         let parsed = |image: &str| {
             let found = Description::parse(OLIN.replace("floor.pgm", image).as_bytes()).unwrap();
             (found.image, found.elsewhere)
@@ -341,14 +342,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_description_is_refused() {
+    fn text_that_is_not_a_description_is_refused() {
         let twice = format!("{OLIN}\nnegate: 1\n");
         for text in ["", "x,y\n1,2\n", "- a\n- b\n", "image: [\n", "\u{0}\u{1}", &twice] {
             let message = message(text);
             assert!(!message.contains('\n') && message.len() < 300, "{text:?}: {message}");
         }
         assert!(Description::parse(b"image: \xff").is_err());
-        // Nested aliases that would grow without end.
+        // Nested aliases that would expand without limit.
         let bomb = "a: &a [1,1,1,1,1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\n\
             c: &c [*b,*b,*b,*b,*b,*b,*b,*b,*b]\nd: &d [*c,*c,*c,*c,*c,*c,*c,*c,*c]\n\
             e: &e [*d,*d,*d,*d,*d,*d,*d,*d,*d]\nf: &f [*e,*e,*e,*e,*e,*e,*e,*e,*e]\n\

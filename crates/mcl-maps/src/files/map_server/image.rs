@@ -1,4 +1,4 @@
-//! Images, pixel by pixel.
+//! Reading images, pixel by pixel.
 
 use std::io::Cursor;
 
@@ -9,13 +9,13 @@ use crate::files::MapProblem;
 use crate::occupancy::{Cell, MAX_CELLS};
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
-/// Memory that the PNG decoder may use for anything but the image, in bytes.
+/// Memory that the PNG decoder may use besides the image, in bytes.
 const MAX_DECODER_BYTES: usize = 1 << 26;
 
-/// A pixel, its values from 0 (black, transparent) to `largest` (white, opaque).
+/// A pixel with values from 0 (black, transparent) to `largest` (white, opaque).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pixel {
-    /// Mean of its colours.
+    /// Mean of the colour channels.
     pub value: f64,
     /// `None` in an image without alpha channel.
     pub alpha: Option<f64>,
@@ -23,7 +23,7 @@ pub(super) struct Pixel {
 }
 
 impl Pixel {
-    /// Its alpha being one of four channels.
+    /// The mean of all channels, with alpha as one of four.
     pub(super) fn value_with_alpha(self) -> f64 {
         self.alpha.map_or(self.value, |alpha| (3.0 * self.value + alpha) / 4.0)
     }
@@ -33,14 +33,14 @@ impl Pixel {
     }
 }
 
-/// The cells of an image: rows from the top, each from the left.
+/// The cells of an image: rows from the top, each from left to right.
 #[derive(Debug, PartialEq)]
 pub(super) struct Cells {
     pub width: usize,
     pub cells: Vec<Cell>,
 }
 
-/// Reads a PGM (P2, P5) or PNG image; the first bytes decide.
+/// Reads a PGM (P2, P5) or PNG image; the first bytes determine the format.
 pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
     if bytes.starts_with(PNG_MAGIC) {
         return png_cells(bytes, cell);
@@ -55,7 +55,7 @@ pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells,
     )))
 }
 
-/// Checks the size that a header announces, before memory is taken for it.
+/// Checks the image size given in a header before memory is allocated for it.
 pub(super) fn check_size(width: u64, height: u64) -> Result<(), MapProblem> {
     match width.checked_mul(height) {
         Some(1..) if width.saturating_mul(height) <= MAX_CELLS as u64 => Ok(()),
@@ -68,12 +68,12 @@ pub(super) fn check_size(width: u64, height: u64) -> Result<(), MapProblem> {
 fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
     let mut decoder =
         Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MAX_DECODER_BYTES });
-    // Palettes become colours, transparent colours an alpha channel, fewer bits eight.
+    // Expands palettes to colours, transparent colours to an alpha channel, and low bit depths to eight.
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (width, height) = (reader.info().width, reader.info().height);
     check_size(width.into(), height.into())?;
-    // Deflate packs at most 1,032 bytes into one, and an interlaced image takes its memory at once.
+    // Deflate compresses by at most 1,032 to 1, and an interlaced image is allocated at once.
     let needed = u64::from(width) * u64::from(height) * reader.info().bits_per_pixel() as u64 / 8;
     if needed > 1032 * bytes.len() as u64 {
         return Err(MapProblem::syntax(format!(
@@ -117,7 +117,7 @@ fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapPro
             row_of(row.data(), &mut cells);
         }
     }
-    // Checksums and the end of the file.
+    // Verifies the checksums and the end of the file.
     reader.finish().map_err(damaged)?;
     Ok(Cells { width: width as usize, cells })
 }

@@ -1,8 +1,8 @@
 //! Grid maps of ROS's map_server: a YAML description and an image.
 //!
-//! Read as map_server of Nav2 (`map_io.cpp`) reads them. The top row of the image is the one with the
-//! largest y. With the lightness s of a pixel (its channels' mean over their largest value), p = 1 − s, or
-//! s with `negate`, is how occupied its cell is:
+//! They are read like Nav2's map_server (`map_io.cpp`) reads them. The top row of the image has the largest y.
+//! With the lightness s of a pixel (mean of its channels over their largest value), the occupancy of its cell is
+//! p = 1 − s, or s with `negate`:
 //!
 //! | `mode` | occupied | free | else |
 //! |---|---|---|---|
@@ -10,11 +10,12 @@
 //! | `scale` | the same | the same | unknown, and transparent pixels; map_server scales p to 0 … 100 |
 //! | `raw` | 255·s, rounded, is the probability in percent (unknown above 100), compared with the thresholds | | |
 //!
-//! One thing is not as there: where an image has no values but the three that map_saver writes, its 205 is what that
-//! means, unknown, although p = 0.196 is below a `free_thresh` of 0.25, which Nav2's map_saver writes beside it.
+//! There is one difference: if an image has only the three values that map_saver writes, 205 is read as unknown,
+//! which is what map_saver means by it, although p = 0.196 is below the `free_thresh` of 0.25 that Nav2's map_saver
+//! writes.
 //!
-//! In `trinary` mode the alpha channel counts as a channel of the mean, as there. `raw` mode ignores
-//! `negate`, and there leaves the thresholds to whoever uses the map.
+//! In `trinary` mode the alpha channel counts as a channel of the mean, as in map_server. `raw` mode ignores
+//! `negate`; map_server does not apply the thresholds in it.
 
 mod description;
 mod image;
@@ -34,23 +35,22 @@ use crate::occupancy::{Cell, MAX_CELLS, OccupancyGrid};
 use description::{Description, Mode};
 use image::{Cells, Pixel};
 
-/// What map_saver writes, and the thresholds that tell them apart.
+/// The pixel values that map_saver writes, and thresholds that separate them.
 const OCCUPIED: u8 = 0;
 const FREE: u8 = 254;
 const UNKNOWN: u8 = 205;
 const OCCUPIED_THRESHOLD: f64 = 0.65;
 const FREE_THRESHOLD: f64 = 0.196;
 
-/// Largest file of an image, in bytes: as text, a pixel takes up to six.
+/// Largest image file in bytes: in text form, a pixel takes up to six.
 const MAX_IMAGE_BYTES: u64 = 8 * MAX_CELLS as u64;
-/// Largest description, in bytes.
+/// Largest description in bytes.
 const MAX_DESCRIPTION_BYTES: u64 = 1 << 20;
 
-/// Reads a grid map; `path` is that of its `.yaml` file, beside which the image lies.
+/// Reads a grid map from its `.yaml` file and the image in the same folder.
 ///
 /// # Errors
-/// [`MapFileError`] names the file (description or image), the field, what was found and what was
-/// expected.
+/// [`MapFileError`] with the file (description or image), the field, what was found and what was expected.
 pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> {
     let path = path.as_ref();
     let text = read(path, MAX_DESCRIPTION_BYTES)?;
@@ -59,7 +59,7 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
     let image_path = named_beside(path, &description);
     let Cells { width, cells } =
         read_image(&image_path, &description).map_err(|error| match error {
-            // A missing image is more often a wrong description.
+            // If the image is missing, the description is usually wrong.
             MapFileError::Unreadable { path: image, source } => content(
                 path,
                 MapProblem::field(
@@ -81,10 +81,10 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
     grid_of(&description, Cells { width, cells }).map_err(|problem| content(path, problem))
 }
 
-/// Reads a grid map from the content of its description (`.yaml`) and of its image.
+/// Parses a grid map from the content of its description (`.yaml`) and of its image.
 ///
 /// # Errors
-/// [`MapProblem`] says what is wrong with one of them.
+/// [`MapProblem`] if either is invalid.
 pub fn parse_grid(description: &[u8], image: &[u8]) -> Result<OccupancyGrid, MapProblem> {
     let description = Description::parse(description)?;
     let cells = description.cells(image)?;
@@ -100,7 +100,7 @@ fn grid_of(description: &Description, image: Cells) -> Result<OccupancyGrid, Map
         .map_err(MapProblem::Grid)
 }
 
-/// The bytes of a file of at most this many.
+/// Reads a file of at most `limit` bytes.
 fn read(path: &Path, limit: u64) -> Result<Vec<u8>, MapFileError> {
     let unreadable = |source| MapFileError::Unreadable { path: path.into(), source };
     let mut bytes = Vec::new();
@@ -120,7 +120,7 @@ fn read_image(path: &Path, description: &Description) -> Result<Cells, MapFileEr
 }
 
 impl Description {
-    /// The cells of an image.
+    /// Converts an image to cells.
     fn cells(&self, image: &[u8]) -> Result<Cells, MapProblem> {
         let is_saved = Flag::new(self.mode == Mode::Trinary && !self.negate);
         let has_unknown = Flag::new(false);
@@ -142,7 +142,7 @@ impl Description {
         })
     }
 
-    /// What a pixel says of its cell.
+    /// Converts a pixel to a cell.
     fn cell(&self, pixel: Pixel) -> Cell {
         let value = match self.mode {
             Mode::Trinary => pixel.value_with_alpha(),
@@ -167,19 +167,19 @@ impl Description {
     }
 }
 
-/// The image that [`write_grid`] writes beside a description.
+/// The path of the image that [`write_grid`] writes for a description.
 pub(super) fn image_beside(path: &Path) -> PathBuf {
     path.with_extension("pgm")
 }
 
-/// The image that the description at a path names, if there is one.
+/// The path of the image named by the description at a path, if there is one.
 pub(super) fn image_of(path: &Path) -> Option<PathBuf> {
     let text = super::is_grid(path).then(|| read(path, MAX_DESCRIPTION_BYTES).ok())??;
     Some(named_beside(path, &Description::parse(&text).ok()?))
 }
 
-/// Of a grid map whose description names an image elsewhere, that path and the image beside the description, which
-/// is taken in its place.
+/// If the description of a grid map names an image outside its folder, returns that path and the image beside the
+/// description that is used instead.
 pub fn image_in_place(path: impl AsRef<Path>) -> Option<(String, PathBuf)> {
     let path = path.as_ref();
     let text = super::is_grid(path).then(|| read(path, MAX_DESCRIPTION_BYTES).ok())??;
@@ -192,13 +192,12 @@ fn named_beside(path: &Path, description: &Description) -> PathBuf {
     path.with_file_name("").join(&description.image)
 }
 
-/// Writes a grid map as map_saver does: the description to `path`, which ends with `.yaml` or `.yml`, and
-/// beside it, with the ending `.pgm`, the image (0 occupied, 254 free, 205 unknown). Each file is
-/// whole or not there, and no description is ever beside an image that is not its own: what stops between the
-/// two leaves none.
+/// Writes a grid map like map_saver: the description to `path`, which ends with `.yaml` or `.yml`, and the image
+/// (0 occupied, 254 free, 205 unknown) beside it with the extension `.pgm`. Each file is written atomically. A
+/// description never stands beside the image of another map: an interruption between the two leaves no description.
 ///
 /// # Errors
-/// [`MapFileError`] for another ending, a name that is no text, or files that cannot be written.
+/// [`MapFileError`] for another extension, a file name that is not UTF-8, or files that cannot be written.
 pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), MapFileError> {
     let path = path.as_ref();
     if !super::is_grid(path) {
@@ -220,7 +219,7 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
         output.sync()?;
         Ok(output)
     };
-    // A disk that is full is full here, with the files that were there untouched.
+    // A full disk is detected here, while the existing files are unchanged.
     let image = on_disk(&image_path, &image).map_err(unwritable(&image_path))?;
     let description = on_disk(path, description.as_bytes()).map_err(unwritable(path))?;
     let _held = hold();
@@ -229,7 +228,7 @@ pub fn write_grid(path: impl AsRef<Path>, grid: &OccupancyGrid) -> Result<(), Ma
     description.commit().map_err(unwritable(path))
 }
 
-/// The content of the description of a grid map, whose image has this name, and of its image (PGM).
+/// Encodes a grid map: the text of its description, which refers to `image_name`, and its image (PGM).
 pub fn encode_grid(grid: &OccupancyGrid, image_name: &str) -> (String, Vec<u8>) {
     let Pose2 { x, y, theta } = grid.map_from_grid();
     let description = Description {

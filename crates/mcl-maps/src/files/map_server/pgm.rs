@@ -1,4 +1,4 @@
-//! Portable grey maps: P2 (text) and P5 (binary).
+//! Portable graymaps: P2 (text) and P5 (binary).
 
 use super::image::{Cells, Pixel, check_size};
 use crate::files::MapProblem;
@@ -37,7 +37,7 @@ pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells,
             add(tokens.number("a pixel")?)?;
         }
     } else {
-        // One white space ends the header.
+        // One whitespace character ends the header.
         let raster = bytes.get(tokens.position + 1..).unwrap_or_default();
         let size = if largest > 255 { 2 } else { 1 };
         if raster.len() / size < pixels {
@@ -54,7 +54,7 @@ fn short(announced: usize, found: usize) -> MapProblem {
     MapProblem::count("pixels", announced as u64, found.to_string())
 }
 
-/// Numbers between white space and `#` comments.
+/// Numbers separated by whitespace and `#` comments.
 struct Tokens<'a> {
     bytes: &'a [u8],
     position: usize,
@@ -71,7 +71,7 @@ impl Tokens<'_> {
         }
     }
 
-    /// Goes to the next token.
+    /// Skips to the next token; returns whether there is none.
     fn is_at_end(&mut self) -> bool {
         loop {
             self.skip_while(|byte| byte.is_ascii_whitespace());
@@ -99,7 +99,7 @@ impl Tokens<'_> {
     }
 }
 
-/// A binary image of bytes, row by row from the top.
+/// Encodes a binary image from bytes, row by row from the top.
 pub(super) fn encode(width: usize, height: usize, pixels: &[u8]) -> Vec<u8> {
     let mut bytes = format!("P5\n{width} {height}\n255\n").into_bytes();
     bytes.extend(pixels);
@@ -110,7 +110,7 @@ pub(super) fn encode(width: usize, height: usize, pixels: &[u8]) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// The values read, over the largest.
+    /// The pixel values divided by the largest value.
     fn values(bytes: &[u8]) -> Result<(usize, Vec<f64>), MapProblem> {
         let values = std::cell::RefCell::new(Vec::new());
         let read = cells(bytes, |pixel| {
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_told() {
+    fn damage_is_reported() {
         for (bytes, expected) in [
             (&b"P5"[..], "byte 2: found the end of the file, expected the width"),
             (b"P5 2", "expected the height"),
