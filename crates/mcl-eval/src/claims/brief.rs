@@ -97,9 +97,9 @@ fn line(decided: &[&Claim], of_several: bool, width: usize) -> String {
     let statement = short(claim.id).unwrap_or(claim.id);
     let begin = format!("{verdict:<VERDICT$}{statement:<STATEMENT$}{GAP}");
     let room = width.saturating_sub(begin.chars().count());
-    let found = match of_several {
-        false => of_one(claim),
-        true => of_all(decided, &holds),
+    let found = match decided {
+        [only] => of_one(only),
+        _ => of_all(decided, &holds),
     };
     // The longest that has room; if none has, the shortest.
     let fits = found.iter().find(|text| text.chars().count() <= room);
@@ -142,7 +142,9 @@ fn of_all(decided: &[&Claim], holds: &[&&Claim]) -> Vec<String> {
     ];
     match of {
         Some(of) if is_same && effects.len() == decided.len() => {
-            let range = told_apart(&ends).join(" to ");
+            let mut range = told_apart(&ends);
+            range.dedup();
+            let range = range.join(" to ");
             let join = if not.is_empty() { "" } else { "; " };
             vec![
                 format!("{of}: {range}{join}{not}"),

@@ -354,7 +354,7 @@ mod tests {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
         let claim = find(&results, "slightly-worse");
-        assert!(claim.measured.contains(" 2 % with 0.03"), "{}", claim.measured);
+        assert!(claim.measured.contains(" 2 % with 0.0297 against 0.0270"), "{}", claim.measured);
         let claim = find(&results, "diverges-below");
         assert_eq!(claim.measured, "4 of 32 runs diverged, from 0.25 % on 0 of 128");
         // Shares of 0, 0, ½ and 0 on four draws: t = 1 with three degrees of freedom.

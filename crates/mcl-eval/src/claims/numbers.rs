@@ -123,6 +123,6 @@ mod tests {
         );
         assert_eq!((errors.percent, errors.of_runs), (1.0, true));
         assert_eq!(errors.kinds[0], "gbs 0.0400 (0 of 8)");
-        assert_eq!(errors.kinds[2], "rnd 0.5438 (1 of 8)");
+        assert_eq!(errors.kinds[2], "rnd 0.5437 (1 of 8)");
     }
 }

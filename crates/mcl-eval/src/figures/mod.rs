@@ -83,11 +83,13 @@ pub fn draw(results: &Results, medium: Medium) -> Result<Vec<PathBuf>> {
         let files = pictures::draw(results, (&figures, medium), picture, &maps, view.as_ref());
         drawn.extend(files.with_context(|| format!("picture {}", picture.name))?);
     }
+    let endings: &[&str] = match medium {
+        Medium::Screen => &["svg", "png", "csv"],
+        Medium::Paper => &["svg", "png", "csv", "pdf", "txt"],
+    };
     let shown: HashSet<PathBuf> = drawn.iter().cloned().chain(tables).collect();
     for path in files(&figures)? {
-        let is_figure = ["svg", "png", "pdf", "txt", "csv"]
-            .iter()
-            .any(|ending| path.extension() == Some(ending.as_ref()));
+        let is_figure = endings.iter().any(|ending| path.extension() == Some(ending.as_ref()));
         if is_figure && !shown.contains(&path) {
             remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
         }
