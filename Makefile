@@ -2,7 +2,10 @@
 
 CARGO ?= cargo
 PYTHON ?= python3
-MCL_EVAL = target/release/mcl-eval
+# Where cargo puts what it builds: CARGO_TARGET_DIR and its configuration may say so.
+TARGET := $(shell $(CARGO) metadata --format-version 1 --no-deps --locked 2>/dev/null | sed -n 's/.*"target_directory":"\([^"]*\)".*/\1/p')
+TARGET := $(if $(TARGET),$(TARGET),$(CURDIR)/target)
+MCL_EVAL = "$(TARGET)/release/mcl-eval"
 RESULTS ?= results
 
 .PHONY: build experiments beyond sensitivity datasets figures test fuzz interop cluster large-bag bench peers localizers reproduce check deny fmt clippy doc
@@ -47,7 +50,7 @@ figures: build
 # Runs the experiments whose results are committed again, on the data sets at hand, and compares: every
 # file byte by byte, or numbers within a TOLERANCE (results/README.md).
 # REPRODUCE="likelihood choices" takes some of the experiments.
-REPRODUCED = target/reproduced
+REPRODUCED = "$(TARGET)/reproduced"
 REPRODUCE ?= likelihood localization localization-recorded regions $(BEYOND)
 TOLERANCE ?= 0
 reproduce: build
@@ -56,7 +59,7 @@ reproduce: build
 	done
 	cd $(REPRODUCED) && for folder in */*/; do \
 	  test -f "$(CURDIR)/results/$$folder/study.toml" || { echo "$$folder: no results are committed"; continue; }; \
-	  echo "$$folder" && $(CURDIR)/$(MCL_EVAL) compare "$$folder" "$(CURDIR)/results/$$folder" --tolerance $(TOLERANCE) || exit 1; \
+	  echo "$$folder" && $(MCL_EVAL) compare "$$folder" "$(CURDIR)/results/$$folder" --tolerance $(TOLERANCE) || exit 1; \
 	done
 
 test:
@@ -79,7 +82,7 @@ fuzz:
 
 # Bags of ours read by programs we did not write, theirs by ours, and evo's figures beside ours.
 # Needs Python 3.11 or later.
-INTEROP = target/interop
+INTEROP = $(TARGET)/interop
 interop: build
 	$(PYTHON) -m venv $(INTEROP)
 	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check -r crates/mcl-datasets/interop/requirements.txt
@@ -87,7 +90,7 @@ interop: build
 	$(INTEROP)/bin/pip download --quiet --disable-pip-version-check --no-deps --no-binary evo -d $(INTEROP)/evo \
 	  $$(grep '^evo==' crates/mcl-datasets/interop/requirements.txt)
 	tar -xzf $(INTEROP)/evo/evo-*.tar.gz -C $(INTEROP)/evo --strip-components 1
-	MCL_EVO_PYTHON=$(abspath $(INTEROP))/bin/python MCL_EVO_DATA=$(abspath $(INTEROP))/evo/test/data \
+	MCL_EVO_PYTHON=$(INTEROP)/bin/python MCL_EVO_DATA=$(INTEROP)/evo/test/data \
 	  $(CARGO) test -p mcl-metrics --locked --test evo -- --ignored
 
 # A Slurm cluster of two nodes on this machine: a study in parts, a node killed, merged, the same bytes. As root on
@@ -106,13 +109,13 @@ bench:
 	$(CARGO) bench -p mcl-eval --bench scaling --locked -- --csv $(abspath $(RESULTS))/benchmarks/scaling.csv
 
 # The same work by this program and by others, in turns (benches/peers/README.md). They are downloaded
-# into target/peers. Exit code 3 (a peer could not be had) has been told and stops nothing.
+# into peers beside what cargo builds. Exit code 3 (a peer could not be had) has been told and stops nothing.
 peers:
 	$(PYTHON) benches/peers/run.py -o $(RESULTS)/benchmarks || test $$? -eq 3
 
 # Localizers of others in a study beside the built-in filter (docs/localizers.md). AMCL and MRPT are downloaded into
-# target/peers; a localizer that cannot be had has rows that say so.
-PEERS = $(abspath target/peers)
+# peers there, too; a localizer that cannot be had has rows that say so.
+PEERS = $(TARGET)/peers
 localizers: build
 	$(PYTHON) benches/peers/run.py --install-localizers || test $$? -eq 3
 	PATH="$(PEERS)/bin:$(PEERS)/venv/bin:$$PATH" $(MCL_EVAL) run experiments/localizers.toml -o $(RESULTS) || test $$? -eq 3

@@ -49,6 +49,33 @@ pub fn number(value: f64) -> String {
     format!("{value:.decimals$}").replace('-', "−")
 }
 
+/// Values that are compared with each other, as [`number`] shows them, with the decimals that tell the smallest from the
+/// largest: "0.02817", "0.02795", "0.02839", where each alone were "0.028".
+pub fn numbers(values: &[f64]) -> Vec<String> {
+    /// Of a difference below this share of the values nobody needs to know.
+    const SAME: f64 = 1e-6;
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
+    let largest = low.abs().max(high.abs());
+    let alone: Vec<String> = values.iter().map(|&value| number(value)).collect();
+    let is_plain = |text: &String| !text.contains('e');
+    let differ = high - low > SAME * largest && largest.is_finite();
+    if !differ || !alone.iter().all(is_plain) {
+        return alone;
+    }
+    // Two digits of what they differ by.
+    let (mut needed, mut step) = (0, 1.0);
+    while step > 0.1 * (high - low) {
+        step *= 0.1;
+        needed += 1;
+    }
+    let own = |text: &str| text.split_once('.').map_or(0, |(_, digits)| digits.len());
+    let most = alone.iter().map(|text| own(text)).max().unwrap_or(0);
+    let decimals = own(&number(largest)).max(most.min(needed + 1)).max(needed);
+    values.iter().map(|value| format!("{value:.decimals$}").replace('-', "−")).collect()
+}
+
 /// Joins names, at most four of them: "gbs 1 %, rnd 1 % and 3 more".
 pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     const SHOWN: usize = 4;
@@ -80,6 +107,21 @@ pub fn thousands(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Fault: "1 % worse, with 0.017 against 0.017".
+    #[test]
+    fn values_that_differ_are_told_apart() {
+        assert_eq!(numbers(&[0.01731, 0.01714]), ["0.01731", "0.01714"]);
+        assert_eq!(numbers(&[0.02817, 0.02795, 0.02839]), ["0.02817", "0.02795", "0.02839"]);
+        assert_eq!(numbers(&[-4.174, -4.171]), ["−4.1740", "−4.1710"]);
+        assert_eq!(numbers(&[0.5, 1234.0]), ["0.5", "1234.0"]);
+        assert_eq!(numbers(&[-8.38, -6.97, -17.85]), ["−8.38", "−6.97", "−17.85"]);
+        assert_eq!(numbers(&[0.022, 0.0085, 0.036]), ["0.0220", "0.0085", "0.0360"]);
+        assert_eq!(numbers(&[0.025, 0.025]), ["0.025"; 2]);
+        assert_eq!(numbers(&[0.0, 1e-7]), ["0", "1.0e-7"].map(|text| text.replace('-', "−")));
+        assert_eq!(numbers(&[]), Vec::<String>::new());
+        assert_eq!(numbers(&[1.0, f64::INFINITY]).len(), 2);
+    }
 
     #[test]
     fn text_that_acts_is_shown_as_escapes() {

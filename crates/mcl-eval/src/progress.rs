@@ -1,11 +1,14 @@
 //! What is told on standard error: lines, and progress bars. No bars when it is no terminal, or when told
-//! to be quiet. Lines on a terminal are broken between words.
+//! to be quiet; a study then tells a line a minute. Lines on a terminal are broken between words.
 
 use std::fmt;
-use std::io::{self, Write};
-use std::time::Duration;
+use std::io::{self, IsTerminal, Write};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use mcl_core::text::printable;
 use terminal_size::terminal_size_of;
 
@@ -64,29 +67,148 @@ fn indent_of(line: &str, width: usize) -> usize {
     value.filter(|&value| line.is_char_boundary(value) && value <= width / 2).unwrap_or(first)
 }
 
+/// Without a terminal, how often it is told how far a study is.
+const EVERY: Duration = Duration::from_secs(60);
+
+/// How far a study is on a data set: a bar on a terminal, else a line a minute.
+pub struct StudyProgress {
+    bar: ProgressBar,
+    state: Arc<Mutex<State>>,
+    /// Ends the thread that tells lines, and what it is waited for with.
+    teller: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+struct State {
+    ended: usize,
+    all: usize,
+    share: f64,
+    /// When all will have ended, as far as that is known.
+    end: Option<Instant>,
+}
+
+impl State {
+    /// "45 %, 210 of 460 trials, about 40 s left".
+    fn text(&self) -> String {
+        let State { ended, all, share, .. } = self;
+        format!("{:.0} %, {ended} of {all} trials{}", (100.0 * share).floor(), self.left())
+    }
+
+    fn left(&self) -> String {
+        let left = self.end.map(|end| end.saturating_duration_since(Instant::now()));
+        left.map_or(String::new(), |left| format!(", about {} left", span(left.as_secs_f64())))
+    }
+}
+
+impl StudyProgress {
+    /// In parts of the whole, so that the bar follows the work and not the number of trials.
+    const PARTS: f64 = 1e6;
+
+    /// On a data set of this name.
+    pub fn new(dataset: &str, quiet: bool) -> Self {
+        let state = State { ended: 0, all: 0, share: 0.0, end: None };
+        let state = Arc::new(Mutex::new(state));
+        let shared = state.clone();
+        let left = move |_: &ProgressState, text: &mut dyn fmt::Write| {
+            // A bar that cannot be drawn is none.
+            let left = shared.lock().unwrap_or_else(PoisonError::into_inner).left();
+            text.write_str(&left).unwrap_or_default();
+        };
+        let style = "{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}{left}";
+        let style = template(style).with_key("left", left);
+        let bar = shown(Some(Self::PARTS as u64), style, dataset, quiet);
+        let is_told = !quiet && !io::stderr().is_terminal();
+        let teller = if is_told { tell_every(EVERY, dataset, state.clone()) } else { None };
+        StudyProgress { bar, state, teller }
+    }
+
+    /// Trials will be run, and take about so long.
+    pub fn begin(&self, trials: usize, expected: Duration) {
+        self.set(0, trials, 0.0, expected);
+    }
+
+    /// So many trials have ended, which were this share of the work, and the others take about so long.
+    pub fn set(&self, ended: usize, all: usize, share: f64, left: Duration) {
+        let end = Instant::now().checked_add(left);
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) =
+            State { ended, all, share, end };
+        self.bar.set_position((Self::PARTS * share) as u64);
+        self.bar.set_message(format!("{ended}/{all} trials"));
+    }
+
+    /// Tells a line that the bar does not overwrite.
+    pub fn tell(&self, line: fmt::Arguments<'_>) {
+        self.bar.suspend(|| tell_line(line));
+    }
+}
+
+impl Drop for StudyProgress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+        if let Some((end, teller)) = self.teller.take() {
+            drop(end);
+            // It has nothing that could fail.
+            drop(teller.join());
+        }
+    }
+}
+
+/// Tells how far a study is again and again, until the sender is dropped; without a thread to be had, never.
+fn tell_every(
+    every: Duration,
+    dataset: &str,
+    state: Arc<Mutex<State>>,
+) -> Option<(Sender<()>, JoinHandle<()>)> {
+    let (sender, receiver) = mpsc::channel();
+    let dataset = dataset.to_owned();
+    let tell = move || {
+        while receiver.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
+            let state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            if state.all > 0 {
+                tell!("{dataset}: {}", state.text());
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().spawn(tell).ok()?;
+    Some((sender, thread))
+}
+
+/// A time in seconds: "40 s", "4 min", "2.5 h".
+pub fn span(seconds: f64) -> String {
+    match seconds {
+        s if s < 100.0 => format!("{:.0} s", s.max(1.0)),
+        s if s < 600.0 => format!("{:.1} min", s / 60.0),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
 /// A bar over work of `length` units with the time left.
 pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {
     let style = "{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}  {eta} left";
-    shown(Some(length), style, what, quiet)
+    shown(Some(length), template(style), what, quiet)
 }
 
 /// A line for work whose end nobody knows beforehand.
 pub fn spinner(what: &str, quiet: bool) -> ProgressBar {
-    shown(None, "{spinner} {prefix}: {wide_msg} {elapsed}", what, quiet)
+    shown(None, template("{spinner} {prefix}: {wide_msg} {elapsed}"), what, quiet)
 }
 
 /// A bar over bytes of a download; the total may become known later.
 pub fn bytes(what: &str, quiet: bool) -> ProgressBar {
     let style = "{prefix} {wide_bar:.cyan/dim} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left";
-    shown(None, style, what, quiet)
+    shown(None, template(style), what, quiet)
 }
 
-fn shown(length: Option<u64>, style: &str, what: &str, quiet: bool) -> ProgressBar {
+fn template(text: &str) -> ProgressStyle {
+    ProgressStyle::with_template(text).expect("the template is valid")
+}
+
+fn shown(length: Option<u64>, style: ProgressStyle, what: &str, quiet: bool) -> ProgressBar {
     let target =
         if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(8) };
     let bar = ProgressBar::with_draw_target(length, target);
-    bar.set_style(ProgressStyle::with_template(style).expect("the template is valid"));
-    bar.set_prefix(what.to_owned());
+    bar.set_style(style);
+    bar.set_prefix(printable(what).into_owned());
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }
@@ -94,6 +216,19 @@ fn shown(length: Option<u64>, style: &str, what: &str, quiet: bool) -> ProgressB
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Without a terminal nothing was told until the last trial had ended.
+    #[test]
+    fn how_far_a_study_is_is_one_line() {
+        let mut state = State { ended: 210, all: 460, share: 0.4599, end: None };
+        assert_eq!(state.text(), "45 %, 210 of 460 trials");
+        state.end = Some(Instant::now() + Duration::from_millis(40_400));
+        assert_eq!(state.text(), "45 %, 210 of 460 trials, about 40 s left");
+        assert_eq!(
+            [0.2, 99.0, 252.0, 1500.0, 9000.0].map(span),
+            ["1 s", "99 s", "4.2 min", "25 min", "2.5 h"]
+        );
+    }
 
     #[test]
     fn text_fits_a_narrow_terminal() {

@@ -136,7 +136,7 @@ fn find<'a>(claims: &'a [Json], dataset: &str, id: &str) -> &'a Json {
 #[test]
 fn text_markdown_and_json_hold_the_same_claims() {
     let root = results();
-    let [text, _] = output(&root, &[".", "-o", "claims.md"], 0);
+    let [text, _] = output(&root, &[".", "-o", "claims.md", "--verbose"], 0);
     assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
     let markdown = fs::read_to_string(root.path().join("claims.md")).unwrap();
     let (found, _) = json(&root, 0);
@@ -161,6 +161,28 @@ fn text_markdown_and_json_hold_the_same_claims() {
     let missing = "No results of elsewhere, which the studies list as well.";
     assert!(text.contains(missing) && markdown.contains(missing), "{text}");
     assert!(text.contains("intel-lab: No study says anything on localization"), "{text}");
+}
+
+/// Fault: hundreds of lines, most of them of what was not tested.
+#[test]
+fn what_was_decided_fits_a_screen() {
+    let root = results();
+    let [text, stderr] = output(&root, &["."], 0);
+    assert!((10..=30).contains(&text.lines().count()), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+    let (found, _) = json(&root, 0);
+    let decided = |id: &str| {
+        let mut of_claim = found.iter().filter(|claim| claim["id"] == id);
+        of_claim.any(|claim| claim["verdict"] != "not testable")
+    };
+    let of_claims = text.lines().filter(|line| line.get(1..2) == Some("/"));
+    let ids = found.iter().map(|claim| claim["id"].as_str().unwrap());
+    let ids: std::collections::BTreeSet<&str> = ids.filter(|id| decided(id)).collect();
+    assert_eq!(of_claims.count(), ids.len(), "{text}");
+    for part in ["gbs is grid-based", "--verbose", "mean error d (diverged runs)", "elsewhere"] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    assert!(stderr.contains("without rows left out"), "{stderr}");
 }
 
 /// One torn folder once stopped all others.

@@ -121,6 +121,33 @@ fn likelihood_experiment() {
     assert_same(&one, &bench.path("2/likelihood/office"));
 }
 
+/// Figures for a paper stand beside the others, with every row that they show, and do not outlive their rows.
+#[test]
+fn figures_for_papers_have_all_their_rows() {
+    let bench = bench();
+    let folder = bench.study("likelihood", "results", &[]);
+    let before = fs::read(folder.join("figures/figure4-likelihood.svg")).unwrap();
+    bench.mcl_eval(&["plot", "results", "--style", "paper"]);
+    let paper = folder.join("figures/paper");
+    for figure in ["figure1-maps", "figure4-likelihood"] {
+        for ending in ["svg", "png", "pdf", "txt", "csv"] {
+            assert!(paper.join(format!("{figure}.{ending}")).is_file(), "{figure}.{ending}");
+        }
+    }
+    assert!(!folder.join("figures/figure1-maps.csv").exists(), "coordinates of the data");
+    assert_eq!(fs::read(folder.join("figures/figure4-likelihood.svg")).unwrap(), before);
+    let points = rows(&paper.join("figure1-maps.csv"));
+    let shown = |panel: &str| points.iter().filter(|row| row["panel"].starts_with(panel)).count();
+    let trials = rows(&folder.join("trials.csv"));
+    assert_eq!(shown("all data"), number(&trials[0], "data_points") as usize);
+    assert!(points.iter().all(|row| row["what"] == "point" && number(row, "x").is_finite()));
+    assert!((1..shown("all data")).contains(&shown("grid-based")), "{}", shown("grid-based"));
+    let of_chart = rows(&paper.join("figure4-likelihood.csv"));
+    assert_eq!(of_chart.len(), rows(&folder.join("summary.csv")).len());
+    bench.run(&["run", "likelihood.toml", "--dataset", "office.log", "-o", "results"]);
+    assert!(!paper.exists(), "figures of earlier rows");
+}
+
 #[test]
 fn a_map_of_a_trial_can_be_built_again() {
     let bench = bench();
@@ -129,8 +156,9 @@ fn a_map_of_a_trial_can_be_built_again() {
         let size = format!("{}%", row["size_percent"]);
         let offset = format!("--offset={},{}", row["offset_x_m"], row["offset_y_m"]);
         let how: &[&str] = match row["map"].as_str() {
-            "rnd" => &["--init", "random", "--size", &size, "--seed", &row["map_seed"]],
-            "gbs" => &["--init", "grid", "--cell", &row["cell_m"], &offset],
+            // As studies call them.
+            "rnd" => &["--init", "rnd", "--size", &size, "--seed", &row["map_seed"]],
+            "gbs" => &["--init", "gbs", "--cell", &row["cell_m"], &offset],
             _ => continue,
         };
         let arguments = [&["map", "office.log", "-o", "map.csv", "--json"], how].concat();

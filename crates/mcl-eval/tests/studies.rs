@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use mcl_study::store::results::Results;
+use mcl_study::store::results::{Paths, Results};
 use office::{Bench, assert_same, number, rows};
 
 type Row = BTreeMap<String, String>;
@@ -425,8 +425,8 @@ fn a_recipe_is_one_map_in_every_study() {
     let maps = folders.map(|folder| {
         let results = Results::read(&folder).unwrap().unwrap();
         let shown = results.pictured[0][0].clone().unwrap();
-        let [reference, estimate] = shown.paths.unwrap();
-        [shown.map, reference, estimate].map(|path| fs::read(path).unwrap())
+        let Paths { reference, estimate, odometry } = shown.paths.unwrap();
+        [shown.map, reference, estimate, odometry].map(|path| fs::read(path).unwrap())
     });
     assert!(maps[0] == maps[1]);
 }
@@ -458,7 +458,14 @@ fn a_picture_is_of_the_row_that_it_names() {
             (kind, "1", "same")
         );
         // The error of the path that is drawn is that of the row.
-        let [reference, estimate] = pictured.paths.as_ref().unwrap();
+        let Paths { reference, estimate, odometry } = pictured.paths.as_ref().unwrap();
+        // By odometry alone, it begins where the robot does and ends elsewhere.
+        let lines = |path: &Path| -> Vec<String> {
+            fs::read_to_string(path).unwrap().lines().map(str::to_owned).collect()
+        };
+        let [by_odometry, truth] = [odometry, reference].map(|path| lines(path));
+        assert_eq!((by_odometry.len(), &by_odometry[0]), (truth.len(), &truth[0]));
+        assert_ne!(by_odometry.last(), truth.last());
         let paths = [reference, estimate].map(|path| path.display().to_string());
         let args = ["evaluate", "--reference", &paths[0], &paths[1], "--json"];
         let evaluated: serde_json::Value = serde_json::from_str(&bench.mcl_eval(&args)).unwrap();

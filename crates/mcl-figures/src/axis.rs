@@ -136,8 +136,12 @@ impl Axis {
         };
         // Of an axis too short for two labels, the first.
         let one = || self.linear().pop().map(|ticks| ticks.into_iter().take(1).collect());
-        let ticks = fullest(self.round()).or_else(|| fullest(self.linear())).or_else(one);
-        self.ticks = ticks.unwrap_or_default();
+        // Two ticks do not say how an axis goes on between them.
+        let (round, linear) = (fullest(self.round()), fullest(self.linear()));
+        let number = |ticks: &Option<Vec<Tick>>| ticks.as_ref().map_or(0, Vec::len);
+        let is_enough = number(&round) > 2 || number(&round) >= number(&linear);
+        let ticks = if is_enough { round } else { linear };
+        self.ticks = ticks.or_else(one).unwrap_or_default();
         if self.scale == Scale::Log && self.high - self.low <= 5.0 {
             let minor = self.decimals(&[2, 3, 4, 5, 6, 7, 8, 9], 1, self.low.floor() as i32);
             self.minor = minor.into_iter().filter(|&value| self.contains(value)).collect();

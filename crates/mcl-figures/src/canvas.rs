@@ -18,7 +18,7 @@ use svg::node::element::{
 use svg::{Document, Node};
 
 use crate::text::{FONT_FAMILY, text_node, text_size};
-use crate::units::{PIXELS_PER_UNIT, WIDTH, svg_units, units};
+use crate::units::{PIXELS_PER_UNIT, svg_units, units};
 
 /// Height of the page while it is drawn; in the end it is cut where the drawing ends.
 const ENDLESS: f64 = 1e6;
@@ -30,8 +30,9 @@ pub(crate) struct CanvasError(pub(crate) String);
 
 type Drawn = Result<(), DrawingErrorKind<CanvasError>>;
 
-#[derive(Default)]
 pub(crate) struct Canvas {
+    /// Width of the page (SVG units).
+    width: f64,
     content: Group,
     /// What is being drawn inside of a clipping box.
     clipped: Option<Group>,
@@ -41,14 +42,21 @@ pub(crate) struct Canvas {
 }
 
 impl Canvas {
+    /// An empty page of this width (SVG units).
+    pub(crate) fn new(width: f64) -> Self {
+        let content = Group::default();
+        Canvas { width, content, clipped: None, clips: 0, dashes: &[] }
+    }
+
     /// The finished document, on white paper.
     pub(crate) fn into_svg(self, height: f64) -> String {
+        let width = self.width;
         let height = height.ceil();
-        let paper = Rectangle::new().set("width", WIDTH).set("height", height).set("fill", "white");
+        let paper = Rectangle::new().set("width", width).set("height", height).set("fill", "white");
         let document = Document::new()
-            .set("width", WIDTH)
+            .set("width", width)
             .set("height", height)
-            .set("viewBox", format!("0 0 {WIDTH} {height}"))
+            .set("viewBox", format!("0 0 {width} {height}"))
             .set("font-family", FONT_FAMILY)
             .add(paper)
             .add(self.content);
@@ -105,7 +113,7 @@ impl DrawingBackend for Canvas {
     type ErrorType = CanvasError;
 
     fn get_size(&self) -> (u32, u32) {
-        (units(WIDTH).unsigned_abs(), units(ENDLESS).unsigned_abs())
+        (units(self.width).unsigned_abs(), units(ENDLESS).unsigned_abs())
     }
 
     fn ensure_prepared(&mut self) -> Drawn {

@@ -9,8 +9,9 @@ use plotters::element::BitMapElement;
 
 use crate::axis::{Axis, Scale};
 use crate::error::FigureError;
+use crate::medium::Medium;
 use crate::page::{
-    Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
+    Chart, DrawError, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
     draw_lines, draw_remark, height, left_room, refused, render_error,
 };
 use crate::raster::{Position, Raster};
@@ -18,19 +19,21 @@ use crate::style::CurveStyle;
 use crate::text::{self, wrap};
 use crate::units::{svg_units, units};
 
-/// Largest height of a panel on its own, and of one among several.
-const TALLEST: [f64; 2] = [560.0, 420.0];
+/// Largest height of a panel.
+const TALLEST: f64 = 560.0;
 const GAP: f64 = 16.0;
 /// Panels narrower than this go to the next row.
 const NARROWEST: f64 = 150.0;
+/// Panels are no lower than this, even if they do not fit a page.
+const LOWEST: f64 = 60.0;
+/// Beneath a row of panels.
+const BELOW: f64 = 8.0;
 
 /// Point clouds in panels of the same bounds and scale.
 #[derive(Debug, Clone)]
 pub struct CloudFigure<'a> {
     /// The panels.
     pub panels: Vec<CloudPanel<'a>>,
-    /// How the panels stand.
-    pub arrangement: Arrangement,
     /// What stands at the axes.
     pub labels: CloudLabels,
     /// Paragraphs beneath: the data set, the settings.
@@ -51,15 +54,6 @@ impl CloudLabels {
     pub const PLANE: CloudLabels = CloudLabels { x: "x [m]", y: "y [m]" };
 }
 
-/// How panels stand to each other.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrangement {
-    /// Above each other: best for clouds wider than tall.
-    Stacked,
-    /// Beside each other, as many as there is room for.
-    SideBySide,
-}
-
 /// One panel of a [`CloudFigure`].
 #[derive(Debug, Clone)]
 pub struct CloudPanel<'a> {
@@ -71,6 +65,8 @@ pub struct CloudPanel<'a> {
     pub shades: &'a [f64],
     /// Lines over the points, drawn in this order.
     pub paths: Vec<CloudPath<'a>>,
+    /// Where the paths begin: marked by a ring.
+    pub start: Option<Point<2>>,
 }
 
 /// A line over a cloud, such as the path of the robot.
@@ -82,6 +78,8 @@ pub struct CloudPath<'a> {
     pub style: CurveStyle,
     /// The corners (m).
     pub points: &'a [Point<2>],
+    /// Whether it is cut off where the points and all other paths end.
+    pub is_cut: bool,
 }
 
 /// The box shown by every panel (m).
@@ -96,7 +94,8 @@ impl View {
     fn of(panels: &[CloudPanel]) -> Option<Self> {
         let mut view = View { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] };
         for panel in panels {
-            let paths = panel.paths.iter().flat_map(|path| path.points);
+            let paths = panel.paths.iter().filter(|path| !path.is_cut);
+            let paths = paths.flat_map(|path| path.points);
             for point in panel.points.iter().chain(paths).filter(|point| drawable(point)) {
                 for (axis, &coordinate) in point.iter().enumerate() {
                     view.low[axis] = view.low[axis].min(coordinate);
@@ -132,7 +131,8 @@ fn drawable(point: &Point<2>) -> bool {
     point.iter().all(|coordinate| coordinate.abs() <= 1e12)
 }
 
-/// Draws point clouds and writes `<stem>.svg` and `<stem>.png`.
+/// Draws point clouds and writes `<stem>.svg` and `<stem>.png`, and what else the medium asks for. Panels stand side by
+/// side or above each other, whichever shows them larger on one page.
 ///
 /// One metre is as long on both axes and in every panel. Up to 50,000 points are drawn as dots, more
 /// as a density, darker where there are more.
@@ -140,7 +140,11 @@ fn drawable(point: &Point<2>) -> bool {
 /// # Errors
 /// [`FigureError::NothingToDraw`] when no panel has a finite point; a single empty panel says so in
 /// the figure. [`FigureError::Render`] and [`FigureError::Write`] when a file cannot be made.
-pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], FigureError> {
+pub fn draw_clouds(
+    stem: &Path,
+    figure: &CloudFigure,
+    medium: Medium,
+) -> Result<Vec<PathBuf>, FigureError> {
     let view = View::of(&figure.panels).ok_or_else(|| FigureError::NothingToDraw {
         stem: stem.into(),
         found: format!(
@@ -150,30 +154,40 @@ pub fn draw_clouds(stem: &Path, figure: &CloudFigure) -> Result<[PathBuf; 2], Fi
         ),
         expected: "point",
     })?;
-    draw_page(&view, figure).map_err(render_error(stem))?.save(stem)
+    draw_page(&view, figure, medium).map_err(render_error(stem))?.save(stem)
 }
 
-fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
+fn draw_page(view: &View, figure: &CloudFigure, medium: Medium) -> Result<Page, DrawError> {
     let CloudLabels { x: x_label, y: y_label } = figure.labels;
-    let mut page = Page::new();
+    // Maps are looked at in detail: several take the width of both columns.
+    let mut page = Page::new(medium, figure.panels.len());
+    let inner = page.inner;
     let paths = figure.panels.iter().flat_map(|panel| &panel.paths);
     page.legend(paths.map(|path| (path.label.as_str(), path.style)), false)?;
 
     let [x, y] = [0, 1].map(|axis| Axis::over([view.low[axis], view.high[axis]], Scale::Linear));
-    let tallest = TALLEST[usize::from(figure.panels.len() > 1)];
     // The most labels that the y axis could have; how high it is depends on the room they take.
-    let left = left_room(&y.clone().with_ticks(tallest, along_y), y_label).ceil();
-    let free = INNER - left;
-    let columns = match figure.arrangement {
-        Arrangement::Stacked => 1,
-        Arrangement::SideBySide => {
-            let most = (free + GAP) / (NARROWEST + GAP);
-            figure.panels.len().min(most as usize).max(1)
-        }
+    let left = left_room(&y.clone().with_ticks(TALLEST, along_y), y_label).ceil();
+    let free = inner - left;
+    let titles =
+        |room: f64| figure.panels.iter().map(move |panel| wrap(&panel.title, &text::title(), room));
+    // Width of a panel and its share of the page, where so many stand side by side.
+    let of_columns = |columns: usize| {
+        let widest = (free - GAP * (columns - 1) as f64) / columns as f64;
+        let rows = figure.panels.len().div_ceil(columns) as f64;
+        let title = titles(widest).map(|lines| height(&lines, &text::title())).fold(0.0, f64::max);
+        let beside = title + TITLE_GAP + bottom_room(x_label) + BELOW;
+        let tallest = (medium.tallest() / rows - beside).clamp(LOWEST, TALLEST);
+        // Whole units, so that the pictures' pixels meet those of the PNG.
+        (widest.min(tallest / view.aspect()).floor(), widest)
     };
-    let widest = (free - GAP * (columns - 1) as f64) / columns as f64;
-    // Whole units, so that the pictures' pixels meet those of the PNG.
-    let width = widest.min(tallest / view.aspect()).floor();
+    let most = ((free + GAP) / (NARROWEST + GAP)) as usize;
+    // Side by side they are compared better: that is worth some of their size.
+    let worth = |columns: usize| of_columns(columns).0 * (columns as f64).sqrt().sqrt();
+    let columns = (1..=figure.panels.len().min(most).max(1))
+        .max_by(|a, b| worth(*a).total_cmp(&worth(*b)).then(b.cmp(a)))
+        .unwrap_or(1);
+    let (width, widest) = of_columns(columns);
     let window = [width, (width * view.aspect()).round()];
     let x = x.with_ticks(window[0], along_x);
     let y = y.with_ticks(window[1], along_y);
@@ -194,12 +208,12 @@ fn draw_page(view: &View, figure: &CloudFigure) -> Result<Page, DrawError> {
                 0 => (y.clone(), y_label, left),
                 _ => (y.clone().without_labels(), "", GAP),
             };
-            let beyond = units(INNER - at - width);
+            let beyond = units(inner - at - width);
             let area = below.margin(0, 0, units(at - left), beyond);
             let chart = draw_axes(&area, left, [x.clone(), y], [x_label, y_label], false)?;
             draw_panel(&chart, panel, window)?;
         }
-        page.take(8.0);
+        page.take(BELOW);
     }
     page.caption(&figure.caption)?;
     page.caption(left_out(&figure.panels).as_slice())?;
@@ -232,6 +246,9 @@ fn draw_panel(
     }
     for path in &panel.paths {
         raster.draw_path(&place(path.points)?, path.style);
+    }
+    if let Some(start) = panel.start.filter(drawable) {
+        place(&[start])?.into_iter().for_each(|at| raster.draw_ring(at));
     }
     let (size, pixels) = raster.into_rgb();
     let picture = BitMapElement::with_owned_buffer((0, 0), size, pixels);

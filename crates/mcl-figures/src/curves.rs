@@ -11,16 +11,18 @@ use crate::axis::{Axis, Scale};
 use crate::elements::{Clipped, symbol};
 use crate::error::FigureError;
 use crate::marks::{Taken, TextBox};
+use crate::medium::Medium;
 use crate::page::{
-    Area, Chart, DrawError, INNER, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes,
-    draw_frame, draw_lines, draw_remark, height, left_room, render_error,
+    Area, Chart, DrawError, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
+    draw_lines, draw_remark, height, left_room, render_error,
 };
 use crate::save::save_file;
 use crate::style::{CurveStyle, Dash, LINE, Marker, stroke};
 use crate::text::{self, TEXT, fitted, wrap};
 use crate::units::{svg_units, units};
 
-const PANEL_HEIGHT: f64 = 235.0;
+/// Height of a panel on a screen and in a paper.
+const PANEL_HEIGHT: [f64; 2] = [235.0, 185.0];
 /// Between panels side by side.
 const COLUMN_GAP: f64 = 10.0;
 /// Right of a panel, for half of its last tick label.
@@ -84,7 +86,7 @@ pub struct CurvePoint {
     /// Ends of the interval, drawn as an error bar; without finite ends there is none.
     pub interval: Option<[f64; 2]>,
     /// Draws the point as an open symbol (a circle on curves without symbols) with this text beside it
-    /// ("3/20").
+    /// ("3/20"), which may be empty, and is left out where it has no room.
     pub mark: Option<String>,
 }
 
@@ -133,8 +135,8 @@ impl CurvePanel {
         point.interval.filter(|ends| ends.iter().all(|&end| self.y.scale.holds(end)))
     }
 
-    /// The axes; `None` when no point can be seen.
-    fn axes(&self) -> Option<[Axis; 2]> {
+    /// The axes of a panel of this height; `None` when no point can be seen.
+    fn axes(&self, height: f64) -> Option<[Axis; 2]> {
         let points = || self.curves.iter().flat_map(|curve| self.drawable(curve));
         let x = match self.x.range {
             Some(range) => Axis::over(range, self.x.scale),
@@ -152,29 +154,33 @@ impl CurvePanel {
                 Axis::around(ends, self.y.scale)?
             }
         };
-        Some([x, y.with_ticks(PANEL_HEIGHT, along_y)])
+        Some([x, y.with_ticks(height, along_y)])
     }
 }
 
-/// Draws curves and writes `<stem>.svg` and `<stem>.png`.
+/// Draws curves and writes `<stem>.svg` and `<stem>.png`, and what else the medium asks for.
 ///
 /// # Errors
 /// [`FigureError::Range`] for an axis with impossible ends; [`FigureError::NothingToDraw`] when no
 /// panel has a point that its axes can show; a single empty panel says so in the figure.
 /// [`FigureError::Render`] and [`FigureError::Write`] when a file cannot be made.
-pub fn draw_curves(stem: &Path, figure: &CurveFigure) -> Result<[PathBuf; 2], FigureError> {
-    page_of(stem, figure)?.save(stem)
+pub fn draw_curves(
+    stem: &Path,
+    figure: &CurveFigure,
+    medium: Medium,
+) -> Result<Vec<PathBuf>, FigureError> {
+    page_of(stem, figure, medium)?.save(stem)
 }
 
-/// Draws curves and writes them as one file, `.svg` or `.png`.
+/// Draws curves and writes them as one file, `.svg`, `.png` or `.pdf`.
 ///
 /// # Errors
 /// As [`draw_curves`], and [`FigureError::Ending`] for a path with another ending.
 pub fn draw_curve_file(path: &Path, figure: &CurveFigure) -> Result<(), FigureError> {
-    save_file(path, &page_of(path, figure)?.into_svg())
+    save_file(path, &page_of(path, figure, Medium::Screen)?.into_svg())
 }
 
-fn page_of(stem: &Path, figure: &CurveFigure) -> Result<Page, FigureError> {
+fn page_of(stem: &Path, figure: &CurveFigure, medium: Medium) -> Result<Page, FigureError> {
     for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
         if let Some(range) = axis.range
             && !(range[0] < range[1] && range.iter().all(|&end| axis.scale.holds(end)))
@@ -184,50 +190,66 @@ fn page_of(stem: &Path, figure: &CurveFigure) -> Result<Page, FigureError> {
         }
     }
     let points = || figure.panels.iter().flat_map(|panel| &panel.curves).flat_map(|c| &c.points);
-    if figure.panels.iter().all(|panel| panel.axes().is_none()) {
+    if figure.panels.iter().all(|panel| panel.axes(panel_height(medium)).is_none()) {
         return Err(FigureError::NothingToDraw {
             stem: stem.into(),
             found: format!("{} panels with {} points", figure.panels.len(), points().count()),
             expected: "point within the axes",
         });
     }
-    draw_page(figure).map_err(render_error(stem))
+    draw_page(figure, medium).map_err(render_error(stem))
 }
 
-fn draw_page(figure: &CurveFigure) -> Result<Page, DrawError> {
-    let mut page = Page::new();
+fn panel_height(medium: Medium) -> f64 {
+    let [screen, paper] = PANEL_HEIGHT;
+    match medium {
+        Medium::Screen => screen,
+        Medium::Paper => paper,
+    }
+}
+
+fn draw_page(figure: &CurveFigure, medium: Medium) -> Result<Page, DrawError> {
+    let columns = figure.columns.clamp(1, figure.panels.len());
+    let panel_height = panel_height(medium);
+    let mut page = Page::new(medium, columns);
+    let inner = page.inner;
     let curves = figure.panels.iter().flat_map(|panel| &panel.curves);
     page.legend(curves.map(|curve| (curve.label.as_str(), curve.style)), true)?;
     // Charts of all panels begin at the same place, so that x axes can be compared.
-    let axes: Vec<_> = figure.panels.iter().map(CurvePanel::axes).collect();
+    let axes: Vec<_> = figure.panels.iter().map(|panel| panel.axes(panel_height)).collect();
     let rooms = figure
         .panels
         .iter()
         .zip(&axes)
         .filter_map(|(panel, axes)| axes.as_ref().map(|[_, y]| left_room(y, &panel.y.label)));
     let left = rooms.fold(0.0, f64::max);
-    let columns = figure.columns.clamp(1, figure.panels.len());
-    let width = (INNER + COLUMN_GAP) / columns as f64 - COLUMN_GAP;
+    let width = (inner + COLUMN_GAP) / columns as f64 - COLUMN_GAP;
     let plot = width - left - OVERHANG;
     let panels: Vec<_> = figure.panels.iter().zip(axes).collect();
+    let mut without_room = 0;
     for row in panels.chunks(columns) {
         let titles: Vec<_> =
             row.iter().map(|(panel, _)| wrap(&panel.title, &text::title(), plot)).collect();
         let tallest = |heights: &mut dyn Iterator<Item = f64>| heights.fold(0.0, f64::max);
         let above = tallest(&mut titles.iter().map(|title| height(title, &text::title())));
         let below = tallest(&mut row.iter().map(|(panel, _)| bottom_room(&panel.x.label)));
-        let (above, area) = (page.take(above + TITLE_GAP), page.take(PANEL_HEIGHT + below));
+        let (above, area) = (page.take(above + TITLE_GAP), page.take(panel_height + below));
         for (column, ((panel, axes), title)) in row.iter().zip(titles).enumerate() {
             let from = column as f64 * (width + COLUMN_GAP);
-            let beyond = INNER - from - width;
+            let beyond = inner - from - width;
             draw_lines(&above.margin(0, 0, units(from + left), 0), &title, &text::title())?;
             let area = area.margin(0, 0, units(from), units(beyond + OVERHANG));
-            draw_panel(&page, &area, panel, axes.clone(), [left, plot])?;
+            let size = [left, plot, panel_height];
+            without_room += draw_panel(&page, &area, panel, axes.clone(), size)?;
         }
         page.take(10.0);
     }
     page.caption(&figure.caption)?;
     page.caption(left_out(figure).as_slice())?;
+    if without_room > 0 {
+        let labels = counted(without_room, "label");
+        page.caption(&[format!("Left out: {labels} of open symbols, which have no room.")])?;
+    }
     Ok(page)
 }
 
@@ -245,19 +267,19 @@ fn left_out(figure: &CurveFigure) -> Option<String> {
     })
 }
 
-/// Draws a panel; `left` of its plot of this `width` stand the labels.
+/// Draws a panel; `left` of its plot of this `width` and `tall` stand the labels.
 fn draw_panel(
     page: &Page,
     area: &Area,
     panel: &CurvePanel,
     axes: Option<[Axis; 2]>,
-    [left, width]: [f64; 2],
-) -> Result<(), DrawError> {
+    [left, width, tall]: [f64; 3],
+) -> Result<usize, DrawError> {
     let empty = axes.is_none();
     let [x, y] = axes.unwrap_or_else(|| {
         [&panel.x, &panel.y]
             .map(|axis| Axis::over(axis.range.unwrap_or([1.0, 10.0]), axis.scale))
-            .map(|axis| axis.with_ticks(PANEL_HEIGHT, along_y))
+            .map(|axis| axis.with_ticks(tall, along_y))
     });
     let x = match panel.x.names.as_slice() {
         [] => x.with_ticks(width, along_x),
@@ -270,7 +292,8 @@ fn draw_panel(
     let mut chart = draw_axes(area, left, axes, [&panel.x.label, &panel.y.label], true)?;
     if empty {
         draw_frame(&chart)?;
-        return draw_remark(&chart, "no data here");
+        draw_remark(&chart, "no data here")?;
+        return Ok(0);
     }
     page.canvas.borrow_mut().clip(chart.plotting_area().get_pixel_range());
     for curve in &panel.curves {
@@ -312,8 +335,9 @@ fn draw_bars(chart: &mut Chart, panel: &CurvePanel, curve: &Curve) -> Result<(),
     Ok(())
 }
 
-/// Draws the texts beside marked points.
-fn draw_marks(chart: &Chart, panel: &CurvePanel) -> Result<(), DrawError> {
+/// Draws the texts beside marked points, and returns how many have no room.
+fn draw_marks(chart: &Chart, panel: &CurvePanel) -> Result<usize, DrawError> {
+    let mut without_room = 0;
     let window = chart.plotting_area();
     let (x, y) = window.get_pixel_range();
     let mut taken =
@@ -338,12 +362,19 @@ fn draw_marks(chart: &Chart, panel: &CurvePanel) -> Result<(), DrawError> {
             let Some(mark) = &point.mark else { continue };
             let mark = fitted(mark, &style, 0.25 * svg_units(x.end - x.start));
             let (width, height) = page.estimate_text_size(&mark, &style)?;
-            let text = taken.place(place(point, point.mean), (width as i32, height as i32));
+            if mark.is_empty() {
+                continue;
+            }
+            let size = (width as i32, height as i32);
+            let Some(text) = taken.place(place(point, point.mean), size) else {
+                without_room += 1;
+                continue;
+            };
             // Where it must stand on a line, it is still legible.
             let corners = [(text.left, text.top), (text.right, text.bottom)];
             page.draw(&Rectangle::new(corners, WHITE.mix(0.7).filled()))?;
             page.draw(&Text::new(&*mark, corners[0], style.clone()))?;
         }
     }
-    Ok(())
+    Ok(without_room)
 }

@@ -8,9 +8,9 @@ use plotters::style::{FontStyle, FontTransform, RGBColor};
 
 use crate::axis::{Axis, Scale};
 use crate::error::FigureError;
+use crate::medium::Medium;
 use crate::page::{
-    Area, COLOR_SCALE, DrawError, INNER, Page, TITLE_GAP, along_x, draw_lines, fill, height,
-    render_error,
+    Area, DrawError, Page, TITLE_GAP, along_x, draw_lines, fill, height, render_error,
 };
 use crate::style::{GRID, readable_on, shade_color};
 use crate::text::{self, TEXT, fitted, text_size, wrap};
@@ -82,13 +82,17 @@ impl HeatCell {
     }
 }
 
-/// Draws heat maps and writes `<stem>.svg` and `<stem>.png`.
+/// Draws heat maps and writes `<stem>.svg` and `<stem>.png`, and what else the medium asks for.
 ///
 /// # Errors
 /// [`FigureError::Cells`] for a panel without exactly one cell per row and column;
 /// [`FigureError::NothingToDraw`] when the colours can show no value of any panel.
 /// [`FigureError::Render`] and [`FigureError::Write`] when a file cannot be made.
-pub fn draw_heat(stem: &Path, figure: &HeatFigure) -> Result<[PathBuf; 2], FigureError> {
+pub fn draw_heat(
+    stem: &Path,
+    figure: &HeatFigure,
+    medium: Medium,
+) -> Result<Vec<PathBuf>, FigureError> {
     for panel in &figure.panels {
         let (found, expected) = (panel.cells.len(), [panel.x.len(), panel.y.len()]);
         if expected[0].checked_mul(expected[1]) != Some(found) {
@@ -107,13 +111,15 @@ pub fn draw_heat(stem: &Path, figure: &HeatFigure) -> Result<[PathBuf; 2], Figur
         let expected = if figure.log { "positive value" } else { "value" };
         return Err(FigureError::NothingToDraw { stem, found, expected });
     };
-    let colors = Axis::over([low, high], scale).with_ticks(COLOR_SCALE[0], along_x);
-    draw_page(figure, &colors).map_err(render_error(stem))?.save(stem)
+    // A heat map of one panel fits a column.
+    let page = Page::new(medium, figure.panels.len());
+    let colors = Axis::over([low, high], scale).with_ticks(page.color_size()[0], along_x);
+    draw_page(page, figure, &colors).map_err(render_error(stem))?.save(stem)
 }
 
-fn draw_page(figure: &HeatFigure, colors: &Axis) -> Result<Page, DrawError> {
+fn draw_page(mut page: Page, figure: &HeatFigure, colors: &Axis) -> Result<Page, DrawError> {
     const GAP: f64 = 24.0;
-    let mut page = Page::new();
+    let inner = page.inner;
     let cells = || figure.panels.iter().flat_map(|panel| &panel.cells);
     let hatched = |cell: &Option<HeatCell>| cell.as_ref().is_none_or(|c| c.color(colors).is_none());
     match figure.key.is_empty() {
@@ -122,11 +128,11 @@ fn draw_page(figure: &HeatFigure, colors: &Axis) -> Result<Page, DrawError> {
             (value.map(|value| shade_color(colors.fraction(value))), name.as_str())
         }))?,
     }
-    let layout = Layout::of(&figure.panels);
+    let layout = Layout::of(&figure.panels, inner);
     let slot = layout.left + layout.width + GAP;
-    let columns = (((INNER + GAP) / slot) as usize).clamp(1, figure.panels.len());
-    let indent = 0.5 * (INNER + GAP - columns as f64 * slot);
-    let room = if columns == 1 { INNER - indent - layout.left } else { layout.width };
+    let columns = (((inner + GAP) / slot) as usize).clamp(1, figure.panels.len());
+    let indent = 0.5 * (inner + GAP - columns as f64 * slot);
+    let room = if columns == 1 { inner - indent - layout.left } else { layout.width };
     let mut without_room = 0;
     for row in figure.panels.chunks(columns) {
         let titles: Vec<_> =
@@ -171,7 +177,8 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(panels: &[HeatPanel]) -> Self {
+    /// Of panels on a page of this inner width (SVG units).
+    fn of(panels: &[HeatPanel], inner: f64) -> Self {
         fn widest<'a>(texts: impl Iterator<Item = &'a String>) -> f64 {
             texts.map(|text| text_size(text, &text::plain())[0]).fold(0.0, f64::max) + 2.0 * PAD
         }
@@ -185,7 +192,7 @@ impl Layout {
         let labels = widest(panels.iter().flat_map(|panel| &panel.x));
         let cells = panels.iter().flat_map(|panel| panel.cells.iter().flatten());
         let texts = widest(cells.map(|cell| &cell.text));
-        let room = ((INNER - left) / columns).min(CELL[1]);
+        let room = ((inner - left) / columns).min(CELL[1]);
         let turned = labels > room;
         let wanted = if turned { texts } else { texts.max(labels) };
         let width = wanted.max(CELL[0]).max(PANEL[0] / columns).min(room);
@@ -204,7 +211,13 @@ impl Layout {
         let [width, height] = [panel.x.len(), panel.y.len()].map(|count| count as f64);
         let [width, height] = [width * self.cell[0], height * self.cell[1]];
         if panel.cells.is_empty() {
-            return draw("no data here", INNER, false, [self.left, 0.0], (HPos::Left, VPos::Top));
+            return draw(
+                "no data here",
+                f64::INFINITY,
+                false,
+                [self.left, 0.0],
+                (HPos::Left, VPos::Top),
+            );
         }
         // Where cells are smaller than labels, only some have one.
         let steps = self.cell.map(|length| (LINE / length).ceil() as usize);

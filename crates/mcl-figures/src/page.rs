@@ -18,18 +18,17 @@ use crate::axis::{Axis, Scale};
 use crate::canvas::{Canvas, CanvasError};
 use crate::elements::{Clipped, symbol};
 use crate::error::FigureError;
+use crate::medium::Medium;
 use crate::save::save;
 use crate::style::{CurveStyle, FAINT_GRID, FRAME, GRID, HATCH, LINE, shade_color, stroke};
 use crate::text::{self, LINE_HEIGHT, TEXT, fitted, text_size, wrap};
-use crate::units::{PIXELS_PER_UNIT, WIDTH, svg_units, units};
+use crate::units::{PIXELS_PER_UNIT, svg_units, units};
 
-/// Around the page (SVG units).
-pub(crate) const MARGIN: f64 = 12.0;
-/// Width within the margins.
-pub(crate) const INNER: f64 = WIDTH - 2.0 * MARGIN;
+/// Around a page on the screen (SVG units).
+const MARGIN: f64 = 12.0;
 /// Between a title and its chart; its last line has room of its own below.
 pub(crate) const TITLE_GAP: f64 = 2.0;
-/// Width and height of the scale of colours.
+/// Largest width, and height, of the scale of colours.
 pub(crate) const COLOR_SCALE: [f64; 2] = [300.0, 12.0];
 const TICK: f64 = 4.0;
 
@@ -61,14 +60,22 @@ pub(crate) type Chart = ChartContext<'static, Canvas, Cartesian2d<Axis, Axis>>;
 pub(crate) struct Page {
     pub(crate) canvas: Rc<RefCell<Canvas>>,
     free: Area,
+    /// Width within the margins (SVG units).
+    pub(crate) inner: f64,
+    medium: Medium,
+    /// The paragraphs beneath.
+    captions: Vec<String>,
 }
 
 impl Page {
-    pub(crate) fn new() -> Self {
-        let canvas = Rc::default();
-        let margin = units(MARGIN);
-        let free = Area::from(&canvas).margin(margin, 0, margin, margin);
-        Page { canvas, free }
+    /// An empty page with room for so many panels side by side.
+    pub(crate) fn new(medium: Medium, columns: usize) -> Self {
+        let width = medium.width(columns);
+        let canvas = Rc::new(RefCell::new(Canvas::new(width)));
+        let margin = margin(medium);
+        let units = units(margin);
+        let free = Area::from(&canvas).margin(units, 0, units, units);
+        Page { canvas, free, inner: width - 2.0 * margin, medium, captions: Vec::new() }
     }
 
     /// The next part of the page (SVG units).
@@ -97,9 +104,9 @@ impl Page {
             }
             seen.push(entry);
             let (label, style) = entry;
-            let label = fitted(label, &text::plain(), INNER - LABEL);
+            let label = fitted(label, &text::plain(), self.inner - LABEL);
             let width = LABEL + text_size(&label, &text::plain())[0];
-            if left + width > INNER {
+            if left + width > self.inner {
                 row = None;
             }
             let row = row.get_or_insert_with(|| {
@@ -130,7 +137,7 @@ impl Page {
         let row = self.take(4.0 + COLOR_SCALE[1] + 14.0).margin(units(4.0), 0, 0, 0);
         let mut left = 0.0;
         for (color, name) in entries {
-            left += draw_sample(&row, left, color, name)? + 22.0;
+            left += draw_sample(&row, [left, self.inner], color, name)? + 22.0;
         }
         Ok(())
     }
@@ -142,14 +149,14 @@ impl Page {
         colors: &Axis,
         with_hatching: bool,
     ) -> Result<(), DrawError> {
-        let [width, height] = COLOR_SCALE;
+        let [width, height] = self.color_size();
         let row = self.take(4.0 + height + bottom_room(label)).margin(units(4.0), 0, 0, 0);
         self.take(8.0);
-        let indent = 0.5 * (INNER - width);
+        let indent = 0.5 * (self.inner - width);
         let area = row.margin(0, 0, units(indent), units(indent));
         let flat = Axis::over([0.0, 1.0], Scale::Linear);
         let chart = draw_axes(&area, 0.0, [colors.clone(), flat], [label, ""], false)?;
-        let size = COLOR_SCALE.map(|length| (length * f64::from(PIXELS_PER_UNIT)) as u32);
+        let size = [width, height].map(|length| (length * f64::from(PIXELS_PER_UNIT)) as u32);
         let line = (0..size[0]).flat_map(|x| {
             let color = shade_color((f64::from(x) + 0.5) / f64::from(size[0]));
             [color.0, color.1, color.2]
@@ -159,27 +166,48 @@ impl Page {
         area.draw(&picture.ok_or(DrawError::LayoutError)?)?;
         draw_frame(&chart)?;
         if with_hatching {
-            draw_sample(&row, indent + width + 24.0, None, "no value")?;
+            draw_sample(&row, [indent + width + 24.0, self.inner], None, "no value")?;
         }
         Ok(())
     }
 
-    /// Draws the caption, each of its paragraphs wrapped.
+    /// Width and height of the scale of colours.
+    pub(crate) fn color_size(&self) -> [f64; 2] {
+        let [width, height] = COLOR_SCALE;
+        [width.min(0.7 * self.inner), height]
+    }
+
+    /// Draws the caption, each of its paragraphs wrapped; for a paper it is kept beside the figure.
     pub(crate) fn caption(&mut self, paragraphs: &[String]) -> Result<(), DrawError> {
-        let style = text::caption();
-        let lines: Vec<_> = paragraphs.iter().flat_map(|text| wrap(text, &style, INNER)).collect();
+        self.captions.extend_from_slice(paragraphs);
+        if self.medium == Medium::Paper {
+            return Ok(());
+        }
+        let (style, inner) = (text::caption(), self.inner);
+        let lines: Vec<_> = paragraphs.iter().flat_map(|text| wrap(text, &style, inner)).collect();
         draw_lines(&self.take(height(&lines, &style)), &lines, &style)
     }
 
-    /// Cuts the page here, and writes `<stem>.svg` and `<stem>.png`.
-    pub(crate) fn save(self, stem: &Path) -> Result<[PathBuf; 2], FigureError> {
-        save(stem, &self.into_svg())
+    /// Cuts the page here, and writes the files of its medium.
+    pub(crate) fn save(self, stem: &Path) -> Result<Vec<PathBuf>, FigureError> {
+        let medium = self.medium;
+        let captions = (medium == Medium::Paper).then(|| self.captions.join("\n") + "\n");
+        save(stem, &self.into_svg(), medium.endings(), captions.as_deref())
     }
 
     /// Cuts the page here.
     pub(crate) fn into_svg(self) -> String {
         let bottom = svg_units(self.free.get_base_pixel().1);
-        self.canvas.take().into_svg(bottom + MARGIN)
+        let canvas = self.canvas.replace(Canvas::new(0.0));
+        canvas.into_svg(bottom + margin(self.medium))
+    }
+}
+
+/// Around the page (SVG units); a paper has margins of its own.
+fn margin(medium: Medium) -> f64 {
+    match medium {
+        Medium::Screen => MARGIN,
+        Medium::Paper => 0.25 * MARGIN,
     }
 }
 
@@ -221,10 +249,11 @@ pub(crate) fn fill(
     Ok(())
 }
 
-/// Draws a colour, or hatching, with its name, and returns their width (SVG units).
+/// Draws a colour, or hatching, with its name, from `left` on in a row of this width, and returns their width (SVG
+/// units).
 fn draw_sample(
     row: &Area,
-    left: f64,
+    [left, width]: [f64; 2],
     color: Option<RGBColor>,
     name: &str,
 ) -> Result<f64, DrawError> {
@@ -232,7 +261,7 @@ fn draw_sample(
     let height = COLOR_SCALE[1];
     fill(row, [left, 0.0, left + 24.0, height], color)?;
     let style = text::plain().pos(Pos::new(HPos::Left, VPos::Center));
-    let name = fitted(name, &style, (INNER - left - LABEL).max(0.0));
+    let name = fitted(name, &style, (width - left - LABEL).max(0.0));
     row.draw_text(&name, &style, (units(left + LABEL), units(0.5 * height)))?;
     Ok(LABEL + text_size(&name, &style)[0])
 }

@@ -1,7 +1,7 @@
 //! Point clouds and paths as pictures.
 
 use mcl_core::memory::{OutOfMemory, check_room};
-use plotters::style::RGBColor;
+use plotters::style::{RGBColor, WHITE};
 use resvg::tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
     StrokeDash, Transform,
@@ -126,6 +126,19 @@ impl Raster {
             ..Stroke::default()
         };
         self.pixels.stroke_path(&path, &paint(style.rgb()), &stroke, Transform::identity(), None);
+    }
+
+    /// Draws a ring around a place, on white, so that it is seen over points and paths.
+    pub(crate) fn draw_ring(&mut self, at: Position) {
+        const RADIUS: f32 = 5.0 * PIXELS_PER_UNIT;
+        let [x, y] = pixels(at);
+        let Some(ring) = PathBuilder::from_circle(x, y, RADIUS) else { return };
+        let untouched = Transform::identity();
+        for (color, width) in [(WHITE, 2.4), (DOT, 1.4)] {
+            let stroke =
+                Stroke { width: width * LINE as f32 * PIXELS_PER_UNIT, ..Stroke::default() };
+            self.pixels.stroke_path(&ring, &paint(color), &stroke, untouched, None);
+        }
     }
 
     /// The size in pixels, and red, green and blue of each, on white paper.

@@ -20,16 +20,18 @@ pub(crate) const LINE_HEIGHT: f64 = 1.35;
 /// The font that the program carries, then what a viewer without it may use.
 pub(crate) const FONT_FAMILY: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
 
-static FONTS: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
+/// The faces that figures use.
+pub(crate) const FONTS: [fn() -> &'static [u8]; 2] = [dejavu::sans::regular, dejavu::sans::bold];
+
+static DATABASE: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = usvg::fontdb::Database::new();
-    fonts.load_font_data(dejavu::sans::regular().to_vec());
-    fonts.load_font_data(dejavu::sans::bold().to_vec());
+    FONTS.iter().for_each(|font| fonts.load_font_data(font().to_vec()));
     Arc::new(fonts)
 });
 
 pub(crate) fn svg_options() -> usvg::Options<'static> {
     usvg::Options {
-        fontdb: Arc::clone(&FONTS),
+        fontdb: Arc::clone(&DATABASE),
         font_family: "DejaVu Sans".to_owned(),
         ..usvg::Options::default()
     }
@@ -93,8 +95,12 @@ pub(crate) fn fitted<'a>(text: &'a str, style: &impl BackendTextStyle, width: f6
 
 /// Breaks text into lines no wider than `width`, between words; a longer word stands alone, and is cut.
 pub(crate) fn wrap(text: &str, style: &TextStyle, width: f64) -> Vec<String> {
+    // A number and its percent sign are one word.
+    const GLUE: char = '\u{a0}';
+    let text = text.replace(" %", &format!("{GLUE}%"));
+    let words = text.split(|c: char| c.is_whitespace() && c != GLUE).filter(|w| !w.is_empty());
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    for word in words {
         let word = fitted(word, style, width);
         if let Some(line) = lines.last_mut() {
             let longer = format!("{line} {word}");
@@ -105,6 +111,7 @@ pub(crate) fn wrap(text: &str, style: &TextStyle, width: f64) -> Vec<String> {
         }
         lines.push(word.into_owned());
     }
+    lines.iter_mut().for_each(|line| *line = line.replace(GLUE, " "));
     lines
 }
 
@@ -154,5 +161,6 @@ mod tests {
         assert_eq!(wrap("an unbreakable one", &plain(), 50.0), ["an", "unbre…", "one"]);
         assert_eq!(wrap("unbreakable", &plain(), 0.0), ["…"]);
         assert!(wrap("  ", &plain(), 100.0).is_empty());
+        assert_eq!(wrap("585 points (0.80 %)", &plain(), 95.0), ["585 points", "(0.80 %)"]);
     }
 }

@@ -13,11 +13,11 @@ const NAN: f64 = f64::NAN;
 struct Drawn {
     svg: String,
     png: Pixmap,
-    bytes: [Vec<u8>; 2],
+    bytes: Vec<Vec<u8>>,
 }
 
-fn load(paths: [PathBuf; 2]) -> Drawn {
-    let bytes = paths.map(|path| std::fs::read(path).unwrap());
+fn load(paths: Vec<PathBuf>) -> Drawn {
+    let bytes: Vec<Vec<u8>> = paths.iter().map(|path| std::fs::read(path).unwrap()).collect();
     let svg = String::from_utf8(bytes[0].clone()).unwrap();
     usvg::Tree::from_str(&svg, &usvg::Options::default()).expect("a valid SVG");
     Drawn { svg, png: Pixmap::decode_png(&bytes[1]).expect("a valid PNG"), bytes }
@@ -25,17 +25,17 @@ fn load(paths: [PathBuf; 2]) -> Drawn {
 
 fn clouds(figure: &CloudFigure) -> Result<Drawn, FigureError> {
     let folder = tempfile::tempdir().unwrap();
-    draw_clouds(&folder.path().join("figure"), figure).map(load)
+    draw_clouds(&folder.path().join("figure"), figure, Medium::Screen).map(load)
 }
 
 fn curves(figure: &CurveFigure) -> Result<Drawn, FigureError> {
     let folder = tempfile::tempdir().unwrap();
-    draw_curves(&folder.path().join("figure"), figure).map(load)
+    draw_curves(&folder.path().join("figure"), figure, Medium::Screen).map(load)
 }
 
 fn heat(figure: &HeatFigure) -> Result<Drawn, FigureError> {
     let folder = tempfile::tempdir().unwrap();
-    draw_heat(&folder.path().join("figure"), figure).map(load)
+    draw_heat(&folder.path().join("figure"), figure, Medium::Screen).map(load)
 }
 
 impl Drawn {
@@ -98,12 +98,12 @@ impl Drawn {
 }
 
 fn panel<'a>(title: &str, points: &'a [[f64; 2]]) -> CloudPanel<'a> {
-    CloudPanel { title: title.into(), points, shades: &[], paths: vec![] }
+    CloudPanel { title: title.into(), points, shades: &[], paths: vec![], start: None }
 }
 
 fn cloud_figure(panels: Vec<CloudPanel>) -> CloudFigure {
     let caption = vec!["Simulated office, σ = 0.05 m.".into()];
-    CloudFigure { panels, arrangement: Arrangement::Stacked, labels: CloudLabels::PLANE, caption }
+    CloudFigure { panels, labels: CloudLabels::PLANE, caption }
 }
 
 /// A map of `columns`, with a cell for each value and its text.
@@ -178,18 +178,35 @@ fn clouds_say_what_they_show_but_hold_no_coordinates() {
     let points: Vec<_> = (0..40).map(|i| [f64::from(i) * 0.731, 17.123]).collect();
     let mut second = panel("grid-based map, 40 points (0.8 %)", &points);
     let style = CurveStyle { color: 1, dash: Dash::Dashed, marker: Some(Marker::Circle) };
-    second.paths = vec![CloudPath { label: "estimated path".into(), style, points: &points }];
-    let mut figure = cloud_figure(vec![panel("all data", &points), second]);
-    for arrangement in [Arrangement::Stacked, Arrangement::SideBySide] {
-        figure.arrangement = arrangement;
-        let drawn = clouds(&figure).unwrap();
-        let texts = drawn.texts().join(" ");
-        for text in ["all data", "grid-based map, 40 points (0.8 %)", "estimated path", "x [m]"] {
-            assert!(texts.contains(text), "{text} in {texts}");
+    second.paths =
+        vec![CloudPath { label: "estimated path".into(), style, points: &points, is_cut: false }];
+    second.start = Some(points[0]);
+    let figure = cloud_figure(vec![panel("all data", &points), second]);
+    let drawn = clouds(&figure).unwrap();
+    let texts = drawn.texts().join(" ");
+    for text in ["all data", "grid-based map, 40 points (0.8 %)", "estimated path", "x [m]"] {
+        assert!(texts.contains(text), "{text} in {texts}");
+    }
+    assert!(texts.contains("Simulated office, σ = 0.05 m."));
+    assert!(!drawn.svg.contains("<circle") && !drawn.svg.contains("17.123"));
+    assert!(drawn.count([0xD5, 0x5E, 0x00]) > 500, "the path is drawn in its colour");
+}
+
+/// Fault: three panels of a square building stood above each other, on 4,500 pixels.
+#[test]
+fn maps_of_any_shape_and_number_fit_a_page() {
+    for (wide, high) in [(30.0, 30.0), (60.0, 15.0), (15.0, 60.0), (200.0, 10.0)] {
+        let corners = [[0.0, 0.0], [wide, high]];
+        for number in 1..=6 {
+            let title = "grid-based map (gbs): 1,245 points (0.80 %), −11.20 nats per point";
+            let drawn = clouds(&cloud_figure(vec![panel(title, &corners); number])).unwrap();
+            // An A4 page within margins, at this width, has 1.5 times as much height.
+            let limit = 1.5 * f64::from(drawn.png.width());
+            assert!(f64::from(drawn.png.height()) < limit, "{number} of {wide} x {high}");
+            let windows = drawn.windows();
+            assert_eq!(windows.len(), number);
+            assert!(windows.iter().all(|window| window[2] > 150.0), "{windows:?}");
         }
-        assert!(texts.contains("Simulated office, σ = 0.05 m."));
-        assert!(!drawn.svg.contains("<circle") && !drawn.svg.contains("17.123"));
-        assert!(drawn.count([0xD5, 0x5E, 0x00]) > 500, "the path is drawn in its colour");
     }
 }
 
@@ -203,11 +220,8 @@ fn odd_clouds_are_drawn_or_refused() {
         &[[0.0, -500.0], [0.0, 500.0]],
         &[[-1e12, -1e12], [1e12, 1e12]],
     ];
-    for (index, points) in odd.into_iter().enumerate() {
-        let arrangement = [Arrangement::Stacked, Arrangement::SideBySide][index % 2];
-        let panels = vec![panel("a", points), panel("b", &[])];
-        let figure = CloudFigure { arrangement, ..cloud_figure(panels) };
-        let drawn = clouds(&figure).unwrap();
+    for points in odd {
+        let drawn = clouds(&cloud_figure(vec![panel("a", points), panel("b", &[])])).unwrap();
         assert!(drawn.texts().contains(&"no points".to_owned()));
     }
     let with_nan = [[1.0, 2.0], [NAN, 0.0], [0.0, f64::INFINITY]];
@@ -217,8 +231,6 @@ fn odd_clouds_are_drawn_or_refused() {
         let error = clouds(&cloud_figure(panels)).err().expect("nothing to draw");
         assert!(matches!(error, FigureError::NothingToDraw { .. }), "{error}");
     }
-    let beside = CloudFigure { arrangement: Arrangement::SideBySide, ..cloud_figure(vec![]) };
-    assert!(clouds(&beside).is_err());
 }
 
 #[test]
@@ -499,10 +511,43 @@ fn the_same_rows_give_the_same_bytes() {
 fn files_are_named_after_the_whole_stem() {
     let folder: TempDir = tempfile::tempdir().unwrap();
     let figure = curve_figure(vec![vec![point(1.0, 1.0)]]);
-    let [svg, png] = draw_curves(&folder.path().join("map-0.8"), &figure).unwrap();
-    assert_eq!(svg, folder.path().join("map-0.8.svg"));
-    assert_eq!(png, folder.path().join("map-0.8.png"));
+    let drawn = draw_curves(&folder.path().join("map-0.8"), &figure, Medium::Screen).unwrap();
+    let [svg, png] = &drawn[..] else { panic!("{drawn:?}") };
+    assert_eq!(*svg, folder.path().join("map-0.8.svg"));
+    assert_eq!(*png, folder.path().join("map-0.8.png"));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
-    let error = draw_curves(Path::new("absent/figure"), &figure).unwrap_err();
+    let error = draw_curves(Path::new("absent/figure"), &figure, Medium::Screen).unwrap_err();
     assert!(matches!(error, FigureError::Write { .. }), "{error}");
+}
+
+/// For a paper: a column wide, no caption in the figure, and a PDF whose text is text.
+#[test]
+fn figures_for_papers_fit_a_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let stem = folder.path().join("figure");
+    let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, 3.0)]; 2]);
+    for (columns, inches) in [(1, 3.5), (2, 7.0)] {
+        figure.columns = columns;
+        figure.panels = vec![figure.panels[0].clone(); columns];
+        let drawn = draw_curves(&stem, &figure, Medium::Paper).unwrap();
+        let endings = drawn.iter().map(|path| path.extension().unwrap().to_str().unwrap());
+        assert_eq!(endings.collect::<Vec<_>>(), ["svg", "png", "pdf", "txt"]);
+        let pdf = std::fs::read(&drawn[2]).unwrap();
+        let text = String::from_utf8_lossy(&pdf);
+        assert!(text.starts_with("%PDF-1.") && text.contains("/FontFile2"), "a font is embedded");
+        let page = text.split("/MediaBox [").nth(1).unwrap().split(']').next().unwrap();
+        let width: f64 = page.split_whitespace().nth(2).unwrap().parse().unwrap();
+        assert!((width - 72.0 * inches).abs() < 0.5, "{page}");
+        let caption = std::fs::read_to_string(&drawn[3]).unwrap();
+        assert!(!caption.trim().is_empty() && figure.caption.iter().all(|c| caption.contains(c)));
+        let svg = std::fs::read_to_string(&drawn[0]).unwrap();
+        assert!(figure.caption.iter().all(|paragraph| !svg.contains(paragraph)), "{svg}");
+    }
+    let points: Vec<_> = (0..50).map(|i| [f64::from(i), f64::from(i * i)]).collect();
+    let maps = cloud_figure(vec![panel("a", &points)]);
+    let drawn = draw_clouds(&stem, &maps, Medium::Paper).unwrap();
+    let pdf = std::fs::read(&drawn[2]).unwrap();
+    assert!(String::from_utf8_lossy(&pdf).contains("/Subtype /Image"), "points are a picture");
+    let cells = heat_figure(2, &[Some((1.0, "1.00")), Some((2.0, "2.00"))]);
+    assert_eq!(draw_heat(&stem, &cells, Medium::Paper).unwrap().len(), 4);
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{create_folder, remove, remove_folder, remove_leftovers};
@@ -19,8 +20,8 @@ use crate::share::{Share, deal};
 use crate::store::identity::{Build, Identity};
 use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, Saved};
 use crate::store::results::{
-    FAILURES, FIGURES, MANIFEST, Manifest, Results, SHOWN, STUDY, SUMMARY, Shown, TESTS, TIMINGS,
-    TRIALS, read_text, save, save_table,
+    FAILURES, FIGURES, MANIFEST, Manifest, Paths, Results, SHOWN, STUDY, SUMMARY, Shown, TESTS,
+    TIMINGS, TRIALS, read_text, save, save_table,
 };
 use crate::study::definition::Study;
 use crate::table::{Cells, Table};
@@ -28,7 +29,8 @@ use crate::trial::cost::Costs;
 use crate::trial::division::{Division, StudyData};
 use crate::trial::map::Dimension;
 use crate::trial::maps::Maps;
-use crate::trial::run::{Trial, run_trial};
+use crate::trial::pace::Pace;
+use crate::trial::run::{OF_RUNS, Trial, run_trial};
 use crate::trial::scheduler::run_trials;
 use crate::trial::stopwatch::Stopwatch;
 use crate::trial::tracking::TrackedRun;
@@ -44,12 +46,23 @@ pub enum Event<'e> {
         /// What was found damaged in the rows of earlier runs.
         damage: &'e [String],
     },
+    /// The trials that are missing are about to be run; not told where none is.
+    Begins {
+        /// How many they are.
+        trials: usize,
+        /// Threads that they run on.
+        threads: usize,
+        /// Ordinary time that they will take, as estimated.
+        expected: Duration,
+    },
     /// A trial ended.
     Ended {
         /// Trials that ended in this run, and those to be run.
         ended: (usize, usize),
         /// Share of the work of this run that is done, from 0 to 1.
         share: f64,
+        /// Ordinary time until all have ended, from what those took that have.
+        left: Duration,
         /// The trial, and why it failed, if it did.
         failed: Option<&'e FailedTrial>,
     },
@@ -343,27 +356,46 @@ where
         maps.release(&task.trial.map)?;
         saved
     };
-    let total: f64 = tasks.iter().map(|task| costs.of(&task.trial)).sum();
-    let (mut ended, mut cost) = (0, 0.0);
-    let mut failed: Vec<FailedTrial> = Vec::new();
     // As many as the pool of the whole program has.
     let threads = rayon::current_num_threads();
+    let mut pace = Pace::new(tasks.iter().map(|task| costs.parts_of(&task.trial)), threads);
+    if !tasks.is_empty() {
+        let threads = threads.min(tasks.len());
+        see(Event::Begins { trials: tasks.len(), threads, expected: pace.left() });
+    }
+    let timed = |task: &Task| {
+        let begin = Instant::now();
+        // With the time of a trial that failed, too.
+        Ok((run(task), begin.elapsed()))
+    };
+    let mut ended = 0;
+    let mut failed: Vec<FailedTrial> = Vec::new();
     run_trials(
         tasks,
         |task| costs.of(&task.trial),
         threads,
-        run,
+        timed,
         |task, result| {
             ended += 1;
-            cost += costs.of(&task.trial);
+            let (result, took) = match result {
+                Ok((result, took)) => (result, took),
+                Err(panic) => (Err(panic), Duration::ZERO),
+            };
+            let measured = result.as_ref().ok().map(|saved| seconds_of(saved, &task.trial, took));
+            pace.end(costs.parts_of(&task.trial), measured, took);
             let ended_with = result.map_err(|error| FailedTrial {
                 trial: task.trial.to_string(),
                 reason: format!("{error:#}"),
             });
             let failure = ended_with.as_ref().err().cloned();
             part.save(ended_with)?;
-            let (share, ended) = (cost / total, (ended, tasks.len()));
-            see(Event::Ended { ended, share, failed: failure.as_ref() });
+            let (share, left) = (pace.share(), pace.left());
+            see(Event::Ended {
+                ended: (ended, tasks.len()),
+                share,
+                left,
+                failed: failure.as_ref(),
+            });
             failed.extend(failure);
             Ok(())
         },
@@ -374,6 +406,21 @@ where
     };
     failed.sort_by_key(order);
     Ok(failed)
+}
+
+/// Seconds that a trial's map and the runs on it took. A program of others has its own processor time, so that its runs
+/// take what is left of the ordinary time.
+fn seconds_of(saved: &Saved, trial: &Trial, took: Duration) -> [f64; 2] {
+    let is_of_runs = |part: &str| OF_RUNS.contains(&part);
+    let sum = |of_runs: bool| -> f64 {
+        let parts = saved.seconds.iter().filter(|(part, _)| is_of_runs(part) == of_runs);
+        parts.map(|(_, seconds)| seconds).sum()
+    };
+    let [map, runs] = [sum(false), sum(true)];
+    match trial.runs.iter().any(|run| run.program().is_some()) {
+        true => [map, (took.as_secs_f64() - map).max(runs)],
+        false => [map, runs],
+    }
 }
 
 fn save_map<const D: usize>(path: &Path, maps: &Maps<'_, D>, trial: &Trial) -> Result<()>
@@ -389,7 +436,7 @@ where
 }
 
 fn save_paths(
-    [reference, estimate]: &[PathBuf; 2],
+    Paths { reference, estimate, odometry }: &Paths,
     log: &LogSource,
     tracked: &TrackedRun,
 ) -> Result<()> {
@@ -405,6 +452,7 @@ fn save_paths(
     // Both at the same scans: a program may have no estimate at some.
     let pairs = tracked.reference.iter().zip(&tracked.map_from_laser);
     tum::write_file(reference, &path(&mut pairs.map(|(pose, found)| found.map(|_| *pose))))?;
+    tum::write_file(odometry, &path(&mut tracked.odometry.iter().copied().map(Some)))?;
     let estimates = tracked.map_from_laser.iter().copied();
     Ok(tum::write_file(estimate, &path(&mut { estimates }))?)
 }

@@ -195,6 +195,8 @@ pub(super) type Outcome = Result<Finding, Untestable>;
 /// A statement of the paper with the function that tests it.
 pub(super) struct Test<F> {
     pub id: &'static str,
+    /// The statement in a few words, for lists.
+    pub short: &'static str,
     pub section: &'static str,
     pub statement: &'static str,
     pub test: &'static str,

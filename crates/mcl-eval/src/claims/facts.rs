@@ -14,6 +14,7 @@ type FactsTest = Test<fn(&DataFacts) -> Outcome>;
 pub(super) const CLAIMS: [FactsTest; 3] = [
     Test {
         id: "figure-1-size",
+        short: "5,749 points are below 1 % of building 79",
         section: "I",
         statement: "The log of building 79 has 706,628 points, and the 5,749 of the maps in figure 1 \
                    are less than 1 % of them",
@@ -22,6 +23,7 @@ pub(super) const CLAIMS: [FactsTest; 3] = [
     },
     Test {
         id: "figure-2-size",
+        short: "figure 2's maps: 389 points, 0.25 %",
         section: "IV",
         statement: "The two maps of figure 2 have 389 points each: 0.25 % of the Intel log",
         test: EXACT,
@@ -29,6 +31,7 @@ pub(super) const CLAIMS: [FactsTest; 3] = [
     },
     Test {
         id: "points",
+        short: "Intel has 155,648 points",
         section: "V",
         statement: "The Intel log has 155,648 points within 10 m",
         test: EXACT,

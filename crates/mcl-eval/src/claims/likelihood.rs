@@ -13,6 +13,7 @@ use crate::claims::claim::{ALPHA, Finding, Outcome, Shown, Test, Tested, Untesta
 pub(super) const CLAIMS: [SampledTest; 4] = [
     Test {
         id: "improvement",
+        short: "f-km makes every map likelier",
         section: "V-A",
         statement: "Fuzzy k-means raises the likelihood significantly, for both initializations at \
                    every size",
@@ -22,6 +23,7 @@ pub(super) const CLAIMS: [SampledTest; 4] = [
     },
     Test {
         id: "improvement-shrinks",
+        short: "f-km gains less on larger maps",
         section: "V-A",
         statement: "The larger the map, the smaller the improvement",
         test: "t test over draws: the slope of the gain over the logarithm of the size is \
@@ -31,6 +33,7 @@ pub(super) const CLAIMS: [SampledTest; 4] = [
     },
     Test {
         id: "strategy-above-10",
+        short: "above 10 % the sampling hardly matters",
         section: "V-A",
         statement: "Above 10 % of the points it hardly matters how they were chosen",
         test: "equivalence (two one-sided Welch tests) of each two of the four kinds of map at \
@@ -40,6 +43,7 @@ pub(super) const CLAIMS: [SampledTest; 4] = [
     },
     Test {
         id: "rnd-fkm-below-gbs",
+        short: "some rnd+f-km less likely than gbs",
         section: "V-A",
         statement: "Improved random maps are sometimes less likely than grid-based maps of the same \
                    size that were not improved",

@@ -2,7 +2,7 @@
 //! loses it for good. How errors are compared: [`crate::claims::cells`].
 
 use mcl_core::math;
-use mcl_core::text::{list, number, p_value};
+use mcl_core::text::{list, number, numbers, p_value};
 use mcl_metrics::{Blocked, BlockedRate, Interval, one_sample, paired};
 use mcl_study::study::views::{INITIALIZATIONS, TestKind};
 
@@ -14,6 +14,7 @@ use crate::claims::claim::{
 pub(super) const CLAIMS: [SampledTest; 7] = [
     Test {
         id: "localization-improved",
+        short: "f-km lowers the localization error",
         section: "V-B",
         statement: "The localization error is in general smaller on improved maps",
         test: "paired t test over draws of ln error, all sizes: improved below initial, p: the \
@@ -23,6 +24,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-most-on-small",
+        short: "f-km helps small maps most",
         section: "V-B",
         statement: "Improved maps gain most where maps are small",
         test: "paired t test over draws of ln(improved error / initial error): below 1 % lower \
@@ -31,6 +33,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-gbs-over-rnd",
+        short: "small gbs better than small rnd",
         section: "V-B",
         statement: "Small grid-based maps are better to localize on than random ones of the same size",
         test: "paired t test over draws of ln error, sizes below 1 %: gbs below rnd",
@@ -38,6 +41,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-no-gain",
+        short: "beyond 1 % more points may not help",
         section: "V-B",
         statement: "Beyond 1 % more points do not always lower the error",
         test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
@@ -47,6 +51,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-slightly-worse",
+        short: "beyond 1 % more may be slightly worse",
         section: "V-B",
         statement: "Beyond 1 % more points in some cases make localization slightly worse",
         test: "paired t test over draws of ln error, per kind of map and step from 1 % or more to \
@@ -56,6 +61,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-recovers",
+        short: "from 0.25 % on no run is lost for good",
         section: "V-B",
         statement: "From 0.25 % of the points on, the filter is never lost for good",
         test: "no test: holds if no run diverged (ended more than 1 m off)",
@@ -63,6 +69,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
     },
     Test {
         id: "localization-diverges-below",
+        short: "below 0.25 % some runs diverge",
         section: "V-B",
         statement: "Below 0.25 % of the points the filter diverges in some runs",
         test: "holds if a run diverged; p: paired t test over draws of the share of diverged \
@@ -178,11 +185,10 @@ fn slightly_worse(data: &Sampled) -> Outcome {
     let surest = Tested::strongest(&tests).unwrap_or_default();
     let (before, error) = rises[surest];
     let measured = format!(
-        "the mean error is higher after {higher} of {} steps; the surest is {} with {} against {}",
+        "the mean error is higher after {higher} of {} steps; the surest is {} with {}",
         tests.len(),
         tests[surest].of,
-        number(error),
-        number(before)
+        numbers(&[error, before]).join(" against ")
     );
     let (is_worse, evidence) = Tested::any(&tests, ERROR_RATIO);
     Ok(Finding { holds: is_worse && error > before, measured, evidence })
@@ -348,7 +354,7 @@ mod tests {
             assert_eq!(claim.verdict, Reproduced, "{claim:?}");
         }
         let claim = find(&results, "slightly-worse");
-        assert!(claim.measured.contains(" 2 % with 0.03"), "{}", claim.measured);
+        assert!(claim.measured.contains(" 2 % with 0.0297 against 0.0270"), "{}", claim.measured);
         let claim = find(&results, "diverges-below");
         assert_eq!(claim.measured, "4 of 32 runs diverged, from 0.25 % on 0 of 128");
         // Shares of 0, 0, ½ and 0 on four draws: t = 1 with three degrees of freedom.

@@ -11,6 +11,7 @@ use crate::claims::claim::{Evidence, Finding, Outcome, Test, Untestable};
 pub(super) const CLAIMS: [SampledTest; 3] = [
     Test {
         id: "even-spread",
+        short: "gbs spreads points more evenly",
         section: "IV",
         statement: "Grid-based maps spread their points more evenly than random maps of the same size \
                    (figure 2)",
@@ -20,6 +21,7 @@ pub(super) const CLAIMS: [SampledTest; 3] = [
     },
     Test {
         id: "size-not-exact",
+        short: "gbs cannot be asked for a size",
         section: "IV",
         statement: "The number of points of a grid-based map cannot be asked for exactly",
         test: "no test: holds if a map of the experiment, whose cell size is searched for, has \
@@ -28,6 +30,7 @@ pub(super) const CLAIMS: [SampledTest; 3] = [
     },
     Test {
         id: "cost-of-grid",
+        short: "sampling takes O(N + Kn)",
         section: "IV",
         statement: "Filling the grid takes O(N), all of grid-based sampling O(N + Kn) for n points in \
                    each of K cells",

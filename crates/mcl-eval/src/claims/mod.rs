@@ -5,14 +5,16 @@
 //! so. How each claim is decided, and why so, stands in docs/claims.md. Modules: `cells` sorts rows by
 //! kind and size of map; `facts`, `maps` (section IV), `likelihood` (section V-A) and `localization`
 //! (section V-B) decide; [`regions`] decides the latter for each of many settings; [`render`] makes
-//! tables.
+//! tables, [`brief`] a few lines, with the [`numbers`] that matter.
 
+pub mod brief;
 mod cells;
 pub mod claim;
 mod facts;
 mod likelihood;
 mod localization;
 mod maps;
+pub mod numbers;
 #[cfg(test)]
 pub(crate) mod planted;
 pub mod regions;
@@ -52,6 +54,15 @@ pub fn without_results(results: &[Results], decided: &[DatasetClaims]) -> Vec<St
     let listed: BTreeSet<&str> =
         with_claims.flat_map(|results| results.study.dataset_names()).collect();
     listed.into_iter().filter(|name| !is_decided(name)).map(str::to_owned).collect()
+}
+
+/// The statement of a claim in a few words.
+fn short(id: &str) -> Option<&'static str> {
+    let names = |id: &'static str, short: &'static str| (id, short);
+    let of_facts = facts::CLAIMS.iter().map(|test| names(test.id, test.short));
+    let sampled = maps::CLAIMS.iter().chain(&likelihood::CLAIMS).chain(&localization::CLAIMS);
+    let mut all = of_facts.chain(sampled.map(|test| names(test.id, test.short)));
+    all.find(|(known, _)| *known == id).map(|(_, short)| short)
 }
 
 /// `None` when no study is about the paper's claims.

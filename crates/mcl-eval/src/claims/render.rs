@@ -1,9 +1,9 @@
 //! Claims as text: for the terminal and as Markdown.
 
-use mcl_core::text::{counted, number, p_value, printable};
+use mcl_core::text::{counted, numbers, p_value, printable};
 use mcl_study::recipe::split::Split;
 
-use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Place, Verdict};
+use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Evidence, Place, Verdict};
 use crate::progress::wrapped;
 
 /// Lines longer than this are hard to follow; below the least, words would stand out.
@@ -50,11 +50,21 @@ pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) 
     if !without_results.is_empty() {
         lines.push(missing(without_results));
     }
-    // Numbers keep their percent signs, and equations stay whole.
+    shown(&lines, width)
+}
+
+/// Lines as a terminal shows them: escapes in place of what acts, broken between words, but not before percent signs nor
+/// in equations.
+pub(super) fn shown(lines: &[String], width: u16) -> String {
     let [percent, equals] = [format!("{GLUE}%"), format!("{GLUE}={GLUE}")];
     let glued = |line: &String| printable(line).replace(" %", &percent).replace(" = ", &equals);
     let text = lines.iter().map(glued).collect::<Vec<String>>().join("\n");
-    wrapped(&text, width.clamp(WIDTHS.0, WIDTHS.1).into()).replace(GLUE, " ")
+    wrapped(&text, columns(width)).replace(GLUE, " ")
+}
+
+/// How many columns are used.
+pub(super) fn columns(width: u16) -> usize {
+    width.clamp(WIDTHS.0, WIDTHS.1).into()
 }
 
 /// The same as a Markdown document, with the claims' names. Names from data are text, whatever they
@@ -125,9 +135,17 @@ fn escaped(text: &str) -> String {
 /// "error ratio gbs+f-km over gbs: 0.87 (0.80 to 0.95), 10 blocks"
 fn effect(claim: &Claim) -> Option<String> {
     let evidence = &claim.evidence;
-    let [effect, low, high] = [evidence.effect?, evidence.low?, evidence.high?].map(number);
     let of = evidence.effect_of.as_deref()?;
-    Some(format!("{of}: {effect} ({low} to {high}), {}", counted(evidence.blocks?, "block")))
+    Some(format!("{of}: {}, {}", interval(evidence)?, counted(evidence.blocks?, "block")))
+}
+
+/// "0.870 (0.800 to 0.950)"
+pub(super) fn interval(evidence: &Evidence) -> Option<String> {
+    let ends = [evidence.effect?, evidence.low?, evidence.high?];
+    match &numbers(&ends)[..] {
+        [effect, low, high] => Some(format!("{effect} ({low} to {high})")),
+        _ => None,
+    }
 }
 
 fn all(datasets: &[DatasetClaims]) -> Vec<&Claim> {
@@ -245,7 +263,6 @@ fn missing(names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::claims::claim::Evidence;
 
     fn claim(id: &'static str, split: Option<Split>, verdict: Verdict) -> Claim {
         let place = Place {

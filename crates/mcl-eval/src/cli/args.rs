@@ -12,6 +12,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, TimeOffset, Whose};
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
+use mcl_figures::Medium;
 use mcl_study::data::options::SourceOptions;
 pub use parts::{Engine, PartOf, PlanArgs, StatusArgs};
 pub use read::ReadArgs;
@@ -264,6 +265,28 @@ pub struct PlotArgs {
     /// Folder that holds <study>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
+    /// What figures are made for.
+    #[arg(long, value_enum, default_value_t = Style::Screen)]
+    pub style: Style,
+}
+
+/// What figures are made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Style {
+    /// To be looked at: with captions, as SVG and PNG, into figures/.
+    Screen,
+    /// A paper in two columns: 3.5 inches wide, letters of 8 points, captions as text beside them, as PDF, SVG, PNG and
+    /// all rows as CSV, into figures/paper/.
+    Paper,
+}
+
+impl From<Style> for Medium {
+    fn from(style: Style) -> Self {
+        match style {
+            Style::Screen => Medium::Screen,
+            Style::Paper => Medium::Paper,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -287,6 +310,9 @@ pub struct ClaimsArgs {
     /// Write the tables into this file, too, as Markdown.
     #[arg(long, short, value_name = "FILE.md")]
     pub output: Option<PathBuf>,
+    /// Every claim with its statement, what was measured, and its test.
+    #[arg(long, short)]
+    pub verbose: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

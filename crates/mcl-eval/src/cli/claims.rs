@@ -1,13 +1,13 @@
 use anyhow::{Result, bail};
-use mcl_core::text::printable;
+use mcl_core::text::{counted, printable};
 use mcl_study::store::results::{read_all, save};
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::ClaimsArgs;
+use super::args::{ClaimsArgs, Global};
 use super::output::{print, told_once};
 use crate::claims::claim::{Claim, DatasetClaims};
-use crate::claims::{decide, render, without_results};
+use crate::claims::{brief, decide, render, without_results};
 use crate::progress::tell;
 
 #[derive(Serialize)]
@@ -17,7 +17,7 @@ struct Claims<'a> {
 
 /// Sets every claim of the paper beside what was measured. A damaged result folder is named on stderr
 /// and stops no other.
-pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
+pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     let found = read_all(&args.root)?;
     let mut is_whole = found.damaged.is_empty();
     for (folder, error) in &found.damaged {
@@ -26,6 +26,10 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
     for damage in found.results.iter().flat_map(|results| &results.damage) {
         tell!("warning: {}", printable(damage));
         is_whole = false;
+    }
+    if !found.without_rows.is_empty() && !global.quiet {
+        let folders = counted(found.without_rows.len(), "result folder");
+        tell!("{folders} without rows left out, such as those that are committed");
     }
     let datasets = decide(&found.results);
     if datasets.is_empty() {
@@ -41,7 +45,10 @@ pub fn run(args: &ClaimsArgs) -> Result<Outcome> {
         save(path, document.as_bytes())?;
     }
     let claims = datasets.iter().flat_map(|dataset: &DatasetClaims| &dataset.claims).collect();
-    print(args.json, &Claims { claims }, |_| render::text(&datasets, &missing, width()))?;
+    print(args.json, &Claims { claims }, |_| match args.verbose {
+        true => render::text(&datasets, &missing, width()),
+        false => brief::text(&datasets, &missing, &found.results, &args.root, width()),
+    })?;
     Ok(Outcome::of(is_whole))
 }
 

@@ -79,7 +79,7 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Status(args) => status::run(&args),
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Compare(args) => compare::run(&args),
-        Command::Claims(args) => claims::run(&args),
+        Command::Claims(args) => claims::run(&args, &cli.global),
         Command::Convert(args) => convert::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Datasets(args) => datasets::run(&args, &cli.global),

@@ -9,6 +9,7 @@ use clap::error::ErrorKind;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use mcl_core::files::{self, Unwritable, write_with};
+use mcl_core::text::printable;
 use mcl_core::{PointMap, Recording};
 use mcl_datasets::carmen;
 use mcl_datasets::log::ReadReport;
@@ -24,7 +25,7 @@ use crate::progress::{tell, wrapped};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::store::results::save;
 
-/// Prints a result as one JSON object, or as lines of text.
+/// Prints a result as one JSON object, or as lines of text, in which nothing acts on a terminal, whatever names are in them.
 ///
 /// # Errors
 /// When stdout cannot be written.
@@ -32,12 +33,17 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
     let mut stdout = io::stdout().lock();
     let text = match (json, terminal_size_of(&stdout)) {
         (true, _) => serde_json::to_string(value)?,
-        (false, Some((width, _))) => wrapped(&text(value), width.0.into()),
-        (false, None) => text(value),
+        (false, Some((width, _))) => wrapped(&lines(&text(value)), width.0.into()),
+        (false, None) => lines(&text(value)),
     };
     writeln!(stdout, "{}", text.trim_end())
         .and_then(|()| stdout.flush())
         .context("cannot write to standard output")
+}
+
+/// Lines of text with escapes in place of characters that act.
+fn lines(text: &str) -> String {
+    text.split('\n').map(printable).collect::<Vec<_>>().join("\n")
 }
 
 /// Writes rows as CSV with a header, whole or not at all.
@@ -201,6 +207,13 @@ pub fn told_once(error: &anyhow::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Names of topics, trials and files reached the terminal as they were.
+    #[test]
+    fn what_is_printed_does_not_act() {
+        let text = "a\u{1b}[2Jb\r\n  c\u{202e}d\u{7}é <script>\n";
+        assert_eq!(lines(text), "a\\u{1b}[2Jb\\u{d}\n  c\\u{202e}d\\u{7}é <script>\n");
+    }
 
     #[test]
     fn causes_are_told_once() {

@@ -34,7 +34,7 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
             tell!("warning: {folder}: {done} of {asked} trials have rows");
         }
         let saved = save_table(&results.folder.join(TRIALS), &results.table);
-        let drawn = saved.and_then(|()| figures::write(results));
+        let drawn = saved.and_then(|()| figures::draw(results, args.style.into()));
         match drawn {
             Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
             Ok(_) => {}

@@ -3,7 +3,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::hold;
-use mcl_core::text::printable;
+use mcl_core::text::{self, counted, printable};
 use mcl_datasets::registry::{Registry, Source, is_plain_name};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
@@ -27,7 +27,7 @@ use super::Outcome;
 use super::args::{CloudArgs, Global, ReadArgs, RunArgs};
 use super::output::{print, reference_of, tell_bridged, tell_data_losses, told_once};
 use crate::figures;
-use crate::progress::{self, tell};
+use crate::progress::{StudyProgress, span, tell};
 
 #[derive(Serialize)]
 struct Told {
@@ -177,39 +177,49 @@ fn run_on(
     share: Share,
     global: &Global,
 ) -> Result<Ran> {
-    // In parts of the whole, so that the time left follows the work and not the number of trials.
-    const PARTS: f64 = 1e6;
     let dataset = printable(source.name()).into_owned();
     let data = StudyData::new(source);
-    let bar = progress::bar(PARTS as u64, &dataset, global.quiet);
+    let progress = StudyProgress::new(&dataset, global.quiet);
     let mut reasons: Vec<String> = Vec::new();
     let ran = run_study(study, name, &data, folder, share, |event| match event {
         Event::Started { done, asked, damage } => {
             for damage in damage {
-                bar.suspend(|| tell!("warning: {}", printable(damage)));
+                progress.tell(format_args!("warning: {}", printable(damage)));
             }
             if done > 0 && !global.quiet {
                 let of = match share {
                     Share::Part(part) => format!(" of {part}"),
                     Share::Whole { .. } | Share::Merge => String::new(),
                 };
-                bar.suspend(|| tell!("{dataset}: {done} of {asked} trials{of} are there already"));
+                progress.tell(format_args!(
+                    "{dataset}: {done} of {asked} trials{of} are there already"
+                ));
             }
         }
-        Event::Ended { ended: (ended, all), share, failed } => {
-            bar.set_position((PARTS * share) as u64);
-            bar.set_message(format!("{ended}/{all} trials"));
+        Event::Begins { trials, threads, expected } => {
+            progress.begin(trials, expected);
+            if !global.quiet {
+                let (trials, threads) = (counted(trials, "trial"), counted(threads, "thread"));
+                let span = span(expected.as_secs_f64());
+                progress.tell(format_args!(
+                    "{dataset}: {trials} of {} on {threads}, about {span}",
+                    printable(name)
+                ));
+            }
+        }
+        Event::Ended { ended: (ended, all), share, left, failed } => {
+            progress.set(ended, all, share, left);
             // Often all fail for the same reason; it is said once.
             if let Some(failed) = failed
                 && !reasons.contains(&failed.reason)
             {
-                let (trial, reason) = (&failed.trial, printable(&failed.reason));
-                bar.suspend(|| tell!("{dataset}: trial {trial} failed: {reason}"));
+                let (trial, reason) = (printable(&failed.trial), printable(&failed.reason));
+                progress.tell(format_args!("{dataset}: trial {trial} failed: {reason}"));
                 reasons.push(failed.reason.clone());
             }
         }
     });
-    bar.finish_and_clear();
+    drop(progress);
     let ran = ran?;
     // Figures take memory, too, and are drawn from files.
     drop(data);
@@ -372,18 +382,21 @@ fn tell_failed_runs(results: &Results) {
 /// The data sets of the study that are at hand; says how to get the others.
 pub fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let registry = Registry::from_environment()?;
-    let mut names = Vec::new();
+    let (mut names, mut missing) = (Vec::new(), Vec::new());
     for name in study.dataset_names() {
         let dataset = registry.get(name)?;
         let present = matches!(dataset.source, Source::Simulated { .. });
         match registry.locate(dataset) {
-            Err(error) if !present => {
-                if !global.quiet {
-                    tell!("leaving out {name}: {error}");
-                }
-            }
+            Err(_) if !present => missing.push(printable(name)),
             _ => names.push(name.to_owned()),
         }
+    }
+    if !missing.is_empty() && !global.quiet {
+        tell!(
+            "{} not at hand ({}): `make datasets` or `mcl-eval datasets fetch` gets what can be had",
+            counted(missing.len(), "data set"),
+            text::list(&missing)
+        );
     }
     if names.is_empty() {
         bail!("none of the study's data sets is at hand; `mcl-eval datasets fetch` gets them");

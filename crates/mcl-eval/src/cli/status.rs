@@ -16,6 +16,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::StatusArgs;
 use super::output::print;
+use crate::progress::span;
 
 /// A process that saved a row within so many seconds runs.
 const ALIVE: f64 = 600.0;
@@ -138,12 +139,4 @@ fn text(status: &Status) -> String {
         line
     };
     status.folders.iter().map(line).collect::<Vec<_>>().join("\n")
-}
-
-fn span(seconds: f64) -> String {
-    match seconds {
-        s if s < 100.0 => format!("{s:.0} s"),
-        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }

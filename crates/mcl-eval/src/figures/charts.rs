@@ -7,7 +7,7 @@ use anyhow::Result;
 use mcl_core::text::number;
 use mcl_figures::{
     AxisSpec, Curve, CurveFigure, CurvePanel, CurvePoint, CurveStyle, HeatCell, HeatFigure,
-    HeatPanel, Scale, draw_curves, draw_heat, styles,
+    HeatPanel, Medium, Scale, draw_curves, draw_heat, styles,
 };
 use mcl_study::study::views::{self, ChartKind};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
@@ -15,14 +15,14 @@ use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
 /// Curves of more points have no symbols.
 const MOST_SYMBOLS: usize = 20;
 
-/// Draws a chart as `<stem>.svg` and `<stem>.png`.
+/// Draws a chart.
 ///
 /// # Errors
 /// When a file cannot be made.
-pub fn draw(stem: &Path, chart: &ChartData) -> Result<[PathBuf; 2]> {
+pub fn draw(stem: &Path, chart: &ChartData, medium: Medium) -> Result<Vec<PathBuf>> {
     Ok(match chart.kind {
-        ChartKind::Curves => draw_curves(stem, &curve_figure(chart))?,
-        ChartKind::Heat => draw_heat(stem, &heat_figure(chart))?,
+        ChartKind::Curves => draw_curves(stem, &curve_figure(chart), medium)?,
+        ChartKind::Heat => draw_heat(stem, &heat_figure(chart), medium)?,
     })
 }
 
@@ -42,7 +42,7 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
                     (is_below(panel, point), lowest, &mut interval)
                 {
                     // Beyond the frame, which cuts it off.
-                    *low = 0.5 * lowest;
+                    *low = if lowest > 0.0 { 0.5 * lowest } else { -1.0 };
                     is_cut = true;
                 }
                 CurvePoint { x: point.x, mean: point.y, interval, mark: point.mark.clone() }
@@ -58,13 +58,13 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
         CurvePanel {
             title: panel.title.clone(),
             x: AxisSpec {
-                label: label_with_places(&panel.x),
+                label: label_with_scale(&panel.x, label_with_places(&panel.x)),
                 scale: scale(&panel.x),
                 range: x,
                 names: Vec::new(),
             },
             y: AxisSpec {
-                label: panel.y.label.clone(),
+                label: label_with_scale(&panel.y, panel.y.label.clone()),
                 scale: scale(&panel.y),
                 range: y,
                 names: Vec::new(),
@@ -74,15 +74,31 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
     });
     let panels = panels.collect();
     let mut caption = chart.caption.clone();
+    let is_symlog = |axis: &PanelAxis| matches!(scale(axis), Scale::Symlog { .. });
+    if let (true, Some(last)) =
+        (chart.panels.iter().any(|p| is_symlog(&p.x) || is_symlog(&p.y)), caption.last_mut())
+    {
+        *last +=
+            " Axes marked log. are logarithmic for negative values, too, and even around zero.";
+    }
     if is_cut && let Some(last) = caption.last_mut() {
         *last += " Intervals that the lower edge cuts off reach down to zero or below.";
     }
     CurveFigure { panels, columns: chart.columns, caption }
 }
 
-/// Whether an interval reaches where a logarithmic axis has no place.
+/// Whether an axis shows shares, which are nowhere negative.
+fn is_share(axis: &PanelAxis) -> bool {
+    axis.label.starts_with("share") && scale(axis) == Scale::Linear
+}
+
+/// Whether an interval reaches where the axis has no place.
 fn is_below(panel: &Panel, point: &Point) -> bool {
-    scale(&panel.y) == Scale::Log && point.interval.is_some_and(|[low, _]| low <= 0.0)
+    let Some([low, _]) = point.interval else { return false };
+    match scale(&panel.y) {
+        Scale::Log => low <= 0.0,
+        _ => is_share(&panel.y) && low < 0.0,
+    }
 }
 
 fn scale(axis: &PanelAxis) -> Scale {
@@ -92,6 +108,14 @@ fn scale(axis: &PanelAxis) -> Scale {
         views::Scale::Log => Scale::Log,
         views::Scale::Symlog => Scale::Symlog { linear_below: 1.0 },
         views::Scale::SymlogFine => Scale::Symlog { linear_below: 0.1 },
+    }
+}
+
+/// A scale that is logarithmic on both sides of zero is not seen to be one where all values are negative.
+fn label_with_scale(axis: &PanelAxis, label: String) -> String {
+    match scale(axis) {
+        Scale::Symlog { .. } => format!("{label}, log."),
+        _ => label,
     }
 }
 
@@ -114,10 +138,15 @@ fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
     let alike: Vec<&Panel> = chart.panels.iter().filter(is_alike).collect();
     let points = || alike.iter().flat_map(|panel| &panel.points);
     let is_shared = alike.len() > 1;
+    // What else is shown over the same axis, above or beneath.
+    let is_over = |other: &&Panel| other.x == panel.x && other.y.label != panel.y.label;
+    let over: Vec<&Panel> =
+        chart.panels.iter().filter(|other| is_alike(other) || is_over(other)).collect();
+    let over_points = || over.iter().flat_map(|panel| &panel.points);
     let x = if panel.x.scale == views::Scale::Places {
         Some([0.5, panel.x.places.len() as f64 + 0.5])
-    } else if is_shared || points().any(|point| point.mark.is_some()) {
-        around(points().map(|point| point.x), scale(&panel.x), 0.4)
+    } else if over.len() > 1 || points().any(|point| point.mark.is_some()) {
+        around(over_points().map(|point| point.x), scale(&panel.x), 0.4)
     } else {
         None
     };
@@ -129,6 +158,12 @@ fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
         around(ends, scale(&panel.y), 0.2)
     } else {
         None
+    };
+    // Intervals of means may reach below zero, shares do not.
+    let y = match y {
+        Some([low, high]) if is_share(&panel.y) && low < 0.0 => Some([0.0, high]),
+        None if is_share(&panel.y) && points().all(|point| point.y == 0.0) => Some([0.0, 0.1]),
+        y => y,
     };
     [x, y]
 }
@@ -244,6 +279,38 @@ mod tests {
         let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Linear, vec![points]));
         assert_eq!(figure.panels[0].curves[0].points[0].interval, Some([-1.0, 5.0]));
         assert_eq!((figure.panels[0].y.range, &*figure.caption[0]), (None, "C."));
+    }
+
+    /// Panels above one another once had the sizes of their own points only, so that curves could not be followed down.
+    #[test]
+    fn what_is_shown_of_the_same_sizes_shares_them_and_shares_are_not_negative() {
+        let log = |label: &str| PanelAxis { label: label.to_owned(), ..axis(views::Scale::Log) };
+        let panel = |part: usize, y: PanelAxis, points: Vec<Point>| Panel {
+            title: String::new(),
+            part,
+            x: log("map size"),
+            y,
+            curves: String::new(),
+            labels: vec!["gbs".to_owned()],
+            points,
+        };
+        let share = PanelAxis { label: "share of time lost".into(), ..axis(views::Scale::Linear) };
+        let points = vec![point(0.1, 0.2, Some([-0.1, 0.5])), point(10.0, 0.0, Some([0.0, 0.2]))];
+        let mut chart = chart(ChartKind::Curves, views::Scale::Log, Vec::new());
+        chart.panels = vec![
+            panel(0, log("error"), vec![point(1.0, 0.1, None), point(10.0, 0.02, None)]),
+            panel(1, share, points),
+        ];
+        let figure = curve_figure(&chart);
+        let [error, lost] = &figure.panels[..] else { panic!("{figure:?}") };
+        assert_eq!(error.x.range, lost.x.range);
+        assert!(error.x.range.is_some_and(|[low, high]| low < 0.1 && high > 10.0));
+        assert!(lost.y.range.is_some_and(|[low, high]| low == 0.0 && high > 0.5), "{lost:?}");
+        let drawn = &lost.curves[0].points;
+        assert!(drawn[0].interval.is_some_and(|[low, _]| low < 0.0));
+        assert_eq!(drawn[1].interval, Some([0.0, 0.2]));
+        chart.panels[1].points = vec![point(0.1, 0.0, None), point(10.0, 0.0, None)];
+        assert_eq!(curve_figure(&chart).panels[1].y.range, Some([0.0, 0.1]), "nothing lost");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! Tables and figures of a study's results: `summary.csv`, `tests.csv`, `ranking.csv`, and in `figures/` an
-//! SVG, a PNG and for charts the points as CSV.
+//! SVG, a PNG and for charts the points as CSV; in `figures/paper/` the same for a paper.
 
 mod charts;
 mod pictures;
@@ -11,9 +11,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mcl_core::files::{create_folder, remove};
+use mcl_core::files::{create_folder, remove, remove_folder};
+use mcl_figures::Medium;
 use mcl_study::store::results::{FIGURES, Results, SUMMARY, TESTS, save_table};
 use mcl_study::view;
+
+/// Folder of the figures for a paper, below the others.
+const PAPER: &str = "paper";
 
 /// Writes `ranking.csv` of a study into its folder, over its data sets; `None` where it ranks nothing.
 ///
@@ -33,10 +37,24 @@ pub fn write_ranking(folder: &Path, all: &[Results]) -> Result<Option<PathBuf>> 
 /// # Errors
 /// When a value cannot be computed with, a map or path cannot be read, or a file cannot be written.
 pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
+    // Those for a paper are of earlier rows.
+    let paper = results.folder.join(FIGURES).join(PAPER);
+    remove_folder(&paper).with_context(|| format!("cannot remove {}", paper.display()))?;
+    draw(results, Medium::Screen)
+}
+
+/// The same for a medium; figures for a paper are in a folder of their own.
+///
+/// # Errors
+/// As [`write`].
+pub fn draw(results: &Results, medium: Medium) -> Result<Vec<PathBuf>> {
     let folder = &results.folder;
     save_table(&folder.join(SUMMARY), &view::summary::summary(results)?)?;
     save_table(&folder.join(TESTS), &view::compare::tests(results)?)?;
-    let figures = folder.join(FIGURES);
+    let figures = match medium {
+        Medium::Screen => folder.join(FIGURES),
+        Medium::Paper => folder.join(FIGURES).join(PAPER),
+    };
     create_folder(&figures).with_context(|| format!("cannot make {}", figures.display()))?;
     let charts = view::charts::charts(results)?;
     let regions = crate::claims::regions::regions(results)?;
@@ -50,25 +68,28 @@ pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
     }
     let mut drawn = Vec::new();
     for chart in &charts {
-        let files = charts::draw(&figures.join(&chart.name), chart);
+        let files = charts::draw(&figures.join(&chart.name), chart, medium);
         drawn.extend(files.with_context(|| format!("chart {}", chart.name))?);
     }
     for region in &regions {
         let name = &region.view.name;
-        let files = regions::draw(&figures.join(name), region);
+        let files = regions::draw(&figures.join(name), region, medium);
         drawn.extend(files.with_context(|| format!("region {name}"))?);
     }
     let view = space::View::of(results)?;
     for (picture, maps) in results.study.views.pictures.iter().zip(&results.pictured) {
         let maps: Option<Vec<_>> = maps.iter().map(Option::as_ref).collect();
         let Some(maps) = maps else { continue };
-        let files = pictures::draw(results, &figures, picture, &maps, view.as_ref());
+        let files = pictures::draw(results, (&figures, medium), picture, &maps, view.as_ref());
         drawn.extend(files.with_context(|| format!("picture {}", picture.name))?);
     }
+    let endings: &[&str] = match medium {
+        Medium::Screen => &["svg", "png", "csv"],
+        Medium::Paper => &["svg", "png", "csv", "pdf", "txt"],
+    };
     let shown: HashSet<PathBuf> = drawn.iter().cloned().chain(tables).collect();
     for path in files(&figures)? {
-        let is_figure =
-            ["svg", "png", "csv"].iter().any(|ending| path.extension() == Some(ending.as_ref()));
+        let is_figure = endings.iter().any(|ending| path.extension() == Some(ending.as_ref()));
         if is_figure && !shown.contains(&path) {
             remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
         }

@@ -3,18 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use mcl_core::text::thousands;
+use mcl_core::text::{number, thousands};
 use mcl_core::{Point, PointMap, Trajectory};
 use mcl_figures::{
-    Arrangement, AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure,
-    CurvePanel, CurvePoint, CurveStyle, Dash, draw_clouds, draw_curves,
+    AxisSpec, CloudFigure, CloudLabels, CloudPanel, CloudPath, Curve, CurveFigure, CurvePanel,
+    CurvePoint, CurveStyle, Dash, Medium, draw_clouds, draw_curves,
 };
 use mcl_maps::files::read_map;
 use mcl_metrics::tum::{NonPlanar, TumError, read_file};
 use mcl_metrics::{PoseError, WeightedPoseError, pose_errors};
 use mcl_study::recipe::split::Split;
-use mcl_study::store::results::{Pictured, Results};
+use mcl_study::store::results::{Paths, Pictured, Results, save_table};
 use mcl_study::study::views::Picture;
+use mcl_study::table::{Table, Value};
+use mcl_study::view::caption::vocabulary;
 
 use super::space::View;
 
@@ -23,22 +25,30 @@ fn error_name(picture: &Picture) -> String {
     format!("{}-error", picture.name)
 }
 
-/// Draws a picture, and the errors of its run over time. `view` is that of data in space.
+/// A picture's file without its ending, and what it is drawn for.
+struct File<'f> {
+    stem: &'f Path,
+    medium: Medium,
+}
+
+/// Draws a picture, and the errors of its run over time, into a folder. `view` is that of data in space. For a paper, what
+/// is shown is there as CSV as well, with the coordinates of all points.
 ///
 /// # Errors
 /// When a map or path cannot be read, or a file cannot be made.
 pub fn draw(
     results: &Results,
-    folder: &Path,
+    (folder, medium): (&Path, Medium),
     picture: &Picture,
     maps: &[&Pictured],
     view: Option<&View>,
 ) -> Result<Vec<PathBuf>> {
-    let stem = folder.join(&picture.name);
+    let file = File { stem: &folder.join(&picture.name), medium };
     let Some(view) = view else {
-        let mut drawn = planar(results, &stem, picture, maps)?.to_vec();
+        let mut drawn = planar(results, &file, picture, maps)?;
         if picture.run.is_some() {
-            drawn.extend(errors(results, &folder.join(error_name(picture)), maps)?);
+            let file = File { stem: &folder.join(error_name(picture)), ..file };
+            drawn.extend(errors(results, &file, maps)?);
         }
         return Ok(drawn);
     };
@@ -49,65 +59,102 @@ pub fn draw(
         points: &seen.points,
         shades: &seen.shades,
         paths: Vec::new(),
+        start: None,
     });
     let figure = CloudFigure {
         panels: panels.collect(),
-        arrangement: Arrangement::Stacked,
         labels: CloudLabels { x: "across the view [m]", y: "up the view [m]" },
         caption: caption(results, picture, maps, Some(view)),
     };
-    Ok(draw_clouds(&stem, &figure)?.to_vec())
+    clouds(&file, &figure)
+}
+
+/// Draws maps, and for a paper writes what they show.
+fn clouds(file: &File<'_>, figure: &CloudFigure<'_>) -> Result<Vec<PathBuf>> {
+    let mut drawn = draw_clouds(file.stem, figure, file.medium)?;
+    if file.medium == Medium::Paper {
+        let mut table = Table::new(["panel", "what", "x", "y"]);
+        for panel in &figure.panels {
+            let points = panel.points.iter().map(|point| ("point", point));
+            let paths = panel.paths.iter();
+            let paths =
+                paths.flat_map(|path| path.points.iter().map(|at| (path.label.as_str(), at)));
+            for (what, [x, y]) in points.chain(paths) {
+                table.push(vec![
+                    panel.title.as_str().into(),
+                    what.into(),
+                    (*x).into(),
+                    (*y).into(),
+                ]);
+            }
+        }
+        drawn.push(save_rows(file, &table)?);
+    }
+    Ok(drawn)
+}
+
+/// Writes the rows of a figure beside it.
+fn save_rows(file: &File<'_>, table: &Table) -> Result<PathBuf> {
+    let mut path = file.stem.as_os_str().to_owned();
+    path.push(".csv");
+    let path = PathBuf::from(path);
+    save_table(&path, table)?;
+    Ok(path)
 }
 
 fn planar(
     results: &Results,
-    stem: &Path,
+    file: &File<'_>,
     picture: &Picture,
     maps: &[&Pictured],
-) -> Result<[PathBuf; 2]> {
+) -> Result<Vec<PathBuf>> {
     let points = maps.iter().map(|shown| Ok(read_map::<2>(&shown.map)?));
     let points: Vec<PointMap<2>> = points.collect::<Result<_>>()?;
-    let positions = |file: &PathBuf| {
-        let trajectory = read(file)?;
-        Ok(trajectory.poses().iter().map(|pose| [pose.x, pose.y]).collect())
-    };
-    let paths = maps.iter().map(|shown| shown.paths.iter().flatten().map(positions).collect());
-    let paths: Vec<Vec<Vec<Point<2>>>> = paths.collect::<Result<_>>()?;
+    let paths = maps.iter().map(|shown| shown.paths.as_ref().map(positions).transpose());
+    let paths: Vec<Option<Positions>> = paths.collect::<Result<_>>()?;
     let panels = maps.iter().zip(&points).zip(&paths).map(|((shown, points), paths)| {
         // On its own, all data is shown for its extent.
         let title = match (maps, name(shown)) {
-            ([_], "all") if paths.is_empty() => extent(results, points),
-            _ => title(shown, paths.is_empty()),
+            ([_], "all") if paths.is_none() => extent(results, points),
+            _ => title(shown, paths.is_none()),
         };
-        let drawn = [("reference", 2, Dash::Solid), ("estimate", 1, Dash::Dashed)];
-        let paths = paths.iter().zip(drawn).map(|(points, (label, color, dash))| CloudPath {
+        let drawn = [
+            ("odometry", 3, Dash::Dotted),
+            ("reference", 2, Dash::Solid),
+            ("estimate", 1, Dash::Dashed),
+        ];
+        let shown = paths.iter().flatten().zip(drawn).filter(|(points, _)| !points.is_empty());
+        let shown = shown.map(|(points, (label, color, dash))| CloudPath {
             label: label.to_owned(),
             style: CurveStyle { dash, ..CurveStyle::line(color) },
             points,
+            is_cut: label == "odometry",
         });
-        CloudPanel { title, points: points.points(), shades: &[], paths: paths.collect() }
-    });
-    let is_wide = points.iter().any(|map| {
-        let bounds = map.bounds();
-        bounds.extent(0) > 1.5 * bounds.extent(1)
+        let start = paths.as_ref().and_then(|[_, reference, _]| reference.first().copied());
+        CloudPanel { title, points: points.points(), shades: &[], paths: shown.collect(), start }
     });
     let panels: Vec<CloudPanel<'_>> = panels.collect();
-    let arrangement = match panels.len() {
-        2 if !is_wide => Arrangement::SideBySide,
-        _ => Arrangement::Stacked,
-    };
     let caption = caption(results, picture, maps, None);
-    let figure = CloudFigure { panels, arrangement, labels: CloudLabels::PLANE, caption };
-    Ok(draw_clouds(stem, &figure)?)
+    clouds(file, &CloudFigure { panels, labels: CloudLabels::PLANE, caption })
+}
+
+/// Places along the odometry (nothing where it is not there), the reference and the estimate.
+type Positions = [Vec<Point<2>>; 3];
+
+fn positions(paths: &Paths) -> Result<Positions> {
+    let of = |file: &PathBuf| -> Result<Vec<Point<2>>> {
+        Ok(read(file)?.poses().iter().map(|pose| [pose.x, pose.y]).collect())
+    };
+    let odometry = if paths.odometry.is_file() { of(&paths.odometry)? } else { Vec::new() };
+    Ok([odometry, of(&paths.reference)?, of(&paths.estimate)?])
 }
 
 /// Errors of the run, scan by scan.
-fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf; 2]> {
+fn errors(results: &Results, file: &File<'_>, maps: &[&Pictured]) -> Result<Vec<PathBuf>> {
     let mut curves: Vec<(String, Vec<PoseError>)> = Vec::new();
     for shown in maps {
-        let [reference, estimate] =
-            shown.paths.as_ref().context("a run has paths")?.each_ref().map(|file| read(file));
-        let (reference, estimate) = (reference?, estimate?);
+        let paths = shown.paths.as_ref().context("a run has paths")?;
+        let (reference, estimate) = (read(&paths.reference)?, read(&paths.estimate)?);
         let errors = match estimate.is_empty() {
             true => Vec::new(),
             false => pose_errors(reference.poses(), estimate.poses())?,
@@ -139,7 +186,17 @@ fn errors(results: &Results, stem: &Path, maps: &[&Pictured]) -> Result<[PathBuf
         ],
         caption: vec![format!("{}. {}.", results.facts.describe(), run_of(maps))],
     };
-    Ok(draw_curves(stem, &figure)?)
+    let mut drawn = draw_curves(file.stem, &figure, file.medium)?;
+    let mut table = Table::new(["map", "scan", "translation_m", "heading_rad", "weighted"]);
+    for (map, errors) in &curves {
+        for (scan, error) in errors.iter().enumerate() {
+            let values = [error.translation(), error.heading(), weighted.of(error)];
+            let cells = [map.as_str().into(), scan.into()].into_iter();
+            table.push(cells.chain(values.map(Value::from)).collect());
+        }
+    }
+    drawn.push(save_rows(file, &table)?);
+    Ok(drawn)
 }
 
 fn caption(
@@ -166,10 +223,17 @@ fn caption(
     if picture.run.is_some() {
         sentences.push(run_of(maps));
     }
+    if maps.iter().any(|shown| shown.paths.as_ref().is_some_and(|paths| paths.odometry.is_file())) {
+        sentences.push(
+            "Odometry: by the run's odometry alone, cut off where the map ends; ring: the start"
+                .to_owned(),
+        );
+    }
     sentences.extend(view.map(View::describe));
     let told: String = sentences.iter().map(|sentence| format!("{sentence}. ")).collect();
+    let told = told.trim_end().to_owned() + &vocabulary(maps.iter().map(|shown| name(shown)));
     let own = (!picture.caption.is_empty()).then(|| picture.caption.clone());
-    own.into_iter().chain([told.trim_end().to_owned()]).collect()
+    own.into_iter().chain([told]).collect()
 }
 
 /// "Run 0 with 500 particles. Map and runs use the same scans, as in the paper".
@@ -183,7 +247,7 @@ fn run_of(maps: &[&Pictured]) -> String {
     }
 }
 
-/// "grid-based map (gbs): 1,245 points (0.80 %), −11.20 nats per point".
+/// "grid-based map (gbs): 1,245 points (0.80 %), −11.20 nats per point", or the mean error of the run.
 fn title(shown: &Pictured, with_likelihood: bool) -> String {
     let points = shown.cell("map_points").number().unwrap_or(0.0) as usize;
     let mut title = format!("{}: {} points", described(shown), thousands(points));
@@ -194,7 +258,10 @@ fn title(shown: &Pictured, with_likelihood: bool) -> String {
         title += &format!(" ({percent:.2} %)");
     }
     if let (Some(likelihood), true) = (shown.cell("log_likelihood").number(), with_likelihood) {
-        title += &format!(", {likelihood:.2} nats per point").replace('-', "−");
+        title += &format!(", {} nats per point", number(likelihood));
+    }
+    if let (Some(error), false) = (shown.cell("weighted").number(), with_likelihood) {
+        title += &format!(", d = {error:.4}");
     }
     title
 }

@@ -4,19 +4,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use mcl_core::text::number;
-use mcl_figures::{HeatCell, HeatFigure, HeatPanel, draw_heat};
+use mcl_figures::{HeatCell, HeatFigure, HeatPanel, Medium, draw_heat};
 use mcl_study::study::settings::text_of;
 use mcl_study::view::labels::axis_label;
 
 use crate::claims::claim::Verdict;
 use crate::claims::regions::Verdicts;
 
-/// Draws a panel per statement as `<stem>.svg` and `<stem>.png`.
+/// Draws a panel per statement.
 ///
 /// # Errors
 /// When a file cannot be made.
-pub fn draw(stem: &Path, region: &Verdicts<'_>) -> Result<[PathBuf; 2]> {
-    Ok(draw_heat(stem, &figure(region))?)
+pub fn draw(stem: &Path, region: &Verdicts<'_>, medium: Medium) -> Result<Vec<PathBuf>> {
+    Ok(draw_heat(stem, &figure(region), medium)?)
 }
 
 fn figure(region: &Verdicts<'_>) -> HeatFigure {

@@ -81,8 +81,19 @@ pub struct Pictured {
     pub cells: Cells,
     /// The map's points (`.ply`), below the result folder's [`SHOWN`].
     pub map: PathBuf,
-    /// Reference and estimate of the run (TUM), where one is shown.
-    pub paths: Option<[PathBuf; 2]>,
+    /// Those of the run, where one is shown.
+    pub paths: Option<Paths>,
+}
+
+/// The paths of a run (TUM).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Paths {
+    /// Where the robot was.
+    pub reference: PathBuf,
+    /// Where the localizer thought it was, at the same scans.
+    pub estimate: PathBuf,
+    /// Where it would have been by its odometry alone; versions before 0.2 did not keep it.
+    pub odometry: PathBuf,
 }
 
 impl Pictured {
@@ -275,12 +286,12 @@ pub struct Shown {
     pub identity: String,
     /// Its points.
     pub map: PathBuf,
-    /// Reference and estimate of the run, where one is shown.
-    pub paths: Option<[PathBuf; 2]>,
+    /// Those of the run, where one is shown.
+    pub paths: Option<Paths>,
 }
 
 /// Ends of the names of the files behind the identity.
-const SHOWN_ENDS: [&str; 3] = [".ply", "-reference.tum", "-estimate.tum"];
+const SHOWN_ENDS: [&str; 4] = [".ply", "-reference.tum", "-estimate.tum", "-odometry.tum"];
 
 impl Shown {
     /// By picture and map, as the study lists them.
@@ -292,9 +303,9 @@ impl Shown {
             let trial = study.pictured(dataset, map, run)?;
             let identities = trial.identities(&study.measures)?;
             let identity = identities.into_iter().next().context("a map has a row")?;
-            let [map, reference, estimate] =
+            let [map, reference, estimate, odometry] =
                 SHOWN_ENDS.map(|end| folder.join(SHOWN).join(format!("{identity}{end}")));
-            let paths = run.map(|_| [reference, estimate]);
+            let paths = run.map(|_| Paths { reference, estimate, odometry });
             Ok(Shown { trial, identity, map, paths })
         };
         let pictures = study.views.pictures.iter();
@@ -315,12 +326,17 @@ impl Shown {
 
     /// Its files.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        self.paths.iter().flatten().chain([&self.map])
+        self.needed().chain(self.paths.iter().map(|paths| &paths.odometry))
     }
 
-    /// Whether all of them are there.
+    fn needed(&self) -> impl Iterator<Item = &PathBuf> {
+        let paths = self.paths.iter().flat_map(|paths| [&paths.reference, &paths.estimate]);
+        paths.chain([&self.map])
+    }
+
+    /// Whether those are there that a picture needs: odometry may be missing.
     pub fn is_there(&self) -> bool {
-        self.files().all(|file| file.is_file())
+        self.needed().all(|file| file.is_file())
     }
 }
 

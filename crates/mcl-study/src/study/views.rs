@@ -207,6 +207,9 @@ pub enum Scale {
 pub struct Part {
     /// Stands above it.
     pub title: String,
+    /// The vertical axis, where it is not the chart's: a measured column; `lost`, the share of runs that were lost at some
+    /// time; or `tracked_` and a measured column, over the runs that never were.
+    pub column: Option<String>,
     /// Smallest and largest requested size (%).
     pub sizes: Option<[f64; 2]>,
     /// The scale of the horizontal axis, where it is not the chart's.

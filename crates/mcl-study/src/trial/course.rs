@@ -88,6 +88,22 @@ impl<'a> Course<'a> {
         Replay { recording: &self.recording, increments: &self.increments, scans: &self.used }
     }
 
+    /// Where the robot would be by its odometry alone, at the localized scans, from the first reference pose on; where the
+    /// odometry is not known, it stands still.
+    pub fn odometry(&self) -> Vec<Pose2> {
+        let Some(&first) = self.reference.first() else { return Vec::new() };
+        let (mut pose, mut seen) = (first, self.used.first().copied().unwrap_or(0));
+        let mut poses = Vec::with_capacity(self.used.len());
+        for &scan in &self.used {
+            // The increment of a scan leads to it.
+            let steps = self.increments.get(seen + 1..=scan).unwrap_or_default();
+            pose = steps.iter().flatten().fold(pose, |pose, step| pose.compose(step));
+            seen = seen.max(scan);
+            poses.push(pose);
+        }
+        poses
+    }
+
     /// Goes along parts of the localized scans, one after the other. To the odometry, the robot stands still
     /// between them.
     fn follow(&mut self, parts: &[Range<usize>], rating: &[usize]) {

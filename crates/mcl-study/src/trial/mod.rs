@@ -5,6 +5,7 @@ pub mod course;
 pub mod division;
 pub mod map;
 pub mod maps;
+pub mod pace;
 mod people;
 pub mod run;
 pub mod scheduler;

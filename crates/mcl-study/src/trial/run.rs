@@ -13,6 +13,13 @@ use crate::trial::maps::Maps;
 use crate::trial::stopwatch::Stopwatch;
 use crate::trial::tracking::{TrackedRun, Tracker, track};
 
+/// The parts of a trial's time that the runs on its map take; all others are the map's.
+pub const OF_RUNS: [&str; 4] = [FIELDS, PROGRAMS, FILTER, ERRORS];
+const FIELDS: &str = "distance fields";
+const PROGRAMS: &str = "programs";
+const FILTER: &str = "filter";
+const ERRORS: &str = "errors";
+
 /// A map and the runs on it; without runs the map alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
@@ -92,10 +99,10 @@ where
             track(run, seed, split, log, division, &tracker)?
         } else {
             let distances = map.distances(&run.filter.with_max_range(log.max_range)?)?;
-            watch.lap("distance fields");
+            watch.lap(FIELDS);
             track(run, seed, split, log, division, &Tracker::Own(&distances))?
         };
-        watch.lap(if run.program().is_some() { "programs" } else { "filter" });
+        watch.lap(if run.program().is_some() { PROGRAMS } else { FILTER });
         let mut cells = of_map.clone();
         cells.extend(run.cells()?);
         let context = RunContext {
@@ -107,7 +114,7 @@ where
             cells.extend(measure.take(&context).with_context(|| measure.name.to_owned())?);
         }
         see_run(run, &tracked)?;
-        watch.lap("errors");
+        watch.lap(ERRORS);
         rows.push(cells);
     }
     Ok(rows)

@@ -35,6 +35,8 @@ pub struct TrackedRun {
     pub scans: Vec<usize>,
     /// Reference poses of the laser in the map's frame, per scan.
     pub reference: Vec<Pose2>,
+    /// The same by the run's odometry alone.
+    pub odometry: Vec<Pose2>,
     /// Place of the first scan after the robot was carried off.
     pub carried_off: Option<usize>,
 }
@@ -134,6 +136,7 @@ pub fn track(
         }
     };
     let ProgramRun { ended, map_from_laser, processor_s, peak_memory_mb } = ran;
+    let odometry = course.odometry();
     let Course { scans, reference, carried_off, .. } = course;
     let covered = reference.iter().zip(&map_from_laser);
     let (of_covered, estimates): (Vec<Pose2>, Vec<Pose2>) =
@@ -153,6 +156,7 @@ pub fn track(
         peak_memory_mb,
         scans,
         reference,
+        odometry,
         carried_off,
     })
 }

@@ -1,11 +1,12 @@
 //! What stands beneath a chart.
 
-use mcl_core::text::{counted, number};
+use mcl_core::text::{counted, number, numbers};
 use mcl_filter::{MotionKind, SigmaHit};
 use mcl_metrics::IntervalBasis;
 
 use crate::recipe::disturbance::Start;
 use crate::study::settings::{PRESET, text_of};
+use crate::table::Value;
 use crate::view::chart::Point;
 use crate::view::groups::{Group, Groups};
 use crate::view::labels::name_and_unit;
@@ -33,6 +34,9 @@ const TOLD: [&str; 18] = [
     "recover",
 ];
 
+/// Settings that captions give by preset, where presets differ in them.
+const SAID: [&str; 2] = ["proposal", "beams"];
+
 /// What is known of the data; which trials are missing; `of_what`, what is shown; and settings that do not
 /// vary. `of_runs`: whether runs are shown, not only maps.
 pub fn caption(groups: &Groups<'_>, shown: &[&Group<'_>], of_what: &str, of_runs: bool) -> String {
@@ -42,19 +46,39 @@ pub fn caption(groups: &Groups<'_>, shown: &[&Group<'_>], of_what: &str, of_runs
     sentences.push(of_what.to_owned());
     let told = TOLD.iter().filter_map(|name| groups.place(name));
     let told = told.filter(|&place| of_runs || groups.settings[place].of_map);
-    let settings: Vec<String> = told.filter_map(|place| setting(groups, shown, place)).collect();
+    let settings: Vec<String> = told
+        .filter_map(|place| {
+            setting(groups, shown, place).or_else(|| by_preset(groups, shown, place))
+        })
+        .collect();
     if !settings.is_empty() {
         sentences.push(capitalized(&settings.join(", ")));
     }
     format!("{}.", sentences.join(". "))
 }
 
-/// "On all points: 0.0123 (0.0119 to 0.0127)".
+/// "On all points: 0.01231 (0.01192 to 0.01270)".
 pub fn of_all_points(panel: &str, mean: f64, interval: Option<[f64; 2]>) -> String {
     let place = if panel.is_empty() { String::new() } else { format!(" ({panel})") };
-    let interval = interval
-        .map_or(String::new(), |[low, high]| format!(" ({} to {})", number(low), number(high)));
-    format!("On all points{place}: {}{interval}", number(mean))
+    let found = match interval.map(|[low, high]| numbers(&[mean, low, high])).as_deref() {
+        Some([mean, low, high]) => format!("{mean} ({low} to {high})"),
+        _ => number(mean),
+    };
+    format!("On all points{place}: {found}")
+}
+
+/// " gbs: grid-based sampling, +f-km: improved by fuzzy k-means.", of the short names among these; nothing without any.
+pub fn vocabulary<'l>(names: impl Iterator<Item = &'l str>) -> String {
+    const WORDS: [(&str, &str); 3] = [
+        ("gbs", "grid-based sampling"),
+        ("rnd", "random sampling"),
+        ("f-km", "improved by fuzzy k-means"),
+    ];
+    let names: Vec<&str> = names.flat_map(|name| name.split(|c: char| ", +".contains(c))).collect();
+    let is_used = |(word, _): &&(&str, &str)| names.contains(word);
+    let told: Vec<String> =
+        WORDS.iter().filter(is_used).map(|(word, meaning)| format!("{word}: {meaning}")).collect();
+    if told.is_empty() { String::new() } else { format!(" {}.", told.join(", ")) }
 }
 
 /// Which scans build maps, if it is the same in all of the chart.
@@ -108,6 +132,29 @@ pub fn maps_and_runs(counts: &[(usize, usize)], of_runs: bool) -> Option<String>
     Some(maps + &runs.map_or(String::new(), |(_, runs)| format!(", {runs} on each")))
 }
 
+/// "beams 3deg (carmen), all (book)": a setting that presets decide.
+fn by_preset(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
+    let preset = groups.place(PRESET)?;
+    if !groups.decided_by_preset(shown).contains(&place) {
+        return None;
+    }
+    let pairs = groups.combinations(shown, &[place, preset]);
+    let (mut values, mut told): (Vec<&[Value]>, Vec<String>) = Default::default();
+    for pair in &pairs {
+        let [own, of] = &pair[..] else { return None };
+        if own.iter().chain(of).any(Value::is_empty) {
+            return None;
+        }
+        if !values.contains(&&own[..]) {
+            values.push(own);
+        }
+        told.push(format!("{} ({})", text_of(own), text_of(of)));
+    }
+    let name = &groups.settings[place].name;
+    (values.len() > 1 && SAID.contains(&name.as_str()))
+        .then(|| format!("{} {}", name_and_unit(name).0, told.join(", ")))
+}
+
 fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
     let shown: Vec<&Group<'_>> =
         shown.iter().copied().filter(|group| groups.matters(group, place)).collect();
@@ -127,7 +174,9 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
         }
         ("motion", _) if text == MotionKind::Book.name() => return None,
         ("motion", _) => format!("motion {text}"),
-        ("start", _) if text == Start::First.name() => return None,
+        ("start", _) if text == Start::First.name() => {
+            "each run from the first pose of the log".to_owned()
+        }
         ("start", _) => "each run from a start of its own, anywhere in the log".to_owned(),
         ("length", _) => format!("{text} scans per run"),
         ("people_share" | "lost_beams" | "slip_share", _) if text == "0" => return None,

@@ -7,12 +7,13 @@ use crate::store::results::Results;
 use crate::study::settings::{PRESET, text_of};
 use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
 use crate::table::Value;
-use crate::view::caption::{caption, means, of_all_points, value};
+use crate::view::caption::{caption, means, of_all_points, value, vocabulary};
 use crate::view::chart::{ChartData, Panel, PanelAxis, Point};
 use crate::view::estimate::{Estimate, Estimates};
 use crate::view::groups::{Group, order, same_values};
 use crate::view::labels::{axis_label, name_and_unit};
 use crate::view::layout::{Layout, distinct};
+use crate::view::lost;
 
 /// The charts of `[[views.charts]]` that have a point on this data set.
 ///
@@ -88,7 +89,7 @@ impl Drawing<'_, '_> {
         let mut on_all_points = OnAllPoints::new();
         for (number, part) in parts.iter().enumerate() {
             for values in self.estimates.groups.combinations(&self.shown, &self.layout.panels) {
-                for y in &self.chart.y.column {
+                for y in self.columns(part) {
                     let panel = self.panel(number, part, &values, y, &mut on_all_points)?;
                     panels.extend((!panel.points.is_empty()).then_some(panel));
                 }
@@ -101,10 +102,21 @@ impl Drawing<'_, '_> {
         for (panel, mean, interval) in &on_all_points {
             told += &format!(" {}.", of_all_points(panel, *mean, *interval));
         }
+        let is_open = |point: &&Point| point.mark.as_deref() == Some("");
+        if points.iter().any(is_open) {
+            told += " Open symbols: some runs were lost, and the error is that of the others.";
+        }
+        let labels = panels.iter().flat_map(|panel| &panel.labels);
+        told += &vocabulary(labels.map(String::as_str));
         let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
         let caption = own.into_iter().chain([told]).collect();
         let columns = self.chart.columns.unwrap_or(1);
         Ok(ChartData { name, kind: self.chart.kind, panels, columns, caption })
+    }
+
+    /// The columns of the vertical axis, a panel each.
+    fn columns<'p>(&'p self, part: &'p Part) -> &'p [String] {
+        part.column.as_ref().map_or(&self.chart.y.column, std::slice::from_ref)
     }
 
     /// Whether what is shown is measured of runs.
@@ -139,6 +151,10 @@ impl Drawing<'_, '_> {
                     }
                     let Some(estimate) = self.estimates.mean(group, y)? else { continue };
                     if self.is_reference(group, x) {
+                        // What is beneath is of other columns.
+                        if number > 0 && part.column.is_some() {
+                            continue;
+                        }
                         let interval = estimate.interval.map(|i| [i.low, i.high]);
                         let mut told = vec![of_panel.clone()];
                         if self.chart.y.column.len() > 1 {
@@ -168,7 +184,8 @@ impl Drawing<'_, '_> {
             }
         }
         // What several columns have in common is no name of either.
-        let is_shared = self.chart.y.column.len() > 1 && self.chart.y.label.is_some();
+        let is_own = part.column.is_none();
+        let is_shared = is_own && self.chart.y.column.len() > 1 && self.chart.y.label.is_some();
         let of_column = if is_shared { name_and_unit(y).0 } else { String::new() };
         let titles = [part.title.clone(), of_panel, of_column];
         let titles: Vec<String> = titles.into_iter().filter(|title| !title.is_empty()).collect();
@@ -192,7 +209,7 @@ impl Drawing<'_, '_> {
                 },
             },
             y: PanelAxis {
-                label: label_of(Some(&self.chart.y), y),
+                label: label_of(Some(&self.chart.y).filter(|_| is_own), y),
                 scale: part.y.unwrap_or(self.chart.y.scale),
                 places: Vec::new(),
             },
@@ -289,7 +306,7 @@ impl Drawing<'_, '_> {
             y: estimate.mean,
             interval,
             basis: estimate.basis,
-            mark: self.mark(group)?,
+            mark: self.mark(group, y)?,
             blocks: estimate.blocks,
             rows: estimate.rows,
         };
@@ -307,7 +324,10 @@ impl Drawing<'_, '_> {
         Ok(Some(point))
     }
 
-    fn mark(&self, group: &Group<'_>) -> Result<Option<String>> {
+    fn mark(&self, group: &Group<'_>, y: &str) -> Result<Option<String>> {
+        if lost::is_of_some(group, y) {
+            return Ok(Some(String::new()));
+        }
         let Some(column) = &self.chart.marks else { return Ok(None) };
         let groups = &self.estimates.groups;
         if let Some(place) = groups.place(column) {

@@ -2,12 +2,13 @@
 
 use anyhow::{Context, Result};
 use mcl_core::math;
-use mcl_metrics::{Blocked, Interval, IntervalBasis, standard_deviation};
+use mcl_metrics::{Blocked, BlockedRate, Interval, IntervalBasis, standard_deviation};
 
 use crate::store::results::Results;
 use crate::study::settings::SIZE;
 use crate::study::views::Factor;
 use crate::view::groups::{Group, Groups};
+use crate::view::lost::{self, LOST};
 
 /// A mean over blocks. Every block counts the same, as in tests.
 ///
@@ -43,6 +44,22 @@ impl Estimate {
             blocks: values.blocks(),
             rows: values.count(),
         }
+    }
+
+    /// Of a share of yes.
+    ///
+    /// # Errors
+    /// When there is no interval.
+    pub fn of_rate(rate: &BlockedRate) -> Result<Self> {
+        let units = rate.of_units();
+        Ok(Estimate {
+            mean: units.hits() as f64 / units.trials() as f64,
+            interval: Some(rate.interval(0.95)?),
+            basis: Some(rate.basis()),
+            spread: None,
+            blocks: rate.of_blocks().trials() as usize,
+            rows: units.trials() as usize,
+        })
     }
 }
 
@@ -89,13 +106,17 @@ impl<'r> Estimates<'r> {
                 rows: group.rows.len(),
             }));
         }
-        let Some(values) = group.blocked(column)? else { return Ok(None) };
+        if column == LOST {
+            return lost::rate(group)?.map(|rate| Estimate::of_rate(&rate)).transpose();
+        }
+        let values = match lost::made_of(column) {
+            Some(_) => lost::tracked(group, column)?,
+            None => group.blocked(column)?,
+        };
+        let Some(values) = values else { return Ok(None) };
         let mut found = Estimate::of(&values);
         if let Some(rate) = group.rate(column)? {
-            let units = rate.of_units();
-            found.mean = units.hits() as f64 / units.trials() as f64;
-            found.interval = Some(rate.interval(0.95)?);
-            found.basis = Some(rate.basis());
+            found = Estimate { spread: found.spread, ..Estimate::of_rate(&rate)? };
         }
         Ok(Some(found))
     }

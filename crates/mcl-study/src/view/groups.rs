@@ -293,10 +293,18 @@ impl<'r> Group<'r> {
     /// # Errors
     /// When there is no row.
     pub fn rate(&self, column: &str) -> Result<Option<BlockedRate>> {
-        let value = |row: &Row<'_>| match row.get(column) {
-            Value::Bool(truth) => Some((block(row), *truth)),
+        self.rate_of(|row| match row.get(column) {
+            Value::Bool(truth) => Some(*truth),
             _ => None,
-        };
+        })
+    }
+
+    /// How many rows a question is answered with yes for; `None` where a row has no answer.
+    ///
+    /// # Errors
+    /// When there is no row.
+    pub fn rate_of(&self, is: impl Fn(&Row<'_>) -> Option<bool>) -> Result<Option<BlockedRate>> {
+        let value = |row: &Row<'_>| Some((block(row), is(row)?));
         let Some(values) = self.rows.iter().map(value).collect::<Option<Vec<_>>>() else {
             return Ok(None);
         };

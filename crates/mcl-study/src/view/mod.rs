@@ -8,6 +8,7 @@ pub mod estimate;
 pub mod groups;
 pub mod labels;
 pub mod layout;
+pub mod lost;
 #[cfg(test)]
 mod planted;
 pub mod ranking;

@@ -233,7 +233,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE.csv|md|tex")]
     pub table: Option<PathBuf>,
     /// Draw the errors over time; of groups with the spread over runs, and a box for each.
-    #[arg(long, value_name = "FILE.svg|png")]
+    #[arg(long, value_name = "FILE.svg|png|pdf")]
     pub plot: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]

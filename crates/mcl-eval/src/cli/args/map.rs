@@ -9,9 +9,11 @@ use mcl_study::recipe::criterion::Criterion;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Init {
-    /// Each non-empty cell of a grid keeps the point nearest to the mean of its points.
+    /// Each non-empty cell of a grid keeps the point nearest to the mean of its points; gbs in studies.
+    #[value(alias = "gbs")]
     Grid,
-    /// Points at random, without replacement.
+    /// Points at random, without replacement; rnd in studies.
+    #[value(alias = "rnd")]
     Random,
     /// Every point.
     All,
