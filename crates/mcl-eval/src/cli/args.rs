@@ -73,6 +73,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
+    /// One HTML page of all results: answers, claims, charts, tables; it asks nothing of any server.
+    Report(ReportArgs),
     /// Convert a log (CARMEN, bag of ROS 1 or 2) or a map into another format.
     Convert(ConvertArgs),
     /// Write the simulated office, with exact ground truth, as a CARMEN log.
@@ -287,6 +289,19 @@ pub struct ClaimsArgs {
     /// Write the tables into this file, too, as Markdown.
     #[arg(long, short, value_name = "FILE.md")]
     pub output: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folders that hold <study>/<data set>/.
+    #[arg(default_value = "results", value_name = "ROOT")]
+    pub roots: Vec<PathBuf>,
+    /// The page to write.
+    #[arg(long, short, default_value = "report.html", value_name = "FILE.html")]
+    pub output: PathBuf,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
