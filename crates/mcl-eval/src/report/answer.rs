@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use mcl_core::text::{counted, number, p_value};
+use mcl_study::recipe::localizer::LOCALIZER;
+use mcl_study::study::settings::PRESET;
 use mcl_study::table::{Row, Value};
 use mcl_study::view::labels::name_and_unit;
 
@@ -80,6 +82,23 @@ pub struct Comparison {
     pub rows: Vec<ComparisonRow>,
     /// "better" and "worse", or "higher" and "lower".
     pub words: [&'static str; 2],
+    /// The setting whose values are compared.
+    column: String,
+    /// Its two values.
+    sides: [String; 2],
+    /// The sizes, to be sorted.
+    values: Vec<Value>,
+}
+
+/// Which map builders, or localizers, no test shows to be worse than another one, by size.
+#[derive(Debug)]
+pub struct Unbeaten {
+    /// What it is measured by.
+    pub measure: String,
+    /// Columns of the table.
+    pub sizes: Vec<String>,
+    /// A row per builder: by size, on how many of how many rows of the comparisons.
+    pub rows: Vec<(String, Vec<Option<[usize; 2]>>)>,
 }
 
 /// A row of a comparison's table.
@@ -164,8 +183,11 @@ pub fn comparisons(folders: &[Folder]) -> Vec<Comparison> {
     let mut tests: BTreeMap<usize, Vec<(&Folder, Row<'_>)>> = BTreeMap::new();
     for folder in folders {
         for row in folder.tests.rows() {
-            let values = ["a", "b"].map(|side| row.get(side).to_string());
-            let [a, b] = values;
+            let [a, b] = ["a", "b"].map(|side| row.get(side).to_string());
+            // Tables of another version of the program have other columns.
+            if row.text("y").is_empty() || a.is_empty() || b.is_empty() {
+                continue;
+            }
             let key = (row.text("y"), row.text("column"), a, b);
             let place = keys.iter().position(|known| *known == key).unwrap_or_else(|| {
                 keys.push(key);
@@ -208,16 +230,86 @@ fn comparison((y, column, a, b): Key<'_>, tests: &[(&Folder, Row<'_>)]) -> Compa
         "map" | "localizer" => shown(value),
         _ => setting(column, &Value::from(value.as_str())),
     });
-    let sizes: Vec<String> = sizes.iter().map(percent).collect();
+    let (values, sizes): (Vec<Value>, Vec<String>) =
+        sizes.into_iter().map(|size| (size.clone(), percent(&size))).unzip();
     let measure = if matches!(unit, "" | "–") { name } else { format!("{name} [{unit}]") };
-    let sentence = sentence(&sizes, &rows, words);
-    Comparison {
-        title: format!("{a} against {b}"),
-        measure: shown(&measure),
-        sentence,
-        sizes,
-        rows,
-        words,
+    let mut sentence = sentence(&sizes, &rows, words);
+    if varying.contains(&PRESET) {
+        sentence += &by_preset(tests, words);
+    }
+    let title = format!("{a} against {b}");
+    let (measure, column) = (shown(&measure), column.to_owned());
+    Comparison { title, measure, sentence, sizes, rows, words, column, sides: [a, b], values }
+}
+
+/// [`Unbeaten`] by each measure by which several pairs are compared.
+pub fn unbeaten(comparisons: &[Comparison]) -> Vec<Unbeaten> {
+    let is_shown = |comparison: &&Comparison| {
+        ["map", LOCALIZER].contains(&comparison.column.as_str()) && comparison.words[0] == "better"
+    };
+    let mut groups: Vec<Vec<&Comparison>> = Vec::new();
+    for comparison in comparisons.iter().filter(is_shown) {
+        let is_same = |of: &&mut Vec<&Comparison>| {
+            (&of[0].measure, &of[0].column) == (&comparison.measure, &comparison.column)
+        };
+        match groups.iter_mut().find(is_same) {
+            Some(of) => of.push(comparison),
+            None => groups.push(vec![comparison]),
+        }
+    }
+    groups.iter().filter(|of| of.len() > 1).map(|of| unbeaten_of(of)).collect()
+}
+
+fn unbeaten_of(comparisons: &[&Comparison]) -> Unbeaten {
+    let mut sizes: Vec<&Value> = comparisons.iter().flat_map(|c| &c.values).collect();
+    sizes.sort_by(|a, b| a.order(b));
+    sizes.dedup();
+    let mut names: Vec<&str> = Vec::new();
+    // By builder, place and size: whether a test shows it to be worse.
+    let mut beaten: BTreeMap<(usize, &str, usize), bool> = BTreeMap::new();
+    for comparison in comparisons {
+        for (row, (size, cell)) in comparison
+            .rows
+            .iter()
+            .flat_map(|row| comparison.values.iter().zip(&row.cells).map(move |found| (row, found)))
+        {
+            let Some(verdict) = cell.as_ref().and_then(|cell| cell.verdict) else { continue };
+            let size = sizes.iter().position(|known| *known == size);
+            let size = size.expect("sizes are those of all comparisons");
+            let losers = [Verdict::Second, Verdict::First];
+            for (side, loses) in comparison.sides.iter().zip(losers) {
+                let name = names.iter().position(|known| *known == side).unwrap_or_else(|| {
+                    names.push(side);
+                    names.len() - 1
+                });
+                *beaten.entry((name, &row.place, size)).or_default() |= verdict == loses;
+            }
+        }
+    }
+    let row = |(at, name): (usize, &&str)| {
+        let cell = |size: usize| {
+            let of = || beaten.iter().filter(|((n, _, s), _)| (*n, *s) == (at, size));
+            let count = of().count();
+            (count > 0).then(|| [of().filter(|(_, beaten)| !**beaten).count(), count])
+        };
+        ((*name).to_owned(), (0..sizes.len()).map(cell).collect())
+    };
+    Unbeaten {
+        measure: comparisons[0].measure.clone(),
+        rows: names.iter().enumerate().map(row).collect(),
+        sizes: sizes.into_iter().map(percent).collect(),
+    }
+}
+
+impl Unbeaten {
+    /// Name of the style of a cell.
+    pub fn class(&self, cell: &Option<[usize; 2]>) -> &'static str {
+        match cell {
+            None => "none",
+            Some([unbeaten, of]) if unbeaten == of => "first",
+            Some([0, _]) => "second",
+            Some(_) => "open",
+        }
     }
 }
 
@@ -302,6 +394,25 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
     text + "."
 }
 
+/// " By preset: carmen better in 20, worse in 1 of 75; book …": filters are not to be taken together unseen.
+fn by_preset(tests: &[(&Folder, Row<'_>)], [better, worse]: [&str; 2]) -> String {
+    let mut presets: Vec<(&str, [usize; 3])> = Vec::new();
+    for (_, row) in tests {
+        let Some(verdict) = Cell::of(row).verdict else { continue };
+        let name = row.text(PRESET);
+        let place = presets.iter().position(|(known, _)| *known == name).unwrap_or_else(|| {
+            presets.push((name, [0; 3]));
+            presets.len() - 1
+        });
+        presets[place].1[verdict as usize] += 1;
+    }
+    let told = presets.iter().map(|(name, counts)| {
+        let of: usize = counts.iter().sum();
+        format!("{} {better} in {}, {worse} in {} of {of}", shown(name), counts[0], counts[1])
+    });
+    format!(" By preset: {}.", told.collect::<Vec<_>>().join("; "))
+}
+
 /// "0.1 % to 5 %, 20 %" of places among sizes.
 fn ranges(places: &[usize], sizes: &[String]) -> String {
     let mut runs: Vec<[usize; 2]> = Vec::new();
@@ -384,6 +495,43 @@ mod tests {
         };
         assert_eq!(symbols(&found.rows[0]), ["▲", "▲", "·"]);
         assert_eq!(symbols(&found.rows[1]), ["▲", "▼", ""]);
+        // One pair says no more than its own table.
+        assert!(unbeaten(std::slice::from_ref(found)).is_empty());
+    }
+
+    #[test]
+    fn builders_are_unbeaten_where_no_test_shows_them_worse() {
+        let mut folder =
+            folder("aces", &[("difference", 0.1, 3.2, 1e-6), ("difference", 1.0, 0.1, 0.4)]);
+        let mut rows: Vec<_> = folder.tests.rows().map(cells).collect();
+        for (row, p) in [(0, 1e-6), (1, 1e-6)] {
+            let mut other = rows[row].clone();
+            for (name, value) in &mut other {
+                match name.as_str() {
+                    "a" => *value = "rnd+f-km".into(),
+                    "b" => *value = "gbs+f-km".into(),
+                    "effect" => *value = (-1.0).into(),
+                    "p_holm" => *value = p.into(),
+                    _ => {}
+                }
+            }
+            rows.push(other);
+        }
+        folder.tests = Table::of_cells(rows);
+        let found = unbeaten(&comparisons(&[folder]));
+        let rows: Vec<(&str, &[Option<[usize; 2]>])> =
+            found[0].rows.iter().map(|(name, cells)| (name.as_str(), &cells[..])).collect();
+        let expected: [(&str, &[Option<[usize; 2]>]); 3] = [
+            ("gbs+f-km", &[Some([1, 1]), Some([1, 1])]),
+            ("gbs", &[Some([0, 1]), Some([1, 1])]),
+            ("rnd+f-km", &[Some([0, 1]), Some([0, 1])]),
+        ];
+        assert_eq!(rows, expected);
+    }
+
+    fn cells(row: Row<'_>) -> mcl_study::table::Cells {
+        let names = "dataset split size_percent y column a b kind effect effect_low effect_high blocks p_holm";
+        names.split(' ').map(|name| (name.to_owned(), row.get(name).clone())).collect()
     }
 
     #[test]

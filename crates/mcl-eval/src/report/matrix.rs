@@ -16,6 +16,8 @@ pub struct Matrix {
     pub undecided: Vec<ClaimRow>,
     /// What could not be decided as a whole, a sentence each.
     pub notes: Vec<String>,
+    /// What several symbols in a cell stand for, in their order.
+    pub places: String,
     /// How often claims hold, do not, or cannot be tested.
     pub counts: [usize; 3],
 }
@@ -119,6 +121,11 @@ pub fn matrix(datasets: &[DatasetClaims]) -> Matrix {
             rows[place].cells[column].push(Decided::of(claim));
         }
     }
+    let cells = rows.iter().flat_map(|row| &row.cells);
+    let longest = cells.max_by_key(|cell| cell.len()).filter(|cell| cell.len() > 1);
+    let places =
+        longest.map(|cell| cell.iter().map(|decided| decided.place.as_str()).collect::<Vec<_>>());
+    matrix.places = places.map_or(String::new(), |places| places.join("; "));
     // Stable: within a section claims keep the paper's order.
     rows.sort_by_key(|row| row.section);
     let is_decided = |row: &ClaimRow| {

@@ -3,8 +3,10 @@
 //! Whatever comes from files is escaped by the templates, and the page allows no script but its own: a content
 //! security policy names their digests, and forbids every request.
 
+use std::collections::HashMap;
 use std::fs;
 use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use askama::Template;
@@ -12,10 +14,12 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::read::GzDecoder;
 use mcl_core::text::{counted, printable, thousands};
+use mcl_study::study::views::ChartKind;
 use mcl_study::table::Table;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use crate::report::answer::{Comparison, comparisons};
+use crate::report::answer::{Comparison, Unbeaten, comparisons, unbeaten};
 use crate::report::folder::{Folder, stem};
 use crate::report::gather::Report;
 use crate::report::matrix::{Matrix, matrix};
@@ -74,6 +78,7 @@ struct StudySection<'a> {
     cells: Vec<Vec<RunCell>>,
     is_first: bool,
     comparisons: Vec<Comparison>,
+    unbeaten: Vec<Unbeaten>,
     folders: Vec<FolderSection<'a>>,
     settings: Vec<Settings>,
 }
@@ -301,12 +306,14 @@ fn study<'a>(
         .iter()
         .map(|(of, text)| Settings { of: of.join(", "), text: shown_lines(text) })
         .collect();
+    let comparisons = comparisons(folders);
     Ok(StudySection {
+        unbeaten: unbeaten(&comparisons),
         name: shown(name),
         about: printable(&about.join(" ")).into_owned(),
         cells,
         is_first: FIRST.contains(&name),
-        comparisons: comparisons(folders),
+        comparisons,
         folders: sections,
         settings,
         id,
@@ -334,7 +341,7 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
         packed
             .tables
             .push(payload::listed(&format!("Values of {}", shown(&chart.name)), &chart.to_table()));
-        let is_heat = chart.kind == mcl_study::study::views::ChartKind::Heat;
+        let is_heat = chart.kind == ChartKind::Heat;
         charts.push(ChartSection {
             name: shown(&chart.name),
             curves: if is_heat { Vec::new() } else { payload::curves(chart) },
@@ -361,7 +368,7 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
             place,
         });
     }
-    let (shown_figures, left_out) = figures.take(&id, folder)?;
+    let (shown_figures, left_out) = figures.take(&id, folder);
     let packed =
         if packed.tables.is_empty() { String::new() } else { pack(&serde_json::to_vec(&packed)?)? };
     Ok(FolderSection {
@@ -443,37 +450,34 @@ fn commands(folder: &Folder) -> String {
         )
 }
 
-/// Figures for print: all of them as long as there is room, the smaller ones first, so that one large picture does not
-/// keep many charts away.
-struct Figures {
-    /// Size of the largest one that is on the page (bytes, compressed).
-    largest: usize,
-}
+/// Figures for print, compressed: all of them as long as there is room, the smaller ones first, so that one large
+/// picture does not keep many charts away.
+struct Figures(HashMap<PathBuf, String>);
 
 impl Figures {
     fn of(report: &Report) -> Result<Self> {
-        let mut sizes = Vec::new();
-        for figure in folders(report).flat_map(|folder| &folder.figures) {
-            sizes.push(pack_figure(figure)?.len());
-        }
-        sizes.sort_unstable();
+        let paths: Vec<&PathBuf> = folders(report).flat_map(|folder| &folder.figures).collect();
+        let mut packed = paths
+            .par_iter()
+            .map(|path| Ok(((*path).clone(), pack_figure(path)?)))
+            .collect::<Result<Vec<_>>>()?;
+        packed.sort_by_key(|(_, data)| data.len());
         let mut sum = 0;
-        let fits = |size: &&usize| {
-            sum += **size;
+        packed.retain(|(_, data)| {
+            sum += data.len();
             sum <= FIGURE_BYTES
-        };
-        Ok(Figures { largest: sizes.iter().take_while(fits).last().copied().unwrap_or(0) })
+        });
+        Ok(Figures(packed.into_iter().collect()))
     }
 
     /// Those of a folder that are on the page, and the paths of the others.
-    fn take(&mut self, id: &str, folder: &Folder) -> Result<(Vec<FigureSection>, Vec<String>)> {
+    fn take(&mut self, id: &str, folder: &Folder) -> (Vec<FigureSection>, Vec<String>) {
         let (mut on_page, mut left_out) = (Vec::new(), Vec::new());
         for (number, figure) in folder.figures.iter().enumerate() {
-            let data = pack_figure(figure)?;
-            if data.len() > self.largest {
+            let Some(data) = self.0.remove(figure) else {
                 left_out.push(shown(&figure.to_string_lossy()));
                 continue;
-            }
+            };
             let name = stem(figure).unwrap_or_default();
             on_page.push(FigureSection {
                 id: format!("{id}-f{number}"),
@@ -483,11 +487,10 @@ impl Figures {
                 data,
             });
         }
-        Ok((on_page, left_out))
+        (on_page, left_out)
     }
 }
 
-fn pack_figure(path: &std::path::Path) -> Result<String> {
-    let svg = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    pack(&svg)
+fn pack_figure(path: &Path) -> Result<String> {
+    pack(&fs::read(path).with_context(|| format!("cannot read {}", path.display()))?)
 }
