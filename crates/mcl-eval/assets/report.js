@@ -16,8 +16,13 @@
   };
 
   // What the page carries compressed, each inflated once.
+  const parsedPage = new Promise((resolve) => {
+    if (document.readyState === 'loading') document.addEventListener('DOMContentLoaded', resolve);
+    else resolve();
+  });
   const inflated = new Map();
   const inflate = async (id) => {
+    await parsedPage;
     const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip'))).text();
   };
@@ -39,9 +44,7 @@
   const themed = () => (theme === 'auto' ? (dark.matches ? 'dark' : 'light') : theme);
   const applyTheme = (shown = themed()) => {
     root.dataset.theme = shown;
-    const button = document.querySelector('[data-do="theme"]');
-    button.querySelector('span').textContent = theme;
-    button.setAttribute('aria-label', `Colours: ${theme === 'auto' ? 'as the system' : theme}`);
+    document.querySelector('[data-do="theme"] b').textContent = theme;
     for (const plot of $$('.plot.drawn')) recolour(plot);
     document.dispatchEvent(new CustomEvent('themechange', { detail: shown }));
   };
@@ -131,7 +134,7 @@
           arrayminus: points.map((point) => (point[3] === null ? 0 : y(point[2]) - y(point[3]))),
         },
         line: { color: tint, width: 1.8, dash: style.dash },
-        marker: { symbol: points.map((point) => (style.marker || 'circle') + (point[7] === null ? '' : '-open')), size: 7, color: tint, line: { width: 1.6 } },
+        marker: { symbol: points.map((point) => (style.marker || 'circle') + (point[7] === null ? '' : '-open')), size: 7, color: tint, line: { width: 1.6, color: tint } },
         customdata: points.map((point) => told(panel, point)), hovertemplate: HOVER,
       };
     });
@@ -254,7 +257,10 @@
     if (typeof value === 'boolean') return value ? 'yes' : 'no';
     if (typeof value !== 'number') return value;
     const ends = column.ends?.map((end) => row[end]);
-    return ends && ends.every((end) => end !== null) ? `${number(value)} (${number(ends[0])} to ${number(ends[1])})` : number(value);
+    const hasEnds = ends?.every((end) => end !== null) && ends[0] !== ends[1];
+    // Settings stand as they were set.
+    if (!column.ends && String(value).length < 8) return String(value).replace('-', '−');
+    return hasEnds ? `${number(value)} (${number(ends[0])} to ${number(ends[1])})` : number(value);
   };
   const quoted = (value) => {
     let text = value === null ? '' : String(value);
@@ -288,12 +294,19 @@
     }
     say(`Copied ${what}`);
   };
+  // The points of a chart as the table that stands beside its figure.
+  const pointsOf = (chart) => ({
+    title: `Values of ${chart.name}`,
+    columns: ['panel', 'curve', 'x', 'y', 'y_low', 'y_high', 'blocks', 'rows', 'mark'].map((name) => ({ name, label: name })),
+    rows: chart.panels.flatMap((panel) => panel.points.map(([curve, x, ...rest]) => [panel.title, panel.labels[curve], panel.x.places[x - 1] ?? x, ...rest])),
+  });
   const SHOWN = 200;
   let tables = 0;
   const listTable = async (details) => {
     if (details.dataset.listed) return;
     details.dataset.listed = 'soon';
-    const table = (await data(details.dataset.packed)).tables[details.dataset.table];
+    const { charts, tables: listed } = await data(details.dataset.packed);
+    const table = details.dataset.chart ? pointsOf(charts[details.dataset.chart]) : listed[details.dataset.table];
     const columns = merged(table);
     let [rows, sorted, ascending, limit] = [table.rows, null, true, SHOWN];
     const search = element('input', { type: 'search', id: `filter-${++tables}`, placeholder: 'Filter' });
@@ -336,8 +349,8 @@
     search.addEventListener('input', list);
     more.addEventListener('click', () => { limit = Infinity; list(); });
     list();
-    const listed = element('table', { class: 'listed' }, element('caption', {}, table.title), element('thead', {}, element('tr', {}, ...heads)), body);
-    details.append(tools, element('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': table.title }, listed), more);
+    const shown = element('table', { class: 'listed' }, element('caption', {}, table.title), element('thead', {}, element('tr', {}, ...heads)), body);
+    details.append(tools, element('div', { class: 'scroll', tabindex: '0', role: 'group', 'aria-label': table.title }, shown), more);
     details.dataset.listed = 'yes';
   };
 

@@ -33,7 +33,7 @@ const PLOTLY: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
 const STYLES: [&str; 1] = [include_str!("../../assets/report.css")];
 const SCRIPTS: [&str; 1] = [include_str!("../../assets/report.js")];
 /// Bytes of all figures for print on the page, at most.
-const FIGURE_BYTES: usize = 2_600_000;
+const FIGURE_BYTES: usize = 2_000_000;
 /// Studies that are answered first; the others follow in a list that opens.
 const FIRST: [&str; 3] = ["likelihood", "localization", "localizers"];
 
@@ -117,8 +117,6 @@ struct ChartSection {
     has_numbers: bool,
     panels: Vec<String>,
     caption: Vec<String>,
-    /// Place of its points among the tables.
-    table: usize,
 }
 
 struct TableSection {
@@ -338,9 +336,6 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
     let mut charts = Vec::new();
     for chart in &folder.charts {
         packed.charts.push(payload::chart(chart));
-        packed
-            .tables
-            .push(payload::listed(&format!("Values of {}", shown(&chart.name)), &chart.to_table()));
         let is_heat = chart.kind == ChartKind::Heat;
         charts.push(ChartSection {
             name: shown(&chart.name),
@@ -349,7 +344,6 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
             has_numbers: chart.panels.iter().any(|panel| panel.x.places.is_empty()),
             panels: chart.panels.iter().map(|panel| shown(&panel.title)).collect(),
             caption: chart.caption.iter().map(|text| printable(text).into_owned()).collect(),
-            table: packed.tables.len() - 1,
         });
     }
     let mut tables = Vec::new();
@@ -369,8 +363,11 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
         });
     }
     let (shown_figures, left_out) = figures.take(&id, folder);
-    let packed =
-        if packed.tables.is_empty() { String::new() } else { pack(&serde_json::to_vec(&packed)?)? };
+    let packed = if packed.charts.is_empty() && packed.tables.is_empty() {
+        String::new()
+    } else {
+        pack(&serde_json::to_vec(&packed)?)?
+    };
     Ok(FolderSection {
         dataset: shown(&folder.dataset),
         title: shown(folder.title()),

@@ -135,9 +135,9 @@ pub fn chart(chart: &ChartData) -> Chart {
     };
     let point = |point: &Point| {
         let Point { curve, x, y, interval, mark, blocks, rows, .. } = point;
-        let [low, high] = [0, 1].map(|end| interval.map(|interval| rounded(interval[end])));
+        let [low, high] = [0, 1].map(|end| interval.map(|interval| interval[end]));
         let mark = mark.as_deref().map(shown);
-        (*curve, rounded(*x), rounded(*y), low, high, *blocks, *rows, mark)
+        (*curve, *x, *y, low, high, *blocks, *rows, mark)
     };
     let panel = |panel: &Panel| {
         let labels: Vec<String> = panel.labels.iter().map(|label| shown(label)).collect();
@@ -170,9 +170,4 @@ pub fn listed(title: &str, table: &Table) -> Listed {
     let names = table.columns();
     let rows = table.rows().map(|row| names.iter().map(|name| cell(row.get(name))).collect());
     Listed { title: title.to_owned(), columns, rows: rows.collect() }
-}
-
-/// With the digits that a chart can show.
-fn rounded(value: f64) -> f64 {
-    format!("{value:.5e}").parse().unwrap_or(value)
 }
