@@ -114,7 +114,7 @@
     const [curve, x, y, low, high, blocks, rows, mark] = point;
     const interval = low === null ? 'no interval' : `${number(low)} to ${number(high)}`;
     const at = panel.x.places[x - 1] ?? number(x);
-    const lost = mark === null ? '' : `<br>marked ${plain(mark)}`;
+    const lost = mark === null ? '' : `<br>open symbol: ${plain(mark)}`;
     return [`<b>${plain(panel.labels[curve])}</b>`, `${plain(panel.y.label)}: <b>${number(y)}</b><br>95 %: ${interval}<br>at ${plain(at)}<br>${blocks} blocks, ${rows} rows${lost}`];
   };
   const curveTraces = (panel, state, colour) => {
