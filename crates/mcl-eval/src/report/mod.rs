@@ -3,11 +3,17 @@
 //! there are none (as in folders that are committed), from the tables beside them.
 
 pub mod answer;
+pub mod at_hand;
+pub mod compare_maps;
+pub mod exhibits;
 pub mod files;
 pub mod folder;
 pub mod gather;
 pub mod matrix;
+pub mod pack;
 pub mod page;
 pub mod payload;
+pub mod record;
 pub mod slot;
 pub mod text;
+pub mod watch;

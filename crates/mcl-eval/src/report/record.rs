@@ -1,0 +1,401 @@
+//! A run as a page plays it: some of its scans, each with the particles, the beams, the poses and the error.
+
+use anyhow::{Context, Result, bail, ensure};
+use mcl_core::{Bounds, Point, Pose2, Recording, is_usable_range, math};
+use mcl_filter::{Particles, Replay, Step};
+use mcl_metrics::{PoseError, WeightedPoseError};
+use mcl_study::trial::map::{Shape, obstacle_grid};
+use serde::{Deserialize, Serialize};
+
+use crate::report::pack::{self, ABSENT, Packer, Steps};
+
+/// Scans that are shown, at most.
+pub const MOST_FRAMES: usize = 300;
+/// Particles that are shown of each scan: drawn by their weights, in even steps.
+pub const PARTICLES: usize = 50;
+/// Beams that are shown of each scan, at most.
+pub const MOST_BEAMS: usize = 60;
+/// Points of a map that are shown, at most; of a map of lines their ends.
+pub const MOST_MAP_POINTS: usize = 6_000;
+/// What the file of a recorded run says that it is.
+const FORMAT: &str = "mcl-eval recorded run 1";
+/// How the files of recorded runs end.
+pub const RECORDED_END: &str = ".watch.json";
+/// Units of a range (m).
+const RANGE_STEP: f64 = 0.01;
+
+/// What a map looks like.
+#[derive(Debug, Clone, Default)]
+pub struct MapLooks {
+    /// Points, or ends of lines in pairs.
+    pub points: Vec<Point<2>>,
+    /// Whether they are ends of lines.
+    pub are_lines: bool,
+    /// Of how many parts the map consists: points, lines, Gaussians or occupied cells.
+    pub size: usize,
+}
+
+impl MapLooks {
+    /// Of points.
+    pub fn of_points(points: &[Point<2>]) -> Self {
+        let size = points.len();
+        let points = pack::thinned(points, MOST_MAP_POINTS).collect();
+        MapLooks { points, are_lines: false, size }
+    }
+
+    /// Of a map of a study: of NDT maps the means are shown, of grids the occupied cells that beams end on.
+    ///
+    /// # Errors
+    /// When a grid has no such cells.
+    pub fn of(shape: &Shape<2>) -> Result<Self> {
+        Ok(match shape {
+            Shape::Points(built) => Self::of_points(built.map.points()),
+            Shape::Grid(grid) => Self::of_points(obstacle_grid(grid).surface_points()?.points()),
+            Shape::Ndt { map, .. } => {
+                let means: Vec<_> = map.cells().iter().map(|cell| cell.mean).collect();
+                Self::of_points(&means)
+            }
+            Shape::Segments(map) => {
+                let segments = map.segments();
+                let shown = pack::thinned(segments, MOST_MAP_POINTS / 2);
+                let points = shown.flat_map(|segment| [segment.start, segment.end]).collect();
+                MapLooks { points, are_lines: true, size: segments.len() }
+            }
+        })
+    }
+}
+
+/// A run as a page plays it.
+///
+/// `data` holds, by [`Packer`]: per shown scan the time (`u32`, ms) and the scan's number (`u32`); x, y, θ of the
+/// reference and of the estimate (`i16`, all x first; [`ABSENT`] without a reference); the weighted error, that of
+/// translation and of heading, and the largest weighted error since the shown scan before (`f32`, NaN without a
+/// reference); the number of particles (`u32`); Δx, Δy of the shown particles from the estimate (`i16`) and their
+/// headings (`u8`); direction (`i16`) and range (`u16`, cm; 0 for none) of the shown beams. Then x and y of the
+/// map's points (`i16`). All poses are the laser's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordedRun {
+    format: String,
+    /// The run in words.
+    pub label: String,
+    /// Shown scans, of `scans`.
+    pub frames: usize,
+    /// Scans of the run.
+    pub scans: usize,
+    /// Particles per shown scan.
+    pub particles: usize,
+    /// Beams per shown scan.
+    pub beams: usize,
+    /// Shown points of the map.
+    pub map_points: usize,
+    /// Of how many parts the map consists.
+    pub map_size: usize,
+    /// Whether the map's points are ends of lines, in pairs.
+    pub map_is_lines: bool,
+    /// Whether times are from stamps; else they count scans (s).
+    pub is_stamped: bool,
+    /// The place (m) that coordinates count from.
+    pub origin: [f64; 2],
+    /// Unit of the coordinates (m).
+    pub step_m: f64,
+    /// Means over the scans that have a reference: weighted error, translation (m), heading (rad).
+    pub mean_errors: Option<[f64; 3]>,
+    /// What the rest is.
+    pub data: String,
+}
+
+impl RecordedRun {
+    /// Reads what [`RecordedRun::to_json`] wrote, or somebody else.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(json: &str) -> Result<Self> {
+        let run: RecordedRun = serde_json::from_str(json)?;
+        ensure!(run.format == FORMAT, "format is {:?}, expected {FORMAT:?}", run.format);
+        let limits = [
+            ("frames", run.frames, 1..=MOST_FRAMES),
+            ("particles", run.particles, 1..=PARTICLES),
+            ("beams", run.beams, 0..=MOST_BEAMS),
+            ("map_points", run.map_points, 0..=MOST_MAP_POINTS),
+        ];
+        for (name, value, expected) in limits {
+            ensure!(expected.contains(&value), "{name} is {value}, expected {expected:?}");
+        }
+        let numbers = run.origin.iter().chain(run.mean_errors.iter().flatten());
+        ensure!(
+            numbers.clone().all(|number| number.is_finite()) && run.step_m > 0.0,
+            "origin, step_m and mean_errors have to be numbers"
+        );
+        let per_frame = 4 + 4 + 6 * 2 + 4 * 4 + 4 + run.particles * 5 + run.beams * 4;
+        pack::check(&run.data, run.frames * per_frame + run.map_points * 4)?;
+        Ok(run)
+    }
+
+    /// Its text.
+    ///
+    /// # Errors
+    /// When there is no memory for it.
+    pub fn to_json(&self) -> Result<String> {
+        Ok(serde_json::to_string(self)?)
+    }
+}
+
+/// What is recorded of a shown scan.
+struct Frame {
+    time_s: f64,
+    scan: usize,
+    estimate: Pose2,
+    reference: Option<Pose2>,
+    error: Option<PoseError>,
+    worst: f64,
+    particles: Vec<Pose2>,
+    used_particles: usize,
+    /// Directions and ranges; 0 for none.
+    beams: Vec<(f64, f64)>,
+}
+
+/// Records a run while it goes.
+pub struct Recorder {
+    /// Per scan of the run.
+    times: Vec<f64>,
+    reference: Vec<Option<Pose2>>,
+    /// Places of the shown scans in the run, increasing.
+    shown: Vec<usize>,
+    /// Places of the run's scans in the log.
+    scans: Vec<usize>,
+    is_stamped: bool,
+    max_range: f64,
+    beams: usize,
+    place: usize,
+    worst: f64,
+    sums: [f64; 3],
+    rated: usize,
+    metric: WeightedPoseError,
+    frames: Vec<Frame>,
+}
+
+impl Recorder {
+    /// For a run over a replay. `reference` has an entry per scan of the run, and `scans` their places in the log;
+    /// `carried_off` is the first scan of the run after the robot was carried elsewhere, where the time of the log
+    /// jumps.
+    pub fn new(
+        replay: &Replay<'_>,
+        reference: Vec<Option<Pose2>>,
+        scans: Vec<usize>,
+        carried_off: Option<usize>,
+        max_range: f64,
+    ) -> Self {
+        let (times, is_stamped) = times(replay, carried_off);
+        let recorded = replay.scans.iter().map(|&scan| &replay.recording.scans[scan]);
+        let beams = recorded.map(|scan| shown_beams(scan.ranges.len()).count()).max();
+        Recorder {
+            shown: evenly(&times, MOST_FRAMES),
+            times,
+            reference,
+            scans,
+            is_stamped,
+            max_range,
+            beams: beams.unwrap_or(0),
+            place: 0,
+            worst: f64::NAN,
+            sums: [0.0; 3],
+            rated: 0,
+            metric: WeightedPoseError::default(),
+            frames: Vec::new(),
+        }
+    }
+
+    /// For a run over all scans of a log.
+    pub fn of(recording: &Recording, max_range: f64) -> Self {
+        let scans: Vec<usize> = (0..recording.scans.len()).collect();
+        let replay = Replay { recording, increments: &[], scans: &scans };
+        let reference = recording.scans.iter().map(|scan| scan.map_from_laser).collect();
+        Self::new(&replay, reference, scans.clone(), None, max_range)
+    }
+
+    /// Sees a step of the run on this recording.
+    pub fn step(&mut self, recording: &Recording, step: &Step<'_>) {
+        let place = self.place;
+        self.place += 1;
+        let robot_from_laser = recording.robot_from_laser;
+        let estimate = step.report.estimate.map_from_robot.compose(&robot_from_laser);
+        let reference = self.reference.get(place).copied().flatten();
+        let error = reference.map(|reference| PoseError::between(&reference, &estimate));
+        if let Some(error) = &error {
+            let errors = [self.metric.of(error), error.translation(), error.heading()];
+            self.worst = self.worst.max(errors[0]);
+            self.sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+            self.rated += 1;
+        }
+        if self.shown.get(self.frames.len()) != Some(&place) {
+            return;
+        }
+        let scan = &recording.scans[step.scan];
+        let range = |beam: usize| match scan.ranges[beam] {
+            range if is_usable_range(range, self.max_range) => range,
+            _ => 0.0,
+        };
+        let beams = shown_beams(scan.ranges.len());
+        self.frames.push(Frame {
+            time_s: self.times[place],
+            scan: self.scans[place],
+            estimate,
+            reference,
+            error,
+            worst: std::mem::replace(&mut self.worst, f64::NAN),
+            particles: drawn(step.particles, &robot_from_laser),
+            used_particles: step.report.particles,
+            beams: beams.map(|beam| (scan.direction(beam), range(beam))).collect(),
+        });
+    }
+
+    /// The run, which has ended, on this map.
+    ///
+    /// # Errors
+    /// When it has no scans.
+    pub fn finish(self, label: String, map: &MapLooks) -> Result<RecordedRun> {
+        let Recorder { frames, beams, rated, sums, .. } = self;
+        if frames.len() != self.shown.len() {
+            bail!("{label}: {} of {} scans were recorded", frames.len(), self.shown.len());
+        }
+        let poses = frames.iter().flat_map(|frame| {
+            frame.particles.iter().chain([&frame.estimate]).chain(frame.reference.iter())
+        });
+        let places = poses.map(|pose| [pose.x, pose.y]).chain(map.points.iter().copied());
+        let bounds = Bounds::around(places).with_context(|| format!("{label}: no scans"))?;
+        let steps = Steps::over(&bounds);
+        let data = packed(&frames, beams, map, &steps, &self.metric).finish()?;
+        Ok(RecordedRun {
+            format: FORMAT.to_owned(),
+            label,
+            frames: frames.len(),
+            scans: self.scans.len(),
+            particles: PARTICLES,
+            beams,
+            map_points: map.points.len(),
+            map_size: map.size,
+            map_is_lines: map.are_lines,
+            is_stamped: self.is_stamped,
+            origin: steps.origin,
+            step_m: steps.step,
+            mean_errors: (rated > 0).then(|| sums.map(|sum| sum / rated as f64)),
+            data,
+        })
+    }
+}
+
+/// The arrays of a run; see [`RecordedRun`].
+fn packed(
+    frames: &[Frame],
+    beams: usize,
+    map: &MapLooks,
+    steps: &Steps,
+    metric: &WeightedPoseError,
+) -> Packer {
+    let mut packer = Packer::default();
+    packer.put(frames.iter().map(|frame| ((1e3 * frame.time_s) as u32).to_le_bytes()));
+    packer.put(frames.iter().map(|frame| (frame.scan as u32).to_le_bytes()));
+    let poses: [fn(&Frame) -> Option<Pose2>; 2] =
+        [|frame| frame.reference, |frame| Some(frame.estimate)];
+    for pose in poses {
+        for part in 0..3 {
+            let number = move |frame: &Frame| match (pose(frame), part) {
+                (None, _) => ABSENT,
+                (Some(pose), 0) => steps.place(0, pose.x),
+                (Some(pose), 1) => steps.place(1, pose.y),
+                (Some(pose), _) => pack::angle(pose.theta),
+            };
+            packer.put(frames.iter().map(|frame| number(frame).to_le_bytes()));
+        }
+    }
+    type ErrorOf<'a> = &'a dyn Fn(&Frame) -> Option<f64>;
+    let errors: [ErrorOf<'_>; 4] = [
+        &|frame| frame.error.as_ref().map(|error| metric.of(error)),
+        &|frame| frame.error.as_ref().map(PoseError::translation),
+        &|frame| frame.error.as_ref().map(PoseError::heading),
+        &|frame| Some(frame.worst),
+    ];
+    for error in errors {
+        let number = |frame: &Frame| error(frame).unwrap_or(f64::NAN) as f32;
+        packer.put(frames.iter().map(|frame| number(frame).to_le_bytes()));
+    }
+    packer.put(frames.iter().map(|frame| (frame.used_particles as u32).to_le_bytes()));
+    let particles = || frames.iter().flat_map(|f| f.particles.iter().map(move |p| (f, p)));
+    packer.put(particles().map(|(frame, p)| steps.length(p.x - frame.estimate.x).to_le_bytes()));
+    packer.put(particles().map(|(frame, p)| steps.length(p.y - frame.estimate.y).to_le_bytes()));
+    packer.put(particles().map(|(_, particle)| [pack::coarse_angle(particle.theta)]));
+    let none = (0.0, 0.0);
+    let all_beams = || {
+        let of_frame = move |frame: &Frame| -> Vec<(f64, f64)> {
+            (0..beams).map(|beam| frame.beams.get(beam).copied().unwrap_or(none)).collect()
+        };
+        frames.iter().flat_map(of_frame)
+    };
+    packer.put(all_beams().map(|(direction, _)| pack::angle(direction).to_le_bytes()));
+    // Saturates above 655 m.
+    packer.put(all_beams().map(|(_, range)| ((range / RANGE_STEP).round() as u16).to_le_bytes()));
+    for axis in 0..2 {
+        packer.put(map.points.iter().map(|point| steps.place(axis, point[axis]).to_le_bytes()));
+    }
+    packer
+}
+
+/// The beams that are shown of so many: every first, second, third, …
+fn shown_beams(beams: usize) -> impl Iterator<Item = usize> + Clone {
+    (0..beams).step_by(beams.div_ceil(MOST_BEAMS).max(1))
+}
+
+/// Particles drawn by their weights, in even steps: as many as are shown. Poses of the laser.
+fn drawn(particles: &Particles, robot_from_laser: &Pose2) -> Vec<Pose2> {
+    let mut shown = Vec::with_capacity(PARTICLES);
+    let mut sum = 0.0;
+    let mut last = Pose2::IDENTITY;
+    for (pose, log_weight) in particles.iter() {
+        sum += math::exp(log_weight);
+        last = pose;
+        while shown.len() < PARTICLES && (shown.len() as f64 + 0.5) / (PARTICLES as f64) < sum {
+            shown.push(pose.compose(robot_from_laser));
+        }
+    }
+    // Weights sum to one but for rounding.
+    shown.resize(PARTICLES, last.compose(robot_from_laser));
+    shown
+}
+
+/// Seconds since the first scan of the run, never going back, and whether stamps say so.
+fn times(replay: &Replay<'_>, carried_off: Option<usize>) -> (Vec<f64>, bool) {
+    let stamps: Option<Vec<_>> =
+        replay.scans.iter().map(|&scan| replay.recording.scans[scan].stamp).collect();
+    let Some(stamps) = stamps.filter(|stamps| stamps.windows(2).any(|pair| pair[0] < pair[1]))
+    else {
+        return ((0..replay.scans.len()).map(|scan| scan as f64).collect(), false);
+    };
+    let mut time = 0.0;
+    let mut times = vec![0.0];
+    for (place, pair) in stamps.windows(2).enumerate() {
+        if carried_off != Some(place + 1) {
+            time += pair[1].seconds_since(pair[0]).max(0.0);
+        }
+        times.push(time);
+    }
+    times.truncate(replay.scans.len());
+    (times, true)
+}
+
+/// Places of times that do not decrease, at most so many, at even steps of time, with the first and the last.
+fn evenly(times: &[f64], most: usize) -> Vec<usize> {
+    let Some((last, duration)) = times.len().checked_sub(1).zip(times.last()) else {
+        return Vec::new();
+    };
+    if times.len() <= most {
+        return (0..times.len()).collect();
+    }
+    let steps = (most - 1) as f64;
+    let wanted = (0..most - 1).map(|k| duration * k as f64 / steps);
+    let mut places: Vec<usize> =
+        wanted.map(|time| times.partition_point(|&other| other < time)).collect();
+    places.push(last);
+    places.dedup();
+    places
+}
