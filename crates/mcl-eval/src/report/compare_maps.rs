@@ -145,7 +145,7 @@ pub fn repeat(results: &Results, recipes: &[MapRecipe; 2], data: &StudyData) -> 
     let paired = |place: usize| -> Result<PairedMap> {
         let below = likelihoods[place].iter().filter(|value| **value < low).count();
         Ok(PairedMap {
-            label: recipes[place].to_string(),
+            label: label_of(&recipes[place]),
             points: drawn[place].len(),
             size: points[place].len(),
             log_likelihood: mixture_log_likelihood(building, points[place], sigma)?.per_point,
@@ -156,8 +156,11 @@ pub fn repeat(results: &Results, recipes: &[MapRecipe; 2], data: &StudyData) -> 
     Ok(MapPair {
         title: format!("Maps of {}", results.facts.title),
         rule: format!(
-            "{} and what its refinement makes of it ({}), of the size nearest to 1 % that study {} has, first draw.",
-            initial, refined.kind, results.name
+            "{} and what its refinement makes of it, {}: the size nearest to 1 % that study {} has, draw {}.",
+            label_of(initial),
+            refined.kind,
+            results.name,
+            initial.draw
         ),
         sigma_m: sigma,
         points: shown.len(),
@@ -169,6 +172,14 @@ pub fn repeat(results: &Results, recipes: &[MapRecipe; 2], data: &StudyData) -> 
         maps: [paired(0)?, paired(1)?],
         data: packer.finish()?,
     })
+}
+
+/// "gbs 1 %".
+fn label_of(recipe: &MapRecipe) -> String {
+    match recipe.size {
+        Some(size) => format!("{} {size}", recipe.kind),
+        None => recipe.kind.to_string(),
+    }
 }
 
 /// ln p of each point (nats).

@@ -1,6 +1,8 @@
 //! What a page shows beside charts and tables, within its limits: runs to watch and maps to compare.
 
 use std::collections::HashSet;
+use std::fs::{self, DirEntry};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -31,6 +33,15 @@ pub struct Exhibits {
     pub maps: Option<Result<Shown<MapPair>, String>>,
 }
 
+/// What a page shows beside charts and tables.
+#[derive(Debug, Default)]
+pub struct Collected {
+    /// Of each result folder.
+    pub of_results: Vec<Exhibits>,
+    /// The runs of each folder that `localize` wrote, or why they are not shown.
+    pub localized: Vec<(PathBuf, Result<Shown<Watch>, String>)>,
+}
+
 /// Something to show, with its text for the page's script.
 #[derive(Debug)]
 pub struct Shown<T> {
@@ -58,9 +69,57 @@ struct Left {
     seconds: f64,
 }
 
-/// Computes again what the page shows of each result folder, in their order. Logs are those of the registry, and
-/// `logs` by path. Studies that picture a run come first; what comes after the limits is said not to be shown.
-pub fn collect(results: &[Results], logs: &[String], is_quiet: bool) -> Vec<Exhibits> {
+/// Reads the runs that `localize` recorded below the roots, and computes again what the page shows of each result
+/// folder, in their order. Logs are those of the registry, and `logs` by path. Studies that picture a run come first;
+/// what comes after the limits is said not to be shown.
+pub fn collect(
+    results: &[Results],
+    roots: &[PathBuf],
+    logs: &[String],
+    is_quiet: bool,
+) -> Collected {
+    let mut left = Left { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS };
+    let mut localized = Vec::new();
+    for folder in roots.iter().flat_map(|root| folders(root)) {
+        if let Some(shown) = localized_in(&folder, &mut left).transpose() {
+            localized.push((folder, shown.map_err(|error| format!("{error:#}"))));
+        }
+    }
+    let of_results = computed(results, logs, &mut left, is_quiet);
+    Collected { of_results, localized }
+}
+
+/// Of a folder, if it has any.
+fn localized_in(folder: &Path, left: &mut Left) -> Result<Option<Shown<Watch>>> {
+    let Some(watch) = watch::localized(folder)? else { return Ok(None) };
+    let shown = Shown::new(watch)?;
+    fit(&mut left.run_bytes, shown.json.len(), RUN_BYTES, "runs")?;
+    Ok(Some(shown))
+}
+
+/// A root, and the folders in it and in these, sorted. Links are not followed, and what cannot be read is left out.
+fn folders(root: &Path) -> Vec<PathBuf> {
+    let mut found = vec![root.to_owned()];
+    let mut level = 0..1;
+    for _ in 0..2 {
+        for place in level.clone() {
+            let entries = fs::read_dir(&found[place]).into_iter().flatten().flatten();
+            let is_folder = |entry: &DirEntry| entry.file_type().is_ok_and(|found| found.is_dir());
+            let mut below: Vec<_> = entries.filter(is_folder).map(|entry| entry.path()).collect();
+            below.sort();
+            found.extend(below);
+        }
+        level = level.end..found.len();
+    }
+    found
+}
+
+fn computed(
+    results: &[Results],
+    logs: &[String],
+    left: &mut Left,
+    is_quiet: bool,
+) -> Vec<Exhibits> {
     let started = Instant::now();
     let mut exhibits: Vec<Exhibits> = results.iter().map(|_| Exhibits::default()).collect();
     let mut order: Vec<usize> = (0..results.len()).collect();
@@ -71,21 +130,20 @@ pub fn collect(results: &[Results], logs: &[String], is_quiet: bool) -> Vec<Exhi
     };
     order.sort_by_cached_key(rank);
     let mut at_hand = AtHand::new(logs);
-    let mut left = Left { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS };
     let mut compared: HashSet<&str> = HashSet::new();
     let (mut runs, mut maps) = (0, 0);
     for place in order {
         let of = &results[place];
         let has_runs = of.table.column("run").is_some();
         if has_runs {
-            let shown = runs_of(of, &mut at_hand, &mut left);
+            let shown = runs_of(of, &mut at_hand, left);
             runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
             exhibits[place].runs = Some(shown.map_err(|error| format!("{error:#}")));
         }
         if compared.contains(of.facts.name.as_str()) {
             continue;
         }
-        let shown = maps_of(of, &mut at_hand, &mut left).transpose();
+        let shown = maps_of(of, &mut at_hand, left).transpose();
         if let Some(Ok(_)) = shown {
             compared.insert(&of.facts.name);
             maps += 1;

@@ -15,6 +15,8 @@ pub const MOST_FRAMES: usize = 300;
 pub const PARTICLES: usize = 50;
 /// Beams that are shown of each scan, at most.
 pub const MOST_BEAMS: usize = 60;
+/// Poses of a path that are shown, at most.
+pub const MOST_PATH_POSES: usize = 1_500;
 /// Points of a map that are shown, at most; of a map of lines their ends.
 pub const MOST_MAP_POINTS: usize = 6_000;
 /// What the file of a recorded run says that it is.
@@ -67,12 +69,13 @@ impl MapLooks {
 
 /// A run as a page plays it.
 ///
-/// `data` holds, by [`Packer`]: per shown scan the time (`u32`, ms) and the scan's number (`u32`); x, y, θ of the
+/// `data` holds, by [`Packer`]: per shown scan the time (`u32`, ms), the scan's number in the log and the number of
+/// poses of the paths until then (`u32`); x, y, θ of the
 /// reference and of the estimate (`i16`, all x first; [`ABSENT`] without a reference); the weighted error, that of
 /// translation and of heading, and the largest weighted error since the shown scan before (`f32`, NaN without a
 /// reference); the number of particles (`u32`); Δx, Δy of the shown particles from the estimate (`i16`) and their
 /// headings (`u8`); direction (`i16`) and range (`u16`, cm; 0 for none) of the shown beams. Then x and y of the
-/// map's points (`i16`). All poses are the laser's.
+/// reference's path, of the estimate's path and of the map's points (`i16`). All poses are the laser's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedRun {
@@ -87,6 +90,8 @@ pub struct RecordedRun {
     pub particles: usize,
     /// Beams per shown scan.
     pub beams: usize,
+    /// Poses of each path.
+    pub path_poses: usize,
     /// Shown points of the map.
     pub map_points: usize,
     /// Of how many parts the map consists.
@@ -117,6 +122,7 @@ impl RecordedRun {
             ("frames", run.frames, 1..=MOST_FRAMES),
             ("particles", run.particles, 1..=PARTICLES),
             ("beams", run.beams, 0..=MOST_BEAMS),
+            ("path_poses", run.path_poses, 1..=MOST_PATH_POSES),
             ("map_points", run.map_points, 0..=MOST_MAP_POINTS),
         ];
         for (name, value, expected) in limits {
@@ -127,8 +133,8 @@ impl RecordedRun {
             numbers.clone().all(|number| number.is_finite()) && run.step_m > 0.0,
             "origin, step_m and mean_errors have to be numbers"
         );
-        let per_frame = 4 + 4 + 6 * 2 + 4 * 4 + 4 + run.particles * 5 + run.beams * 4;
-        pack::check(&run.data, run.frames * per_frame + run.map_points * 4)?;
+        let per_frame = 3 * 4 + 6 * 2 + 4 * 4 + 4 + run.particles * 5 + run.beams * 4;
+        pack::check(&run.data, run.frames * per_frame + (2 * run.path_poses + run.map_points) * 4)?;
         Ok(run)
     }
 
@@ -145,6 +151,7 @@ impl RecordedRun {
 struct Frame {
     time_s: f64,
     scan: usize,
+    path_poses: usize,
     estimate: Pose2,
     reference: Option<Pose2>,
     error: Option<PoseError>,
@@ -173,6 +180,8 @@ pub struct Recorder {
     rated: usize,
     metric: WeightedPoseError,
     frames: Vec<Frame>,
+    /// Reference and estimate of every first, second, third, … scan.
+    path: Vec<(Option<Pose2>, Pose2)>,
 }
 
 impl Recorder {
@@ -203,6 +212,7 @@ impl Recorder {
             rated: 0,
             metric: WeightedPoseError::default(),
             frames: Vec::new(),
+            path: Vec::new(),
         }
     }
 
@@ -228,6 +238,9 @@ impl Recorder {
             self.sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
             self.rated += 1;
         }
+        if place.is_multiple_of(self.times.len().div_ceil(MOST_PATH_POSES)) {
+            self.path.push((reference, estimate));
+        }
         if self.shown.get(self.frames.len()) != Some(&place) {
             return;
         }
@@ -240,6 +253,7 @@ impl Recorder {
         self.frames.push(Frame {
             time_s: self.times[place],
             scan: self.scans[place],
+            path_poses: self.path.len(),
             estimate,
             reference,
             error,
@@ -255,17 +269,19 @@ impl Recorder {
     /// # Errors
     /// When it has no scans.
     pub fn finish(self, label: String, map: &MapLooks) -> Result<RecordedRun> {
-        let Recorder { frames, beams, rated, sums, .. } = self;
+        let Recorder { frames, path, beams, rated, sums, .. } = self;
         if frames.len() != self.shown.len() {
             bail!("{label}: {} of {} scans were recorded", frames.len(), self.shown.len());
         }
         let poses = frames.iter().flat_map(|frame| {
             frame.particles.iter().chain([&frame.estimate]).chain(frame.reference.iter())
         });
+        let of_path = path.iter().flat_map(|(reference, pose)| reference.iter().chain([pose]));
+        let poses = poses.chain(of_path);
         let places = poses.map(|pose| [pose.x, pose.y]).chain(map.points.iter().copied());
         let bounds = Bounds::around(places).with_context(|| format!("{label}: no scans"))?;
         let steps = Steps::over(&bounds);
-        let data = packed(&frames, beams, map, &steps, &self.metric).finish()?;
+        let data = packed((&frames, &path), beams, map, &steps, &self.metric).finish()?;
         Ok(RecordedRun {
             format: FORMAT.to_owned(),
             label,
@@ -273,6 +289,7 @@ impl Recorder {
             scans: self.scans.len(),
             particles: PARTICLES,
             beams,
+            path_poses: path.len(),
             map_points: map.points.len(),
             map_size: map.size,
             map_is_lines: map.are_lines,
@@ -287,7 +304,7 @@ impl Recorder {
 
 /// The arrays of a run; see [`RecordedRun`].
 fn packed(
-    frames: &[Frame],
+    (frames, path): (&[Frame], &[(Option<Pose2>, Pose2)]),
     beams: usize,
     map: &MapLooks,
     steps: &Steps,
@@ -296,6 +313,7 @@ fn packed(
     let mut packer = Packer::default();
     packer.put(frames.iter().map(|frame| ((1e3 * frame.time_s) as u32).to_le_bytes()));
     packer.put(frames.iter().map(|frame| (frame.scan as u32).to_le_bytes()));
+    packer.put(frames.iter().map(|frame| (frame.path_poses as u32).to_le_bytes()));
     let poses: [fn(&Frame) -> Option<Pose2>; 2] =
         [|frame| frame.reference, |frame| Some(frame.estimate)];
     for pose in poses {
@@ -335,6 +353,14 @@ fn packed(
     packer.put(all_beams().map(|(direction, _)| pack::angle(direction).to_le_bytes()));
     // Saturates above 655 m.
     packer.put(all_beams().map(|(_, range)| ((range / RANGE_STEP).round() as u16).to_le_bytes()));
+    let place = |axis: usize, pose: &Pose2| steps.place(axis, [pose.x, pose.y][axis]);
+    for axis in 0..2 {
+        let of = |reference: &Option<Pose2>| reference.map_or(ABSENT, |pose| place(axis, &pose));
+        packer.put(path.iter().map(|(reference, _)| of(reference).to_le_bytes()));
+    }
+    for axis in 0..2 {
+        packer.put(path.iter().map(|(_, estimate)| place(axis, estimate).to_le_bytes()));
+    }
     for axis in 0..2 {
         packer.put(map.points.iter().map(|point| steps.place(axis, point[axis]).to_le_bytes()));
     }

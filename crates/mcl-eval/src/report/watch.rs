@@ -249,7 +249,9 @@ fn repeat_one(chosen: &ChosenRun, maps: &Maps<'_, 2>, data: &StudyData) -> Resul
             there.1
         );
     }
-    let label = format!("{} {}", trial.map, recipe);
+    let MapRecipe { kind, draw, .. } = &trial.map;
+    let size = trial.map.size.map_or(String::new(), |size| format!(" {size}"));
+    let label = format!("{kind}{size}, draw {draw}, {recipe}");
     recorder.context("the run has no scans")?.finish(label, &MapLooks::of(&map.shape)?)
 }
 
