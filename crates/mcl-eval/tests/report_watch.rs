@@ -4,9 +4,11 @@ mod office;
 
 use std::fs;
 
-use mcl_eval::report::exhibits::{Collected, collect};
+use mcl_eval::report::exhibits::{
+    Exhibits, Room, Shown, Wanted, localized, recorded_folders, repeat,
+};
 use mcl_eval::report::record::{MOST_FRAMES, RecordedRun};
-use mcl_eval::report::watch;
+use mcl_eval::report::watch::{self, Watch};
 use mcl_study::store::results::{Results, read_all};
 use mcl_study::study::definition::Study;
 use mcl_study::table::Table;
@@ -60,15 +62,23 @@ fn small() -> (Bench, Vec<Results>) {
     (bench, results)
 }
 
-fn shown(results: &[Results], logs: &[String]) -> Collected {
-    collect(results, &[], logs, true)
+fn shown(results: &[Results], logs: &[String]) -> Vec<Exhibits> {
+    let wanted: Vec<Wanted> = results.iter().map(Wanted::of).collect();
+    repeat(&wanted, logs, &mut Room::default(), true)
+}
+
+/// Of the one folder below a root where runs were recorded.
+fn recorded_in(bench: &Bench, root: &str) -> Result<Shown<Watch>, String> {
+    let folders = recorded_folders(&bench.path(root));
+    assert_eq!(folders, [bench.path("root/inside/out")], "{root}");
+    localized(&folders[0], &mut Room::default()).map_err(|error| format!("{error:#}"))
 }
 
 #[test]
 fn best_median_and_worst_are_computed_again_and_come_out_as_their_rows() {
     let (bench, results) = small();
     let log = bench.path("office.log").display().to_string();
-    let shown = shown(&results, std::slice::from_ref(&log)).of_results;
+    let shown = shown(&results, std::slice::from_ref(&log));
     let watch = &shown[0].runs.as_ref().unwrap().as_ref().unwrap().what;
     let table = rows(&bench.path("results/localization/office/trials.csv"));
     let mut errors: Vec<f64> = table
@@ -117,7 +127,7 @@ fn a_run_that_comes_out_otherwise_is_not_shown() {
     }
     results[0].table = changed;
     let log = bench.path("office.log").display().to_string();
-    let shown = shown(&results, &[log]).of_results;
+    let shown = shown(&results, &[log]);
     let reason = shown[0].runs.as_ref().unwrap().as_ref().unwrap_err();
     assert!(reason.contains("weighted comes out as") && reason.contains("row says"), "{reason}");
 }
@@ -125,7 +135,7 @@ fn a_run_that_comes_out_otherwise_is_not_shown() {
 #[test]
 fn a_log_that_is_not_at_hand_or_another_one_is_said() {
     let (bench, results) = small();
-    let found = shown(&results, &[]).of_results;
+    let found = shown(&results, &[]);
     let reason = found[0].runs.as_ref().unwrap().as_ref().unwrap_err();
     assert!(reason.contains("log is not at hand") && reason.contains("\"office\""), "{reason}");
 
@@ -135,7 +145,7 @@ fn a_log_that_is_not_at_hand_or_another_one_is_said() {
     fs::create_dir(bench.path("other")).unwrap();
     let lines: Vec<&str> = whole.lines().collect();
     fs::write(&path, lines[..lines.len() - 3].join("\n") + "\n").unwrap();
-    let found = shown(&results, &[path.display().to_string()]).of_results;
+    let found = shown(&results, &[path.display().to_string()]);
     let reason = found[0].runs.as_ref().unwrap().as_ref().unwrap_err();
     assert!(reason.contains("computed from other data"), "{reason}");
 }
@@ -150,7 +160,7 @@ fn rows_of_another_build_are_not_repeated() {
     let results = read_all(&bench.path("results")).unwrap().results;
     fs::write(&path, text.replace(sources, "0123456789abcdef")).unwrap();
     let log = bench.path("office.log").display().to_string();
-    let found = shown(&results, &[log]).of_results;
+    let found = shown(&results, &[log]);
     let reason = found[0].runs.as_ref().unwrap().as_ref().unwrap_err();
     assert!(reason.contains("were computed by build"), "{reason}");
 }
@@ -161,18 +171,18 @@ fn a_whole_log_fits_the_page_and_its_maps_are_those_of_the_rows() {
     bench.mcl_eval(&["run", "whole.toml", "--dataset", "simulated-office", "-o", "results", "-q"]);
     let results = read_all(&bench.path("results")).unwrap().results;
     // A data set of the registry needs no path.
-    let found = shown(&results, &[]).of_results;
+    let found = shown(&results, &[]);
     let runs = found[0].runs.as_ref().unwrap().as_ref().unwrap();
-    assert!(runs.json.len() < 300_000, "{} bytes", runs.json.len());
+    assert!(runs.slot.json.len() < 300_000, "{} bytes", runs.slot.json.len());
     assert_eq!(runs.what.runs.len(), 3);
     for shown in &runs.what.runs {
         let run = &shown.run;
-        assert_eq!((run.frames, run.particles, run.is_stamped), (MOST_FRAMES, 50, true));
+        assert_eq!((run.frames, run.particles, run.is_stamped), (MOST_FRAMES, 40, true));
         assert!(run.scans > run.frames && run.beams > 20 && run.map_points == run.map_size);
         assert!(run.label.starts_with("gbs+f-km 1 %"), "{}", run.label);
     }
     let maps = found[0].maps.as_ref().unwrap().as_ref().unwrap();
-    assert!(maps.json.len() < 100_000, "{} bytes", maps.json.len());
+    assert!(maps.slot.json.len() < 100_000, "{} bytes", maps.slot.json.len());
     let pair = &maps.what;
     assert_eq!([&pair.maps[0].label, &pair.maps[1].label], ["gbs 1 %", "gbs+f-km 1 %"]);
     let table = rows(&bench.path("results/whole/simulated-office/trials.csv"));
@@ -197,10 +207,7 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_are_said() {
     let more = ["--runs", "4", "-o", "root/inside/out", "-q"];
     bench.mcl_eval(&[&localize[..], &more].concat());
     for root in ["root", "root/inside/out"] {
-        let found = collect(&[], &[bench.path(root)], &[], true).localized;
-        assert_eq!(found.len(), 1, "{root}");
-        assert_eq!(found[0].0, bench.path("root/inside/out"));
-        let watch = &found[0].1.as_ref().unwrap().what;
+        let watch = recorded_in(&bench, root).unwrap().what;
         let roles: Vec<&str> = watch.runs.iter().map(|shown| shown.role).collect();
         assert_eq!(roles, ["best", "median", "worst"]);
         let errors: Vec<f64> =
@@ -228,11 +235,38 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_are_said() {
     ] {
         let before = std::mem::replace(&mut run[key], value);
         fs::write(&path, run.to_string()).unwrap();
-        let found = collect(&[], &[bench.path("root")], &[], true).localized;
-        let reason = found[0].1.as_ref().unwrap_err();
+        let reason = recorded_in(&bench, "root").unwrap_err();
         assert!(reason.contains(expected) && reason.contains("run-002"), "{reason}");
         run[key] = before;
     }
+}
+
+/// The page has what was recorded, computed again or not shown, beside what else it says.
+#[test]
+fn the_page_has_runs_and_maps() {
+    let (bench, _) = small();
+    bench.mcl_eval(&["map", "office.log", "--init", "grid", "--size", "5%", "-o", "map.csv", "-q"]);
+    let localize = ["localize", "office.log", "--map", "map.csv", "--particles", "60"];
+    bench.mcl_eval(&[&localize[..], &["-o", "out", "-q"]].concat());
+    let page = |arguments: &[&str]| {
+        bench.mcl_eval(&[&["report", "-o", "page.html", "-q"], arguments].concat());
+        fs::read_to_string(bench.path("page.html")).unwrap()
+    };
+    let slots = |page: &str| {
+        [r#"<div class="watch" data-run=""#, r#"<div class="compare-maps" data-maps=""#]
+            .map(|slot| page.matches(slot).count())
+    };
+    let with_log = page(&["results", "out", "--log", "office.log"]);
+    assert_eq!(slots(&with_log), [2, 1]);
+    assert!(
+        with_log.contains("Of 4 runs on gbs+f-km 5 %") && !with_log.contains("No runs are shown")
+    );
+    let without = page(&["results"]);
+    assert_eq!(slots(&without), [0, 0]);
+    assert!(without.contains("No runs are shown: its log is not at hand"));
+    // A folder of localize needs no results beside it.
+    assert_eq!(slots(&page(&["out"])), [1, 0]);
+    assert!(!bench.run(&["report", "nothing-here", "-o", "page.html"]).status.success());
 }
 
 /// Nobody knows that a program of others does the same again.

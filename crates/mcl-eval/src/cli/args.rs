@@ -296,9 +296,12 @@ pub struct ClaimsArgs {
 
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// Folders that hold <study>/<data set>/.
+    /// Folders that hold <study>/<data set>/, or runs that localize -o wrote.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub roots: Vec<PathBuf>,
+    /// A log that rows were computed from and no data set has, so that runs on it can be shown; may be repeated.
+    #[arg(long = "log", value_name = "LOG")]
+    pub logs: Vec<String>,
     /// The page to write.
     #[arg(long, short, default_value = "report.html", value_name = "FILE.html")]
     pub output: PathBuf,

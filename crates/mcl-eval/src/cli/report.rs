@@ -2,14 +2,15 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use mcl_core::text::counted;
-use mcl_study::store::results::{folders, save};
+use mcl_study::store::results::save;
 use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, ReportArgs};
 use super::output::{prepare, print};
 use crate::progress::tell;
-use crate::report::gather::gather;
+use crate::report::exhibits::recorded_folders;
+use crate::report::gather::{gather, result_folders};
 use crate::report::page::page;
 use crate::report::text::bytes;
 
@@ -32,12 +33,18 @@ struct Written {
 pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = Vec::new();
     for root in &args.roots {
-        inputs.extend(folders(root)?);
+        let recorded = recorded_folders(root);
+        inputs.extend(result_folders(root, &recorded)?.into_iter().chain(recorded));
     }
     prepare([&args.output], &inputs)?;
-    let report = gather(&args.roots)?;
+    let report = gather(&args.roots, &args.logs, global.quiet)?;
     for (folder, why) in &report.damaged {
         tell!("warning: leaving out {}: {why}", folder.display());
+    }
+    for (folder, shown) in &report.localized {
+        if let Err(why) = shown {
+            tell!("warning: no runs are shown of {}: {why}", folder.display());
+        }
     }
     let page = page(&report)?;
     save(&args.output, page.as_bytes())?;

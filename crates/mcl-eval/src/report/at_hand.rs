@@ -1,5 +1,6 @@
 //! Data of result folders, as far as it is at hand to compute something again.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
@@ -8,7 +9,7 @@ use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::{DataSource, LogSource, name_of};
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::results::{Manifest, Results};
+use mcl_study::store::results::Manifest;
 use mcl_study::trial::division::StudyData;
 
 /// Opens the logs that rows were computed from.
@@ -28,18 +29,17 @@ impl<'a> AtHand<'a> {
         AtHand { logs, last: None }
     }
 
-    /// The log of a result folder, if rows computed from it now would stand beside those that are there.
+    /// The log of a result folder, cut off after so many scans, if rows computed from it now would stand beside those that are there.
     ///
     /// # Errors
     /// Why they would not.
-    pub fn of(&mut self, results: &Results) -> Result<Arc<StudyData>> {
-        let manifest = Manifest::read(&results.folder)?.context("there is no manifest")?;
+    pub fn of(&mut self, folder: &Path, scans: Option<usize>) -> Result<Arc<StudyData>> {
+        let manifest = Manifest::read(folder)?.context("there is no manifest")?;
         let there = &manifest.identity;
         let build = Build::this();
         let here = Identity { build: build.clone(), data: there.data.clone() };
         here.check_same(there).context("the rows cannot be repeated")?;
         let facts = &there.data;
-        let scans = results.study.listed(&facts.name).and_then(|listed| listed.scans);
         let key = (facts.name.clone(), facts.max_range.map(f64::to_bits), scans);
         if !matches!(&self.last, Some((last, ..)) if *last == key) {
             // Two logs at once take more memory than one.

@@ -1,12 +1,15 @@
 //! Two maps of one size over one another, with the likelihood of the data's points: where each explains them badly.
 
-use anyhow::{Context, Result, ensure};
+use std::collections::HashMap;
+
+use anyhow::{Context, Result};
 use mcl_core::text::number;
 use mcl_core::{Bounds, Point, PointMap};
 use mcl_maps::{PointSet, mixture_log_likelihood};
-use mcl_study::measure::{MapContext, OfDimension};
+use mcl_study::measure::{MapContext, Measures, OfDimension};
 use mcl_study::recipe::map::{MapRecipe, Size};
 use mcl_study::store::results::Results;
+use mcl_study::table::Cells;
 use mcl_study::trial::division::StudyData;
 use mcl_study::trial::maps::Maps;
 use rayon::prelude::*;
@@ -14,7 +17,7 @@ use serde::Serialize;
 
 use crate::report::pack::{Packer, Steps, thinned};
 use crate::report::record::MOST_MAP_POINTS;
-use crate::report::watch::{distance_from_shown, row_of};
+use crate::report::watch::{check_same, distance_from_shown, row_of};
 
 /// Points of the data that are shown, at most.
 pub const MOST_POINTS: usize = 6_000;
@@ -69,52 +72,86 @@ pub struct PairedMap {
     pub below: f64,
 }
 
+/// The maps of a study that are compared.
+#[derive(Debug)]
+pub struct ChosenMaps {
+    /// Which they are, in a sentence.
+    pub rule: String,
+    /// The initial map, and what a refinement makes of it.
+    pub recipes: [MapRecipe; 2],
+    /// What was measured of each, as their rows say.
+    rows: [Cells; 2],
+}
+
 /// The maps of a study that are compared: an initial map and what a refinement makes of it, of the builder and the
 /// size nearest to [`distance_from_shown`], of the first draw. `None` where a study has no such two.
 ///
 /// # Errors
-/// When its recipes cannot be made.
-pub fn choose(results: &Results) -> Result<Option<[MapRecipe; 2]>> {
+/// When its recipes cannot be made, or their rows are missing.
+pub fn choose(results: &Results) -> Result<Option<ChosenMaps>> {
     if results.facts.dimensions != 2 {
         return Ok(None);
     }
     let plan = results.plan()?;
     let mut nearest: Option<((u8, f64), [MapRecipe; 2])> = None;
-    let initials: Vec<&MapRecipe> = plan.trials.iter().map(|trial| &trial.map).collect();
-    for refined in &initials {
-        let initial = refined.initial();
-        let is_sized = matches!(refined.size, Some(Size::Percent(_) | Size::Points(_)));
+    let mut known: HashMap<String, &MapRecipe> = HashMap::new();
+    for trial in &plan.trials {
+        known.entry(trial.map.identity()?).or_insert(&trial.map);
+    }
+    for refined in plan.trials.iter().map(|trial| &trial.map) {
         let distance = distance_from_shown(refined);
         let is_nearer = nearest.as_ref().is_none_or(|(best, _)| {
             distance.0.cmp(&best.0).then(distance.1.total_cmp(&best.1)).is_lt()
         });
-        if is_sized && is_nearer && initial.kind != refined.kind && initials.contains(&&initial) {
-            nearest = Some((distance, [initial, (*refined).clone()]));
+        let is_sized = matches!(refined.size, Some(Size::Percent(_) | Size::Points(_)));
+        let initial = refined.initial();
+        if is_nearer && is_sized && initial.kind != refined.kind {
+            // The same map may go by another name or draw number where nothing is drawn.
+            if let Some(&initial) = known.get(&initial.identity()?) {
+                nearest = Some((distance, [initial.clone(), refined.clone()]));
+            }
         }
     }
-    Ok(nearest.map(|(_, pair)| pair))
+    let Some((_, recipes)) = nearest else { return Ok(None) };
+    let columns = results.study.measures.of_maps.iter().flat_map(|measure| measure.columns);
+    let columns: Vec<&str> = columns.copied().collect();
+    let measured = |recipe: &MapRecipe| -> Result<Cells> {
+        let row = row_of(results, &recipe.cells()).context("its rows are missing")?;
+        Ok(columns.iter().map(|&name| (name.to_owned(), row.get(name).clone())).collect())
+    };
+    let rows = [measured(&recipes[0])?, measured(&recipes[1])?];
+    let [initial, refined] = &recipes;
+    let rule = format!(
+        "{} and what its refinement makes of it, {}: the size nearest to 1 % that study {} has, draw {}.",
+        label_of(initial),
+        refined.kind,
+        results.name,
+        initial.draw
+    );
+    Ok(Some(ChosenMaps { rule, recipes, rows }))
 }
 
-/// Builds the two maps again.
+/// Builds the two maps again, and takes the measures of their study.
 ///
 /// # Errors
 /// When one cannot be built, or comes out otherwise than its row says.
-pub fn repeat(results: &Results, recipes: &[MapRecipe; 2], data: &StudyData) -> Result<MapPair> {
+pub fn repeat(
+    title: String,
+    chosen: &ChosenMaps,
+    measures: &Measures,
+    data: &StudyData,
+) -> Result<MapPair> {
+    let ChosenMaps { rule, recipes, rows } = chosen;
     let maps = Maps::<2>::new(data, recipes)?;
     let division = maps.division(&recipes[0])?;
     let built = [maps.get(&recipes[0])?, maps.get(&recipes[1])?];
-    for (recipe, map) in recipes.iter().zip(&built) {
-        let row = row_of(results, &recipe.cells()).context("its rows are missing")?;
+    for ((recipe, map), row) in recipes.iter().zip(&built).zip(rows) {
         let context = MapContext { recipe, division: &division, map, data };
-        for measure in &results.study.measures.of_maps {
-            for (name, value) in measure.take(&context)? {
-                let there = row.get(&name);
-                ensure!(
-                    *there == value,
-                    "{recipe}: {name} comes out as {value}, and the row says {there}"
-                );
-            }
+        let mut found = Cells::new();
+        for measure in &measures.of_maps {
+            found.extend(measure.take(&context)?);
         }
+        check_same(&found, row).with_context(|| recipe.to_string())?;
     }
     let building = &division.building;
     let shown: Vec<Point<2>> = thinned(building.points(), MOST_POINTS).collect();
@@ -152,16 +189,9 @@ pub fn repeat(results: &Results, recipes: &[MapRecipe; 2], data: &StudyData) -> 
             below: below as f64 / shown.len() as f64,
         })
     };
-    let [initial, refined] = recipes;
     Ok(MapPair {
-        title: format!("Maps of {}", results.facts.title),
-        rule: format!(
-            "{} and what its refinement makes of it, {}: the size nearest to 1 % that study {} has, draw {}.",
-            label_of(initial),
-            refined.kind,
-            results.name,
-            initial.draw
-        ),
+        title,
+        rule: rule.clone(),
         sigma_m: sigma,
         points: shown.len(),
         all_points: building.len(),

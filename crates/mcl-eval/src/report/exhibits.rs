@@ -7,21 +7,40 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use mcl_core::text::counted;
+use mcl_study::data::facts::DataFacts;
+use mcl_study::measure::Measures;
 use mcl_study::store::results::Results;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::run::Trial;
-use serde::Serialize;
 
 use crate::progress::tell;
 use crate::report::at_hand::AtHand;
-use crate::report::compare_maps::{self, MapPair};
-use crate::report::watch::{self, Watch};
+use crate::report::compare_maps::{self, ChosenMaps, MapPair};
+use crate::report::slot::{Slot, SlotKind};
+use crate::report::watch::{self, Chosen, Watch};
 
 /// Bytes of all runs of a page, and of all maps, at most.
-const RUN_BYTES: usize = 2_000_000;
-const MAP_BYTES: usize = 600_000;
+const RUN_BYTES: usize = 1_500_000;
+const MAP_BYTES: usize = 400_000;
 /// Processor time of computing runs and maps again, at most (s), as estimated before.
-const SECONDS: f64 = 120.0;
+const SECONDS: f64 = 60.0;
+
+/// What a result folder could show.
+#[derive(Clone)]
+pub struct Wanted {
+    folder: PathBuf,
+    study: String,
+    facts: DataFacts,
+    measures: Measures,
+    /// Number of scans that the study cuts the log off after.
+    scans: Option<usize>,
+    /// Whether the study pictures a run.
+    pictures_run: bool,
+    /// Its runs, or why they are not shown; `None` of a study without runs.
+    runs: Option<Result<Chosen, String>>,
+    /// Its maps, or why they are not shown; `None` of a study without two that can be compared.
+    maps: Option<Result<ChosenMaps, String>>,
+}
 
 /// What a result folder has to show.
 #[derive(Debug, Default)]
@@ -33,72 +52,142 @@ pub struct Exhibits {
     pub maps: Option<Result<Shown<MapPair>, String>>,
 }
 
-/// What a page shows beside charts and tables.
-#[derive(Debug, Default)]
-pub struct Collected {
-    /// Of each result folder.
-    pub of_results: Vec<Exhibits>,
-    /// The runs of each folder that `localize` wrote, or why they are not shown.
-    pub localized: Vec<(PathBuf, Result<Shown<Watch>, String>)>,
-}
-
-/// Something to show, with its text for the page's script.
+/// Something to show, and its place on the page.
 #[derive(Debug)]
 pub struct Shown<T> {
     /// What it is.
     pub what: T,
-    /// The same as JSON.
-    pub json: String,
+    /// Its place.
+    pub slot: Slot,
 }
 
-impl<T: Serialize> Shown<T> {
-    /// With its JSON.
-    ///
-    /// # Errors
-    /// When it cannot be written as JSON.
-    pub fn new(what: T) -> Result<Self> {
-        let json = serde_json::to_string(&what)?;
-        Ok(Shown { what, json })
-    }
-}
-
-/// What is left of the limits.
-struct Left {
+/// What is left of the limits of a page.
+pub struct Room {
     run_bytes: usize,
     map_bytes: usize,
     seconds: f64,
 }
 
-/// Reads the runs that `localize` recorded below the roots, and computes again what the page shows of each result
-/// folder, in their order. Logs are those of the registry, and `logs` by path. Studies that picture a run come first;
-/// what comes after the limits is said not to be shown.
-pub fn collect(
-    results: &[Results],
-    roots: &[PathBuf],
-    logs: &[String],
-    is_quiet: bool,
-) -> Collected {
-    let mut left = Left { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS };
-    let mut localized = Vec::new();
-    for folder in roots.iter().flat_map(|root| folders(root)) {
-        if let Some(shown) = localized_in(&folder, &mut left).transpose() {
-            localized.push((folder, shown.map_err(|error| format!("{error:#}"))));
+impl Default for Room {
+    fn default() -> Self {
+        Room { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS }
+    }
+}
+
+impl Wanted {
+    /// Of rows, which are not needed any more when this is known.
+    pub fn of(results: &Results) -> Self {
+        let Results { study, facts, .. } = results;
+        let has_runs = results.table.column("run").is_some();
+        let told = |error: anyhow::Error| format!("{error:#}");
+        let maps = compare_maps::choose(results).transpose();
+        Wanted {
+            folder: results.folder.clone(),
+            study: results.name.clone(),
+            facts: facts.clone(),
+            measures: study.measures.clone(),
+            scans: study.listed(&facts.name).and_then(|listed| listed.scans),
+            pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
+            runs: has_runs.then(|| watch::choose(results).map_err(told)),
+            maps: maps.map(|maps| maps.map_err(told)),
         }
     }
-    let of_results = computed(results, logs, &mut left, is_quiet);
-    Collected { of_results, localized }
+
+    fn runs(
+        &self,
+        chosen: &Chosen,
+        at_hand: &mut AtHand<'_>,
+        room: &mut Room,
+    ) -> Result<Shown<Watch>> {
+        let data = at_hand.of(&self.folder, self.scans)?;
+        room.spend(&self.facts, chosen.runs.iter().map(|chosen| &chosen.trial))?;
+        let title = format!("{} on {}", self.study, self.facts.title);
+        Shown::watch(watch::repeat(title, chosen, &data)?, room)
+    }
+
+    fn maps(
+        &self,
+        chosen: &ChosenMaps,
+        at_hand: &mut AtHand<'_>,
+        room: &mut Room,
+    ) -> Result<Shown<MapPair>> {
+        let data = at_hand.of(&self.folder, self.scans)?;
+        let trials = chosen.recipes.clone().map(|map| Trial { map, runs: Vec::new() });
+        room.spend(&self.facts, &trials)?;
+        let title = format!("Maps of {}", self.facts.title);
+        let what = compare_maps::repeat(title, chosen, &self.measures, &data)?;
+        let slot = Slot::new(SlotKind::CompareMaps, &what.title, &what.describe(), &what)?;
+        fit(&mut room.map_bytes, slot.json.len(), MAP_BYTES, "maps")?;
+        Ok(Shown { what, slot })
+    }
 }
 
-/// Of a folder, if it has any.
-fn localized_in(folder: &Path, left: &mut Left) -> Result<Option<Shown<Watch>>> {
-    let Some(watch) = watch::localized(folder)? else { return Ok(None) };
-    let shown = Shown::new(watch)?;
-    fit(&mut left.run_bytes, shown.json.len(), RUN_BYTES, "runs")?;
-    Ok(Some(shown))
+impl Shown<Watch> {
+    fn watch(what: Watch, room: &mut Room) -> Result<Self> {
+        let slot = Slot::new(SlotKind::Watch, &what.title, &what.describe(), &what)?;
+        fit(&mut room.run_bytes, slot.json.len(), RUN_BYTES, "runs")?;
+        Ok(Shown { what, slot })
+    }
 }
 
-/// A root, and the folders in it and in these, sorted. Links are not followed, and what cannot be read is left out.
-fn folders(root: &Path) -> Vec<PathBuf> {
+/// Computes again what the page shows of each result folder, in their order. Logs are those of the registry, and
+/// `logs` by path. Studies that picture a run come first; what comes after the limits is said not to be shown.
+pub fn repeat(
+    wanted: &[Wanted],
+    logs: &[String],
+    room: &mut Room,
+    is_quiet: bool,
+) -> Vec<Exhibits> {
+    let started = Instant::now();
+    let mut exhibits: Vec<Exhibits> = wanted.iter().map(|_| Exhibits::default()).collect();
+    let mut order: Vec<usize> = (0..wanted.len()).collect();
+    order.sort_by_key(|&place| {
+        let Wanted { pictures_run, facts, study, folder, .. } = &wanted[place];
+        (!pictures_run, &facts.name, study, folder)
+    });
+    let mut at_hand = AtHand::new(logs);
+    let mut compared: HashSet<&str> = HashSet::new();
+    let (mut runs, mut maps) = (0, 0);
+    let told = |error: anyhow::Error| format!("{error:#}");
+    for place in order {
+        let of = &wanted[place];
+        exhibits[place].runs = of.runs.as_ref().map(|chosen| {
+            let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
+            shown.map_err(told)
+        });
+        // Those of one study on the same data are enough.
+        if compared.contains(of.facts.name.as_str()) {
+            continue;
+        }
+        exhibits[place].maps = of.maps.as_ref().map(|chosen| {
+            let shown = of.maps(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            if shown.is_ok() {
+                compared.insert(&of.facts.name);
+                maps += 1;
+            }
+            shown.map_err(told)
+        });
+    }
+    if runs + maps > 0 && !is_quiet {
+        let seconds = started.elapsed().as_secs_f64();
+        let (runs, maps) = (counted(runs, "run"), counted(maps, "pair"));
+        tell!("computed {runs} and {maps} of maps again to show them: {seconds:.1} s");
+    }
+    exhibits
+}
+
+/// The runs that `localize` recorded in a folder.
+///
+/// # Errors
+/// When they cannot be read, or the page has no room for them.
+pub fn localized(folder: &Path, room: &mut Room) -> Result<Shown<Watch>> {
+    Shown::watch(watch::localized(folder)?, room)
+}
+
+/// The folders with runs that `localize` recorded: a root, those in it, and those in these, sorted. Links are not
+/// followed, and what cannot be read is left out.
+pub fn recorded_folders(root: &Path) -> Vec<PathBuf> {
     let mut found = vec![root.to_owned()];
     let mut level = 0..1;
     for _ in 0..2 {
@@ -111,82 +200,19 @@ fn folders(root: &Path) -> Vec<PathBuf> {
         }
         level = level.end..found.len();
     }
+    found.retain(|folder| watch::has_recorded(folder));
     found
 }
 
-fn computed(
-    results: &[Results],
-    logs: &[String],
-    left: &mut Left,
-    is_quiet: bool,
-) -> Vec<Exhibits> {
-    let started = Instant::now();
-    let mut exhibits: Vec<Exhibits> = results.iter().map(|_| Exhibits::default()).collect();
-    let mut order: Vec<usize> = (0..results.len()).collect();
-    let rank = |place: &usize| {
-        let Results { study, facts, name, .. } = &results[*place];
-        let pictures_run = study.views.pictures.iter().any(|picture| picture.run.is_some());
-        (!pictures_run, facts.name.clone(), name.clone())
-    };
-    order.sort_by_cached_key(rank);
-    let mut at_hand = AtHand::new(logs);
-    let mut compared: HashSet<&str> = HashSet::new();
-    let (mut runs, mut maps) = (0, 0);
-    for place in order {
-        let of = &results[place];
-        let has_runs = of.table.column("run").is_some();
-        if has_runs {
-            let shown = runs_of(of, &mut at_hand, left);
-            runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
-            exhibits[place].runs = Some(shown.map_err(|error| format!("{error:#}")));
-        }
-        if compared.contains(of.facts.name.as_str()) {
-            continue;
-        }
-        let shown = maps_of(of, &mut at_hand, left).transpose();
-        if let Some(Ok(_)) = shown {
-            compared.insert(&of.facts.name);
-            maps += 1;
-        }
-        exhibits[place].maps = shown.map(|shown| shown.map_err(|error| format!("{error:#}")));
-    }
-    if runs + maps > 0 && !is_quiet {
-        let seconds = started.elapsed().as_secs_f64();
-        let (runs, maps) = (counted(runs, "run"), counted(maps, "pair"));
-        tell!("computed {runs} and {maps} of maps again to show them: {seconds:.1} s");
-    }
-    exhibits
-}
-
-fn runs_of(results: &Results, at_hand: &mut AtHand<'_>, left: &mut Left) -> Result<Shown<Watch>> {
-    let chosen = watch::choose(results)?;
-    let trials: Vec<Trial> = chosen.runs.iter().map(|chosen| chosen.trial.clone()).collect();
-    let data = at_hand.of(results)?;
-    left.spend(results, &trials)?;
-    let shown = Shown::new(watch::repeat(results, &chosen, &data)?)?;
-    fit(&mut left.run_bytes, shown.json.len(), RUN_BYTES, "runs")?;
-    Ok(shown)
-}
-
-fn maps_of(
-    results: &Results,
-    at_hand: &mut AtHand<'_>,
-    left: &mut Left,
-) -> Result<Option<Shown<MapPair>>> {
-    let Some(recipes) = compare_maps::choose(results)? else { return Ok(None) };
-    let data = at_hand.of(results)?;
-    let trials = recipes.clone().map(|map| Trial { map, runs: Vec::new() });
-    left.spend(results, &trials)?;
-    let shown = Shown::new(compare_maps::repeat(results, &recipes, &data)?)?;
-    fit(&mut left.map_bytes, shown.json.len(), MAP_BYTES, "maps")?;
-    Ok(Some(shown))
-}
-
-impl Left {
+impl Room {
     /// Takes the time of trials off.
-    fn spend(&mut self, results: &Results, trials: &[Trial]) -> Result<()> {
-        let costs = Costs::built_in(&results.facts);
-        let seconds: f64 = trials.iter().map(|trial| costs.of(trial)).sum();
+    fn spend<'t>(
+        &mut self,
+        facts: &DataFacts,
+        trials: impl IntoIterator<Item = &'t Trial>,
+    ) -> Result<()> {
+        let costs = Costs::built_in(facts);
+        let seconds: f64 = trials.into_iter().map(|trial| costs.of(trial)).sum();
         if seconds > self.seconds {
             bail!(
                 "computing it again would take about {seconds:.0} s of the processor, and the page as a whole \

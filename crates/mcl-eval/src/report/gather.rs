@@ -10,7 +10,9 @@ use rayon::prelude::*;
 use crate::claims::claim::DatasetClaims;
 use crate::claims::{decide, without_results};
 use crate::cli::told_once;
+use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
 use crate::report::folder::Folder;
+use crate::report::slot::Slot;
 
 /// What the page shows.
 #[derive(Debug, Default)]
@@ -23,6 +25,8 @@ pub struct Report {
     pub without_results: Vec<String>,
     /// Folders that could not be read, and why.
     pub damaged: Vec<(PathBuf, String)>,
+    /// Folders with runs that `localize` recorded: the place of these, or why they are not shown.
+    pub localized: Vec<(PathBuf, Result<Slot, String>)>,
 }
 
 /// What the folders of one data set say.
@@ -32,6 +36,8 @@ struct OfDataset {
     claims: Vec<DatasetClaims>,
     without_results: Vec<String>,
     damaged: Vec<(PathBuf, String)>,
+    /// By folder with rows.
+    wanted: Vec<(PathBuf, Wanted)>,
 }
 
 /// Reads the result folders below some roots. A folder that cannot be read stops no other. Claims compare studies on
@@ -39,17 +45,22 @@ struct OfDataset {
 ///
 /// # Errors
 /// When a root cannot be read, or holds no result folder.
-pub fn gather(roots: &[PathBuf]) -> Result<Report> {
+pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Report> {
     let mut by_dataset: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    let mut recorded = Vec::new();
     for root in roots {
-        for folder in folders(root)? {
+        let of_root = recorded_folders(root);
+        for folder in result_folders(root, &of_root)? {
             by_dataset.entry(name_of(&folder)).or_default().push(folder);
         }
+        recorded.extend(of_root);
     }
     let found: Vec<OfDataset> =
         by_dataset.into_values().par_bridge().map(|f| of_dataset(&f)).collect();
     let mut report = Report::default();
+    let mut wanted = Vec::new();
     for of_dataset in found {
+        wanted.extend(of_dataset.wanted);
         for folder in of_dataset.folders {
             report.studies.entry(folder.study.clone()).or_default().push(folder);
         }
@@ -66,7 +77,50 @@ pub fn gather(roots: &[PathBuf]) -> Result<Report> {
     without_results.sort();
     without_results.dedup();
     damaged.sort();
+    let mut room = Room::default();
+    for folder in recorded {
+        let shown = exhibits::localized(&folder, &mut room);
+        let slot = shown.map(|shown| shown.slot).map_err(|error| told_once(&error));
+        report.localized.push((folder, slot));
+    }
+    exhibit(&mut report, wanted, logs, room, is_quiet);
     Ok(report)
+}
+
+/// The result folders of a root. One that holds recorded runs needs none.
+///
+/// # Errors
+/// When the root cannot be read, or holds neither.
+pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    match folders(root) {
+        Err(_) if !recorded.is_empty() => Ok(Vec::new()),
+        found => found,
+    }
+}
+
+/// Adds to each folder what it has to show, or a note of why it has not.
+fn exhibit(
+    report: &mut Report,
+    mut wanted: Vec<(PathBuf, Wanted)>,
+    logs: &[String],
+    mut room: Room,
+    is_quiet: bool,
+) {
+    wanted.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let (paths, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
+    let exhibits = exhibits::repeat(&wanted, logs, &mut room, is_quiet);
+    let mut by_path: BTreeMap<PathBuf, Exhibits> = paths.into_iter().zip(exhibits).collect();
+    for folder in report.studies.values_mut().flatten() {
+        let Some(Exhibits { runs, maps }) = by_path.remove(&folder.path) else { continue };
+        let runs = runs.map(|runs| ("runs", runs.map(|shown| shown.slot)));
+        let maps = maps.map(|maps| ("maps", maps.map(|shown| shown.slot)));
+        for (what, shown) in runs.into_iter().chain(maps) {
+            match shown {
+                Ok(slot) => folder.slots.push(slot),
+                Err(why) => folder.notes.push(format!("No {what} are shown: {why}.")),
+            }
+        }
+    }
 }
 
 fn name_of(folder: &Path) -> String {
@@ -80,6 +134,7 @@ fn of_dataset(folders: &[PathBuf]) -> OfDataset {
         let read = Results::read(path).and_then(|results| match results {
             Some(results) => {
                 let folder = Folder::of_rows(&results)?;
+                found.wanted.push((path.clone(), Wanted::of(&results)));
                 all.push(results);
                 Ok(folder)
             }

@@ -30,8 +30,10 @@ use crate::report::text::{argument, bytes, date, duration, shown, shown_lines};
 /// plotly.js, compressed by the build script.
 const PLOTLY: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
 /// Styles and scripts of the page, in their order. What stands in a [`Slot`] brings its own.
-const STYLES: [&str; 1] = [include_str!("../../assets/report.css")];
-const SCRIPTS: [&str; 1] = [include_str!("../../assets/report.js")];
+const STYLES: [&str; 2] =
+    [include_str!("../../assets/report.css"), include_str!("../../assets/watch.css")];
+const SCRIPTS: [&str; 2] =
+    [include_str!("../../assets/report.js"), include_str!("../../assets/watch.js")];
 /// Bytes of all figures for print on the page, at most.
 const FIGURE_BYTES: usize = 2_000_000;
 /// Studies that are answered first; the others follow in a list that opens.
@@ -49,7 +51,15 @@ struct Page<'a> {
     datasets: Vec<DatasetColumn>,
     builds: Vec<BuildLine>,
     claims: Matrix,
+    localized: Vec<LocalizedSection<'a>>,
     studies: Vec<StudySection<'a>>,
+}
+
+/// A folder with runs that `localize` recorded.
+struct LocalizedSection<'a> {
+    path: String,
+    slot: Option<&'a Slot>,
+    note: String,
 }
 
 impl Page<'_> {
@@ -164,9 +174,16 @@ pub fn page(report: &Report) -> Result<String> {
         datasets: names.iter().map(|name| dataset(report, name)).collect(),
         builds: builds(report),
         claims: matrix(&report.claims),
+        localized: report.localized.iter().map(localized).collect(),
         studies,
     };
     Ok(page.render()?)
+}
+
+fn localized((path, slot): &(PathBuf, Result<Slot, String>)) -> LocalizedSection<'_> {
+    let note = slot.as_ref().err().map(|why| printable(why).into_owned()).unwrap_or_default();
+    let path = shown(&path.to_string_lossy());
+    LocalizedSection { path, slot: slot.as_ref().ok(), note }
 }
 
 /// No request to anywhere, and no script but these.

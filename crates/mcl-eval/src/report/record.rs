@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use crate::report::pack::{self, ABSENT, Packer, Steps};
 
 /// Scans that are shown, at most.
-pub const MOST_FRAMES: usize = 300;
+pub const MOST_FRAMES: usize = 250;
 /// Particles that are shown of each scan: drawn by their weights, in even steps.
-pub const PARTICLES: usize = 50;
+pub const PARTICLES: usize = 40;
 /// Beams that are shown of each scan, at most.
 pub const MOST_BEAMS: usize = 60;
 /// Poses of a path that are shown, at most.

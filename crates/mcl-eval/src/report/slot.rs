@@ -1,7 +1,10 @@
 //! Places on the page that another script fills: runs to watch and maps to compare.
 
 use anyhow::Result;
+use mcl_core::text::printable;
 use serde::Serialize;
+
+use crate::report::text::shown;
 
 /// What fills a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,6 +21,10 @@ pub enum SlotKind {
 pub struct Slot {
     /// What fills it.
     pub kind: SlotKind,
+    /// Its heading.
+    pub title: String,
+    /// What there is to see, for those who do not see it.
+    pub text: String,
     /// Its data, safe within a script element.
     pub json: String,
 }
@@ -27,8 +34,9 @@ impl Slot {
     ///
     /// # Errors
     /// When the data cannot be written as JSON.
-    pub fn new(kind: SlotKind, data: &impl Serialize) -> Result<Self> {
-        Ok(Slot { kind, json: script_safe(&serde_json::to_string(data)?) })
+    pub fn new(kind: SlotKind, title: &str, text: &str, data: &impl Serialize) -> Result<Self> {
+        let json = script_safe(&serde_json::to_string(data)?);
+        Ok(Slot { kind, title: shown(title), text: printable(text).into_owned(), json })
     }
 
     /// Name of the element's class.
@@ -59,7 +67,7 @@ mod tests {
 
     #[test]
     fn data_does_not_leave_its_element() {
-        let slot = Slot::new(SlotKind::Watch, &["</script><!--"]).unwrap();
+        let slot = Slot::new(SlotKind::Watch, "", "", &["</script><!--"]).unwrap();
         assert!(!slot.json.contains('<'), "{}", slot.json);
         assert_eq!(serde_json::from_str::<[String; 1]>(&slot.json).unwrap(), ["</script><!--"]);
     }

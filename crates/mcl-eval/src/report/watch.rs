@@ -24,6 +24,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::report::record::{MapLooks, RECORDED_END, RecordedRun, Recorder};
+use crate::report::text::shown;
 
 /// What the mean of which runs are ranked by.
 const RANKED_BY: &str = "weighted";
@@ -207,7 +208,7 @@ pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
 ///
 /// # Errors
 /// When a run cannot be repeated, or comes out otherwise than its row says.
-pub fn repeat(results: &Results, chosen: &Chosen, data: &StudyData) -> Result<Watch> {
+pub fn repeat(title: String, chosen: &Chosen, data: &StudyData) -> Result<Watch> {
     let maps = Maps::<2>::new(data, chosen.runs.iter().map(|chosen| &chosen.trial.map))?;
     let one = |chosen: &ChosenRun| -> Result<WatchedRun> {
         let run = repeat_one(chosen, &maps, data).with_context(|| chosen.trial.to_string())?;
@@ -215,7 +216,6 @@ pub fn repeat(results: &Results, chosen: &Chosen, data: &StudyData) -> Result<Wa
         Ok(WatchedRun { role: chosen.role, run })
     };
     let runs = chosen.runs.par_iter().map(one).collect::<Result<Vec<_>>>()?;
-    let title = format!("{} on {}", results.name, results.facts.title);
     Ok(Watch { title, rule: chosen.rule.clone(), runs })
 }
 
@@ -240,42 +240,56 @@ fn repeat_one(chosen: &ChosenRun, maps: &Maps<'_, 2>, data: &StudyData) -> Resul
     })?;
     let laser_from_robot = log.recording.robot_from_laser.inverse();
     let context = RunContext { recipe, tracked: &tracked, laser_from_robot };
-    for (found, there) in TRACKING.take(&context)?.iter().zip(row) {
-        ensure!(
-            found == there,
-            "{} comes out as {}, and the row says {}",
-            found.0,
-            found.1,
-            there.1
-        );
-    }
+    check_same(&TRACKING.take(&context)?, row)?;
     let MapRecipe { kind, draw, .. } = &trial.map;
     let size = trial.map.size.map_or(String::new(), |size| format!(" {size}"));
     let label = format!("{kind}{size}, draw {draw}, {recipe}");
     recorder.context("the run has no scans")?.finish(label, &MapLooks::of(&map.shape)?)
 }
 
-/// The recorded runs of a folder that `localize` wrote; `None` where there are none.
+/// Sees whether what was measured again is what a row says, to the last bit.
 ///
 /// # Errors
-/// When the folder or a file in it cannot be read, or a file is no recorded run.
-pub fn localized(folder: &Path) -> Result<Option<Watch>> {
-    let in_folder = || folder.display().to_string();
+/// The first difference.
+pub fn check_same(found: &Cells, row: &Cells) -> Result<()> {
+    for ((name, found), (_, there)) in found.iter().zip(row) {
+        ensure!(found == there, "{name} comes out as {found}, and the row says {there}");
+    }
+    Ok(())
+}
+
+/// The files of recorded runs in a folder, sorted.
+fn recorded(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> = Vec::new();
-    for entry in fs::read_dir(folder).with_context(in_folder)? {
-        let path = entry.with_context(in_folder)?.path();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if name.starts_with("run-") && name.ends_with(RECORDED_END) {
             files.push(path);
         }
     }
     files.sort();
+    Ok(files)
+}
+
+/// Whether `localize` recorded runs in a folder. One that cannot be read has none.
+pub fn has_recorded(folder: &Path) -> bool {
+    recorded(folder).is_ok_and(|files| !files.is_empty())
+}
+
+/// The recorded runs of a folder that `localize` wrote.
+///
+/// # Errors
+/// When the folder or a file in it cannot be read, a file is no recorded run, or there are none or too many.
+pub fn localized(folder: &Path) -> Result<Watch> {
+    let in_folder = || folder.display().to_string();
+    let files = recorded(folder).with_context(in_folder)?;
     ensure!(files.len() <= MOST_FILES, "{}: more than {MOST_FILES} recorded runs", in_folder());
     let mut found = Vec::new();
     for path in &files {
         found.push((read(path)?.mean_errors.map_or(f64::INFINITY, |[d, ..]| d), path));
     }
-    let Some((first, _)) = found.first() else { return Ok(None) };
+    let (first, _) = found.first().with_context(|| format!("{}: no recorded runs", in_folder()))?;
     let is_rated = first.is_finite();
     // Without a reference nobody knows which is better.
     found.truncate(if is_rated { found.len() } else { 1 });
@@ -289,7 +303,7 @@ pub fn localized(folder: &Path) -> Result<Option<Watch>> {
         false => "The first run: without a reference nobody knows which is best.".to_owned(),
     };
     let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
-    Ok(Some(Watch { title: format!("localize, {name}"), rule, runs }))
+    Ok(Watch { title: format!("localize, {name}"), rule, runs })
 }
 
 fn read(path: &Path) -> Result<RecordedRun> {
@@ -298,7 +312,9 @@ fn read(path: &Path) -> Result<RecordedRun> {
     if !metadata.is_file() || metadata.len() > MOST_BYTES {
         bail!("{}: expected a file of at most {MOST_BYTES} bytes", in_file());
     }
-    RecordedRun::parse(&fs::read_to_string(path).with_context(in_file)?).with_context(in_file)
+    let text = fs::read_to_string(path).with_context(in_file)?;
+    let run = RecordedRun::parse(&text).with_context(in_file)?;
+    Ok(RecordedRun { label: shown(&run.label), ..run })
 }
 
 impl Watch {

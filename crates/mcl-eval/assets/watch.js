@@ -565,7 +565,6 @@
     const go = (isOn) => {
       isPlaying = isOn;
       play.textContent = isPlaying ? "Pause" : "Play";
-      play.setAttribute("aria-pressed", String(isPlaying));
       root.dataset.playing = String(isPlaying);
       if (!isPlaying) return say();
       if (frame >= ticks.length - 1) seek(0);
