@@ -358,9 +358,9 @@
       context.strokeRect(
         whole.toX(x - halfX), whole.toY(y + halfY), 2 * halfX * whole.scale, 2 * halfY * whole.scale,
       );
+      drawParticles(context, whole, run, at, colors, 1.6, 0);
       drawRobot(context, whole, run.reference, at, colors.reference, 8, true, colors);
       drawRobot(context, whole, run.estimate, at, colors.estimate, 6, false, colors);
-      drawParticles(context, whole, run, at, colors, 1.4, 0);
       drawScale(context, whole, colors);
     });
     within(context, close, () => {
@@ -370,7 +370,10 @@
       drawScan(context, close, run, at, colors, 2.5, true);
       drawRobot(context, close, run.reference, at, colors.reference, 15, true, colors);
       drawRobot(context, close, run.estimate, at, colors.estimate, 10, false, colors);
-      drawParticles(context, close, run, at, colors, 2, 10);
+      // Those that agree hide behind the estimate: here they are on top.
+      context.globalAlpha = 0.75;
+      drawParticles(context, close, run, at, colors, 1.8, 9);
+      context.globalAlpha = 1;
       drawScale(context, close, colors);
     });
     context.strokeStyle = colors.faint;
@@ -627,9 +630,10 @@
 
   // ── Maps ─────────────────────────────────────────────────────────────────────────────────────────────────────
 
-  // A few of viridis (van der Walt and Smith, 2015) without its brightest yellow, and of a blue that turns orange
+  // A few of viridis (van der Walt and Smith, 2015) without what vanishes on the page, and of a blue that turns orange
   // through grey, as bright at both ends.
-  const LIKELIHOOD = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [223, 200, 30]];
+  const LIKELIHOOD_ON_LIGHT = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [223, 200, 30]];
+  const LIKELIHOOD_ON_DARK = [[240, 225, 60], [94, 201, 98], [45, 145, 150], [84, 96, 165]];
   const GAIN_ON_LIGHT = [[179, 88, 6], [230, 140, 60], [205, 205, 205], [90, 150, 205], [5, 80, 160]];
   const GAIN_ON_DARK = [[255, 160, 70], [190, 110, 50], [85, 88, 95], [70, 125, 190], [120, 190, 255]];
   const colorOf = (anchors, share) => {
@@ -671,7 +675,7 @@
     const anchors = () => {
       if (isGain()) return isDark(root) ? GAIN_ON_DARK : GAIN_ON_LIGHT;
       // What is unlikely stands out: dark on light pages, light on dark ones.
-      return isDark(root) ? [...LIKELIHOOD].reverse() : LIKELIHOOD;
+      return isDark(root) ? LIKELIHOOD_ON_DARK : LIKELIHOOD_ON_LIGHT;
     };
     const drawPoints = (context, view, place) => {
       const table = tableOf(anchors());
