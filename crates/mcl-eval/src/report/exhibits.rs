@@ -26,7 +26,6 @@ const MAP_BYTES: usize = 400_000;
 const SECONDS: f64 = 60.0;
 
 /// What a result folder could show.
-#[derive(Clone)]
 pub struct Wanted {
     folder: PathBuf,
     study: String,

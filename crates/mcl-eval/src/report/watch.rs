@@ -313,8 +313,9 @@ fn read(path: &Path) -> Result<RecordedRun> {
         bail!("{}: expected a file of at most {MOST_BYTES} bytes", in_file());
     }
     let text = fs::read_to_string(path).with_context(in_file)?;
-    let run = RecordedRun::parse(&text).with_context(in_file)?;
-    Ok(RecordedRun { label: shown(&run.label), ..run })
+    let mut run = RecordedRun::parse(&text).with_context(in_file)?;
+    run.label = shown(&run.label);
+    Ok(run)
 }
 
 impl Watch {
