@@ -13,6 +13,7 @@ use mcl_study::store::results::Results;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::run::Trial;
 
+use crate::cli::told_once;
 use crate::progress::tell;
 use crate::report::at_hand::AtHand;
 use crate::report::compare_maps::{self, ChosenMaps, MapPair};
@@ -78,7 +79,7 @@ impl Wanted {
     pub fn of(results: &Results) -> Self {
         let Results { study, facts, .. } = results;
         let has_runs = results.table.column("run").is_some();
-        let told = |error: anyhow::Error| format!("{error:#}");
+        let told = |error: anyhow::Error| told_once(&error);
         let maps = compare_maps::choose(results).transpose();
         Wanted {
             folder: results.folder.clone(),
@@ -130,7 +131,8 @@ impl Shown<Watch> {
 }
 
 /// Computes again what the page shows of each result folder, in their order. Logs are those of the registry, and
-/// `logs` by path. Studies that picture a run come first; what comes after the limits is said not to be shown.
+/// `logs` by path. Runs of studies that picture one come first; maps are shown once per data set, of a study without
+/// runs if there is one. What comes after the limits is said not to be shown.
 pub fn repeat(
     wanted: &[Wanted],
     logs: &[String],
@@ -139,23 +141,27 @@ pub fn repeat(
 ) -> Vec<Exhibits> {
     let started = Instant::now();
     let mut exhibits: Vec<Exhibits> = wanted.iter().map(|_| Exhibits::default()).collect();
-    let mut order: Vec<usize> = (0..wanted.len()).collect();
-    order.sort_by_key(|&place| {
-        let Wanted { pictures_run, facts, study, folder, .. } = &wanted[place];
-        (!pictures_run, &facts.name, study, folder)
-    });
+    let sorted = |comes_later: fn(&Wanted) -> bool| {
+        let mut order: Vec<usize> = (0..wanted.len()).collect();
+        order.sort_by_key(|&place| {
+            let Wanted { facts, study, folder, .. } = &wanted[place];
+            (comes_later(&wanted[place]), &facts.name, study, folder)
+        });
+        order
+    };
     let mut at_hand = AtHand::new(logs);
-    let mut compared: HashSet<&str> = HashSet::new();
     let (mut runs, mut maps) = (0, 0);
-    let told = |error: anyhow::Error| format!("{error:#}");
-    for place in order {
+    for place in sorted(|wanted| !wanted.pictures_run) {
         let of = &wanted[place];
         exhibits[place].runs = of.runs.as_ref().map(|chosen| {
             let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
             runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
-            shown.map_err(told)
+            shown.map_err(|error| told_once(&error))
         });
-        // Those of one study on the same data are enough.
+    }
+    let mut compared: HashSet<&str> = HashSet::new();
+    for place in sorted(|wanted| wanted.runs.is_some()) {
+        let of = &wanted[place];
         if compared.contains(of.facts.name.as_str()) {
             continue;
         }
@@ -165,7 +171,7 @@ pub fn repeat(
                 compared.insert(&of.facts.name);
                 maps += 1;
             }
-            shown.map_err(told)
+            shown.map_err(|error| told_once(&error))
         });
     }
     if runs + maps > 0 && !is_quiet {

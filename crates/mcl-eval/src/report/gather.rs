@@ -112,14 +112,21 @@ fn exhibit(
     let mut by_path: BTreeMap<PathBuf, Exhibits> = paths.into_iter().zip(exhibits).collect();
     for folder in report.studies.values_mut().flatten() {
         let Some(Exhibits { runs, maps }) = by_path.remove(&folder.path) else { continue };
-        let runs = runs.map(|runs| ("runs", runs.map(|shown| shown.slot)));
-        let maps = maps.map(|maps| ("maps", maps.map(|shown| shown.slot)));
-        for (what, shown) in runs.into_iter().chain(maps) {
+        let shown = [
+            ("runs", runs.map(|runs| runs.map(|shown| shown.slot))),
+            ("maps", maps.map(|maps| maps.map(|shown| shown.slot))),
+        ];
+        let mut reasons: Vec<(&str, String)> = Vec::new();
+        for (what, shown) in shown {
             match shown {
-                Ok(slot) => folder.slots.push(slot),
-                Err(why) => folder.notes.push(format!("No {what} are shown: {why}.")),
+                None => {}
+                Some(Ok(slot)) => folder.slots.push(slot),
+                Some(Err(why)) if reasons.iter().any(|(_, other)| *other == why) => {}
+                Some(Err(why)) => reasons.push((what, why)),
             }
         }
+        let notes = reasons.iter().map(|(what, why)| format!("No {what} are shown: {why}."));
+        folder.notes.extend(notes);
     }
 }
 

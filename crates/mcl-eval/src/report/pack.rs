@@ -1,14 +1,14 @@
 //! Numbers as a page carries them: whole, in planes of bytes, compressed, as base64.
 
-use std::io::{Read, Write};
+use std::io::Read;
 
 use anyhow::{Context, Result, bail};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use flate2::Compression;
 use flate2::read::GzDecoder;
-use flate2::write::GzEncoder;
 use mcl_core::{Bounds, Point};
+
+use crate::report::payload;
 
 /// Places are given to this (m), unless they are so far apart that 16 bits would not hold them.
 const FINEST_STEP: f64 = 0.01;
@@ -75,9 +75,7 @@ impl Packer {
     /// # Errors
     /// When there is no memory for it.
     pub fn finish(self) -> Result<String> {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-        encoder.write_all(&self.bytes)?;
-        Ok(STANDARD.encode(encoder.finish()?))
+        payload::pack(&self.bytes)
     }
 }
 
