@@ -425,3 +425,59 @@ fn evenly(times: &[f64], most: usize) -> Vec<usize> {
     places.dedup();
     places
 }
+
+#[cfg(test)]
+mod tests {
+    use mcl_core::{LaserScan, ScanGeometry, Stamp};
+
+    use super::*;
+
+    #[test]
+    fn shown_scans_are_even_in_time_with_both_ends() {
+        assert_eq!(evenly(&[], 3), [0; 0]);
+        assert_eq!(evenly(&[0.0, 1.0, 2.0], 3), [0, 1, 2]);
+        // The robot stands still for long: fewer are shown than could be, and none twice.
+        let times: Vec<f64> = (0..100).map(|k| if k < 50 { f64::from(k) } else { 1e4 }).collect();
+        let shown = evenly(&times, 10);
+        assert_eq!((shown.first(), shown.last()), (Some(&0), Some(&99)));
+        assert!(shown.len() <= 10 && shown.is_sorted_by(|a, b| a < b), "{shown:?}");
+        let even: Vec<f64> = (0..1000).map(f64::from).collect();
+        let shown = evenly(&even, 250);
+        assert_eq!((shown.len(), shown[249]), (250, 999));
+        assert!(shown.windows(2).all(|pair| (3..=5).contains(&(pair[1] - pair[0]))), "{shown:?}");
+    }
+
+    fn recording(stamps: &[Option<i64>]) -> Recording {
+        let scan = |stamp: &Option<i64>| LaserScan {
+            stamp: stamp.map(|seconds| Stamp::from_nanoseconds(seconds * 1_000_000_000)),
+            geometry: ScanGeometry { start_angle: 0.0, angle_step: 1.0, beams: 0 },
+            ranges: Vec::new(),
+            map_from_laser: None,
+            odometry: None,
+            sweep: Default::default(),
+        };
+        let scans = stamps.iter().map(scan).collect();
+        Recording { scans, robot_from_laser: Pose2::IDENTITY }
+    }
+
+    /// Logs step back in time, and robots are carried off to another time of the log.
+    #[test]
+    fn time_never_goes_back_and_does_not_jump_where_the_robot_is_carried_off() {
+        let log = recording(&[Some(10), Some(12), Some(11), Some(500), Some(501)]);
+        let scans = [0, 1, 2, 3, 4];
+        let replay = Replay { recording: &log, increments: &[], scans: &scans };
+        assert_eq!(times(&replay, Some(3)), (vec![0.0, 2.0, 2.0, 2.0, 3.0], true));
+        assert_eq!(times(&replay, None).0, [0.0, 2.0, 2.0, 491.0, 492.0]);
+        let log = recording(&[Some(1), None, Some(3)]);
+        let replay = Replay { recording: &log, increments: &[], scans: &scans[..3] };
+        assert_eq!(times(&replay, None), (vec![0.0, 1.0, 2.0], false));
+    }
+
+    #[test]
+    fn every_beam_is_shown_of_few_and_every_second_of_more() {
+        assert_eq!(shown_beams(60).count(), 60);
+        assert_eq!(shown_beams(61).collect::<Vec<_>>()[..3], [0, 2, 4]);
+        assert!((1..2000).all(|beams| (1..=MOST_BEAMS).contains(&shown_beams(beams).count())));
+        assert_eq!(shown_beams(0).count(), 0);
+    }
+}
