@@ -84,8 +84,8 @@
   };
 
   /** A canvas that fits its box at the screen's resolution, drawn by `draw(context, width, height)`. */
-  const surface = (className, draw) => {
-    const canvas = make("canvas", { className, role: "img" });
+  const surface = (className, text, draw) => {
+    const canvas = make("canvas", { className, role: "img", "aria-label": text });
     const context = canvas.getContext("2d");
     const redraw = () => {
       const { clientWidth: width, clientHeight: height } = canvas;
@@ -486,7 +486,7 @@
 
     const makePane = (run, isSecond) => {
       const pane = { run };
-      const { canvas, redraw } = surface("watch-scene", (context, width, height) => {
+      const { canvas, redraw } = surface("watch-scene", "Map with robot, scan and particles", (context, width, height) => {
         if (pane.run) drawRun(context, width, height, pane.run, placeAt(pane.run.time, time), paletteOf(root));
       });
       const choice = make("select", {}, ...(isSecond ? [option("", "none")] : []));
@@ -521,7 +521,7 @@
       return pane.figure;
     };
 
-    const errors = surface("watch-errors", (context, width, height) =>
+    const errors = surface("watch-errors", "Weighted error over time", (context, width, height) =>
       drawErrors(context, width, height, shown(), time, duration, paletteOf(root)),
     );
     const play = make("button", { type: "button", className: "watch-play" });
@@ -710,7 +710,7 @@
       context.fillStyle = colors.ink;
       context.fillText(text, x, y);
     };
-    const scene = surface("compare-scene", (context, width, height) => {
+    const scene = surface("compare-scene", "Data points coloured by their log-likelihood", (context, width, height) => {
       const colors = paletteOf(root);
       context.fillStyle = colors.page;
       context.fillRect(0, 0, width, height);
@@ -738,7 +738,7 @@
       }
       drawScale(context, view, colors);
     });
-    const legend = surface("compare-legend", (context, width, height) => {
+    const legend = surface("compare-legend", "Colours", (context, width, height) => {
       const colors = paletteOf(root);
       const [low, high] = isGain() ? [-mostGain, mostGain] : [pair.low, pair.high];
       const table = tableOf(anchors());
