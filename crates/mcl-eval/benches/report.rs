@@ -90,7 +90,7 @@ fn main() -> Result<()> {
         .map(|number| plant(root.path(), number, &text))
         .sum::<Result<usize>>()?;
     let start = Instant::now();
-    let report = gather(&[root.path().to_owned()])?;
+    let report = gather(&[root.path().to_owned()], &[], true)?;
     let gathered = start.elapsed().as_secs_f64();
     let page = page(&report)?;
     let seconds = start.elapsed().as_secs_f64();

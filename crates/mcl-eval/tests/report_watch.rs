@@ -63,7 +63,7 @@ fn small() -> (Bench, Vec<Results>) {
 }
 
 fn shown(results: &[Results], logs: &[String]) -> Vec<Exhibits> {
-    let wanted: Vec<Wanted> = results.iter().map(Wanted::of).collect();
+    let wanted: Vec<Wanted> = results.iter().map(|results| Wanted::of(results).unwrap()).collect();
     repeat(&wanted, logs, &mut Room::default(), true)
 }
 
@@ -276,9 +276,10 @@ fn runs_of_programs_alone_are_not_shown() {
                 localizer = \"theirs\"\nmap = \"gbs\"\nsize = 5\nruns = 1\n";
     let (_bench, mut results) = small();
     results[0].study = Study::parse(text).unwrap();
-    let reason = watch::choose(&results[0]).unwrap_err().to_string();
+    let choose = |results: &Results| watch::choose(results, &results.plan().unwrap());
+    let reason = choose(&results[0]).unwrap_err().to_string();
     assert!(reason.contains("programs of others"), "{reason}");
     // With the own filter beside them, its runs are shown.
     let (_bench, results) = small();
-    assert_eq!(watch::choose(&results[0]).unwrap().runs.len(), 3);
+    assert_eq!(choose(&results[0]).unwrap().runs.len(), 3);
 }

@@ -1,7 +1,5 @@
 //! Two maps of one size over one another, with the likelihood of the data's points: where each explains them badly.
 
-use std::collections::HashMap;
-
 use anyhow::{Context, Result};
 use mcl_core::text::number;
 use mcl_core::{Bounds, Point, PointMap};
@@ -9,6 +7,7 @@ use mcl_maps::{PointSet, mixture_log_likelihood};
 use mcl_study::measure::{MapContext, Measures, OfDimension};
 use mcl_study::recipe::map::{MapRecipe, Size};
 use mcl_study::store::results::Results;
+use mcl_study::study::plan::Plan;
 use mcl_study::table::Cells;
 use mcl_study::trial::division::StudyData;
 use mcl_study::trial::maps::Maps;
@@ -88,16 +87,11 @@ pub struct ChosenMaps {
 ///
 /// # Errors
 /// When its recipes cannot be made, or their rows are missing.
-pub fn choose(results: &Results) -> Result<Option<ChosenMaps>> {
+pub fn choose(results: &Results, plan: &Plan) -> Result<Option<ChosenMaps>> {
     if results.facts.dimensions != 2 {
         return Ok(None);
     }
-    let plan = results.plan()?;
     let mut nearest: Option<((u8, f64), [MapRecipe; 2])> = None;
-    let mut known: HashMap<String, &MapRecipe> = HashMap::new();
-    for trial in &plan.trials {
-        known.entry(trial.map.identity()?).or_insert(&trial.map);
-    }
     for refined in plan.trials.iter().map(|trial| &trial.map) {
         let distance = distance_from_shown(refined);
         let is_nearer = nearest.as_ref().is_none_or(|(best, _)| {
@@ -106,10 +100,15 @@ pub fn choose(results: &Results) -> Result<Option<ChosenMaps>> {
         let is_sized = matches!(refined.size, Some(Size::Percent(_) | Size::Points(_)));
         let initial = refined.initial();
         if is_nearer && is_sized && initial.kind != refined.kind {
-            // The same map may go by another name or draw number where nothing is drawn.
-            if let Some(&initial) = known.get(&initial.identity()?) {
-                nearest = Some((distance, [initial.clone(), refined.clone()]));
-            }
+            let identity = initial.identity()?;
+            // The same map may have another draw number where nothing is drawn.
+            let is_it = |other: &&MapRecipe| {
+                other.kind == initial.kind
+                    && other.size == initial.size
+                    && other.identity().is_ok_and(|found| found == identity)
+            };
+            let found = plan.trials.iter().map(|trial| &trial.map).find(is_it);
+            nearest = found.map(|found| (distance, [found.clone(), refined.clone()])).or(nearest);
         }
     }
     let Some((_, recipes)) = nearest else { return Ok(None) };

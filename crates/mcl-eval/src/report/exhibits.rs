@@ -76,21 +76,25 @@ impl Default for Room {
 
 impl Wanted {
     /// Of rows, which are not needed any more when this is known.
-    pub fn of(results: &Results) -> Self {
+    ///
+    /// # Errors
+    /// As [`Results::plan`].
+    pub fn of(results: &Results) -> Result<Self> {
         let Results { study, facts, .. } = results;
         let has_runs = results.table.column("run").is_some();
         let told = |error: anyhow::Error| told_once(&error);
-        let maps = compare_maps::choose(results).transpose();
-        Wanted {
+        let plan = results.plan()?;
+        let maps = compare_maps::choose(results, &plan).transpose();
+        Ok(Wanted {
             folder: results.folder.clone(),
             study: results.name.clone(),
             facts: facts.clone(),
             measures: study.measures.clone(),
             scans: study.listed(&facts.name).and_then(|listed| listed.scans),
             pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
-            runs: has_runs.then(|| watch::choose(results).map_err(told)),
+            runs: has_runs.then(|| watch::choose(results, &plan).map_err(told)),
             maps: maps.map(|maps| maps.map_err(told)),
-        }
+        })
     }
 
     fn runs(

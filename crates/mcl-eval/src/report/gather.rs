@@ -140,8 +140,8 @@ fn of_dataset(folders: &[PathBuf]) -> OfDataset {
     for path in folders {
         let read = Results::read(path).and_then(|results| match results {
             Some(results) => {
-                let folder = Folder::of_rows(&results)?;
-                found.wanted.push((path.clone(), Wanted::of(&results)));
+                let (folder, wanted) = (Folder::of_rows(&results)?, Wanted::of(&results)?);
+                found.wanted.push((path.clone(), wanted));
                 all.push(results);
                 Ok(folder)
             }

@@ -14,6 +14,7 @@ use mcl_study::recipe::kind::{Builder, MapKind};
 use mcl_study::recipe::map::{MapRecipe, Size};
 use mcl_study::recipe::run::RunRecipe;
 use mcl_study::store::results::Results;
+use mcl_study::study::plan::Plan;
 use mcl_study::table::{Cells, Row};
 use mcl_study::trial::division::{Division, StudyData};
 use mcl_study::trial::map::Dimension;
@@ -106,8 +107,7 @@ pub fn distance_from_shown(map: &MapRecipe) -> (u8, f64) {
 ///
 /// # Errors
 /// Why there are none.
-pub fn choose(results: &Results) -> Result<Chosen> {
-    let plan = results.plan()?;
+pub fn choose(results: &Results, plan: &Plan) -> Result<Chosen> {
     let of_own = |run: &&RunRecipe| run.program().is_none();
     let mut all: Vec<(&MapRecipe, &RunRecipe)> = Vec::new();
     for trial in &plan.trials {
