@@ -7,8 +7,10 @@ TARGET := $(shell $(CARGO) metadata --format-version 1 --no-deps --locked 2>/dev
 TARGET := $(if $(TARGET),$(TARGET),$(CURDIR)/target)
 MCL_EVAL = "$(TARGET)/release/mcl-eval"
 RESULTS ?= results
+# The page that shows all of them.
+REPORT ?= $(RESULTS)/report.html
 
-.PHONY: build experiments beyond sensitivity datasets figures test fuzz interop cluster large-bag bench peers localizers reproduce check deny fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -20,6 +22,7 @@ experiments: build
 	$(MCL_EVAL) run experiments/likelihood.toml -o $(RESULTS) || test $$? -eq 3
 	$(MCL_EVAL) run experiments/localization.toml -o $(RESULTS) || test $$? -eq 3
 	$(MCL_EVAL) claims $(RESULTS) -o $(RESULTS)/claims.md
+	$(MCL_EVAL) report $(RESULTS) -o $(REPORT) || test $$? -eq 3
 
 # What goes beyond the paper: better maps, sizes and σ that the data chooses, three dimensions, other kinds of
 # maps (docs/refinement.md, three-dimensions.md, representations.md); robots that are looked for, carried off, among
@@ -30,6 +33,7 @@ beyond: build
 	for name in $(BEYOND); do \
 	  $(MCL_EVAL) run experiments/$$name.toml -o $(RESULTS) || test $$? -eq 3 || exit 1; \
 	done
+	$(MCL_EVAL) report $(RESULTS) -o $(REPORT) || test $$? -eq 3
 
 # What depends on the settings that the paper does not name: its statements (docs/reproduction.md), and the
 # error, by which the defaults were chosen.
@@ -46,6 +50,15 @@ datasets: build
 # Draw the figures again from saved rows.
 figures: build
 	$(MCL_EVAL) plot $(RESULTS)
+
+# The page again, of what is there (docs/report.md).
+report: build
+	$(MCL_EVAL) report $(RESULTS) -o $(REPORT) || test $$? -eq 3
+
+# The page in a real browser without network. Needs Node 18 or later, npm, and chromium.
+PAGE_TEST = crates/mcl-eval/page-test
+page-test: build
+	cd $(PAGE_TEST) && npm ci --silent && MCL_EVAL=$(abspath $(MCL_EVAL)) npm test --silent
 
 # Runs the experiments whose results are committed again, on the data sets at hand, and compares: every
 # file byte by byte, or numbers within a TOLERANCE (results/README.md).

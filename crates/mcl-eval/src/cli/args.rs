@@ -74,6 +74,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
+    /// One HTML page of all results: answers, claims, charts, tables; it asks nothing of any server.
+    Report(ReportArgs),
     /// Convert a log (CARMEN, bag of ROS 1 or 2) or a map into another format.
     Convert(ConvertArgs),
     /// Write the simulated office, with exact ground truth, as a CARMEN log.
@@ -313,6 +315,22 @@ pub struct ClaimsArgs {
     /// Every claim with its statement, what was measured, and its test.
     #[arg(long, short)]
     pub verbose: bool,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Folders that hold <study>/<data set>/, or runs that localize -o wrote.
+    #[arg(default_value = "results", value_name = "ROOT")]
+    pub roots: Vec<PathBuf>,
+    /// A log that rows were computed from and no data set has, so that runs on it can be shown; may be repeated.
+    #[arg(long = "log", value_name = "LOG")]
+    pub logs: Vec<String>,
+    /// The page to write.
+    #[arg(long, short, default_value = "report.html", value_name = "FILE.html")]
+    pub output: PathBuf,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

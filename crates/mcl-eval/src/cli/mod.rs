@@ -16,6 +16,7 @@ mod map;
 mod output;
 mod plan;
 mod plot;
+mod report;
 mod run;
 mod simulate;
 mod status;
@@ -80,6 +81,7 @@ fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Plot(args) => plot::run(&args, &cli.global),
         Command::Compare(args) => compare::run(&args),
         Command::Claims(args) => claims::run(&args, &cli.global),
+        Command::Report(args) => report::run(&args, &cli.global),
         Command::Convert(args) => convert::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Datasets(args) => datasets::run(&args, &cli.global),

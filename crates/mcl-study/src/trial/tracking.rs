@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use mcl_core::{Pose2, Seed};
-use mcl_filter::{Bridge, MapDistances, Replay, StepReport, localize};
+use mcl_filter::{Bridge, FilterError, MapDistances, Replay, Step, StepReport, localize_with};
 use mcl_metrics::{PoseError, pose_errors};
 
 use crate::data::source::LogSource;
@@ -114,6 +114,23 @@ pub fn track(
     division: &Division<2>,
     tracker: &Tracker<'_>,
 ) -> Result<TrackedRun> {
+    track_with(recipe, seed, split, log, division, tracker, |_, _| {})
+}
+
+/// [`track`], showing each step of the own filter to `see`, which changes nothing of the run. The
+/// [scan](Step::scan) of a step is one of the course's own recording.
+///
+/// # Errors
+/// Those of [`track`].
+pub fn track_with(
+    recipe: &RunRecipe,
+    seed: u64,
+    split: Option<Split>,
+    log: &LogSource,
+    division: &Division<2>,
+    tracker: &Tracker<'_>,
+    mut see: impl FnMut(&Course<'_>, &Step<'_>),
+) -> Result<TrackedRun> {
     let seed = |purpose: &str| seed_of(purpose, seed, split, log, recipe);
     let course = Course::of(recipe, log, division, seed)?;
     let (ran, reports) = match tracker {
@@ -121,7 +138,12 @@ pub fn track(
             let settings = recipe.filter.with_max_range(log.max_range)?;
             let start = course.reference.first().copied();
             let since = now();
-            let run = localize(&course.replay(), distances, &settings, start, seed("filter"))?;
+            let filter = seed("filter");
+            let run =
+                localize_with(&course.replay(), distances, &settings, start, filter, |step| {
+                    see(&course, &step);
+                    Ok::<(), FilterError>(())
+                })?;
             let ran = ProgramRun {
                 ended: Ended::Ok,
                 map_from_laser: run.map_from_laser.into_iter().map(Some).collect(),

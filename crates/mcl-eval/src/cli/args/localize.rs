@@ -56,7 +56,7 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
     let files = "Errors are taken at every scan against the log's reference poses; without them (a raw \
         log) the start must be given, and errors are null. With -o, DIR holds run-NNN.tum and \
         run-NNN.csv (estimated laser poses and error rows of run NNN, in scan order, also where stamps \
-        step back in time), reference.tum and summary.json; an earlier call's are replaced. Scans \
+        step back in time), run-NNN.watch.json (what `mcl-eval report DIR` plays), reference.tum and summary.json; an earlier call's are replaced. Scans \
         without a usable stamp are missing in the TUM files (told, exit code 3).";
     rows.concat() + sources + files
 });

@@ -15,10 +15,11 @@ use crate::cli::Outcome;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::output::write_rows;
 use crate::progress::tell;
+use crate::report::record::{RECORDED_END, RecordedRun};
 use mcl_study::data::source::{self, LogSource};
 use mcl_study::store::results::save;
 
-/// Where results go: `run-NNN.tum` and `run-NNN.csv` as each run ends, then `reference.tum` and
+/// Where results go: `run-NNN.tum`, `run-NNN.csv` and `run-NNN.watch.json` (for the page) as each run ends, then `reference.tum` and
 /// `summary.json`. Every file is whole or not there.
 pub struct Folder {
     path: PathBuf,
@@ -185,6 +186,12 @@ impl Folder {
         write_rows(&self.path.join(format!("run-{number:03}.csv")), &rows)
     }
 
+    /// Writes what a page plays of a run.
+    pub fn write_recorded(&self, number: u32, run: &RecordedRun) -> Result<()> {
+        let path = self.path.join(format!("run-{number:03}{RECORDED_END}"));
+        save(&path, run.to_json()?.as_bytes())
+    }
+
     /// Writes the reference and the summary; says which scans the trajectories lack.
     pub fn finish(
         &self,
@@ -237,9 +244,9 @@ pub fn earlier_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
 
 /// Whether a file of this name was written by an earlier call.
 fn is_ours(name: &str) -> bool {
-    let number = name
-        .strip_prefix("run-")
-        .and_then(|rest| rest.strip_suffix(".tum").or_else(|| rest.strip_suffix(".csv")));
+    let number = name.strip_prefix("run-").and_then(|rest| {
+        [".tum", ".csv", RECORDED_END].iter().find_map(|end| rest.strip_suffix(end))
+    });
     matches!(name, "reference.tum" | "summary.json")
         || number.is_some_and(|n| n.len() >= 3 && n.bytes().all(|byte| byte.is_ascii_digit()))
 }
@@ -251,7 +258,14 @@ mod tests {
     #[test]
     fn only_own_files_are_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let own = ["run-000.tum", "run-017.csv", "run-1000.csv", "reference.tum", "summary.json"];
+        let own = [
+            "run-000.tum",
+            "run-017.csv",
+            "run-1000.csv",
+            "run-000.watch.json",
+            "reference.tum",
+            "summary.json",
+        ];
         let others = ["run-1.tum", "run-abc.csv", "run-000.tum.bak", "m.csv", "summary.csv"];
         for name in own.iter().chain(&others) {
             fs::write(folder.path().join(name), name).unwrap();

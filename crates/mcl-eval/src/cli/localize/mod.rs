@@ -23,6 +23,7 @@ use super::args::{Global, Initial, LocalizeArgs};
 use super::errors::ErrorSamples;
 use super::output::{input_files, open_map, prepare, print, refuse, tell_bridged, tell_losses};
 use crate::progress;
+use crate::report::record::{MapLooks, Recorder as PageRecorder};
 use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
@@ -75,6 +76,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
         first_recorder = Some(ReplayFile::open(path, &inputs, &scene, setup)?);
     }
     let first_recorder = Mutex::new(first_recorder);
+    let looks = MapLooks::of_points(map.points());
 
     let reference: Vec<Option<Pose2>> =
         source.recording.scans.iter().map(|scan| scan.map_from_laser).collect();
@@ -89,8 +91,14 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             };
             let seed = run_seed(args.seed, &source.name, number);
             let filter = (&distances, &settings, start);
-            let (run, elapsed) =
-                one_run(&source, filter, args.odometry_noise, seed, recorder.as_mut())
+            let watchers = Watchers {
+                replay: recorder.as_mut(),
+                page: folder
+                    .as_ref()
+                    .map(|_| PageRecorder::of(&source.recording, source.max_range)),
+            };
+            let (run, elapsed, page) =
+                one_run(&source, filter, args.odometry_noise, seed, watchers)
                     .with_context(|| format!("run {number}"))?;
             if let Some(recorder) = recorder {
                 recorder.finish()?;
@@ -115,6 +123,10 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
             if let Some(folder) = &folder {
                 folder.write_run(number, &source.recording, &run, &metric, &nees)?;
+                if let Some(page) = page {
+                    let label = format!("{}, seed {}, run {number}", source.name, args.seed);
+                    folder.write_recorded(number, &page.finish(label, &looks)?)?;
+                }
             }
             bar.inc(1);
             let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
@@ -266,14 +278,22 @@ fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
     Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
 }
 
-/// A run and its thread's time in the filter; a recorder's time does not count.
+/// Those who see each step of a run.
+struct Watchers<'a, 'b> {
+    /// Writes a bag.
+    replay: Option<&'a mut ReplayFile<'b>>,
+    /// Keeps what a page shows.
+    page: Option<PageRecorder>,
+}
+
+/// A run, its thread's time in the filter, and what a page shows; the time of those who watch does not count.
 fn one_run(
     source: &LogSource,
     (distances, settings, start): (&MapDistances, &CheckedSettings, Option<Pose2>),
     noise: Option<[f64; 2]>,
     seed: Seed,
-    mut recorder: Option<&mut ReplayFile<'_>>,
-) -> Result<(Run, Duration)> {
+    mut watchers: Watchers<'_, '_>,
+) -> Result<(Run, Duration, Option<PageRecorder>)> {
     let recording = &source.recording;
     let raw: Vec<Option<Pose2>> = recording.scans.iter().map(|scan| scan.odometry).collect();
     let [xy, theta] = noise.unwrap_or_default();
@@ -283,11 +303,15 @@ fn one_run(
     let mut recorded = Duration::ZERO;
     let started = stopwatch::now();
     let run = localize_with(&replay, distances, settings, start, seed, |step| {
-        let Some(recorder) = &mut recorder else { return anyhow::Ok(()) };
         let started = stopwatch::now();
-        recorder.step(&step)?;
+        if let Some(replay) = &mut watchers.replay {
+            replay.step(&step)?;
+        }
+        if let Some(page) = &mut watchers.page {
+            page.step(recording, &step);
+        }
         recorded += stopwatch::now() - started;
-        Ok(())
+        anyhow::Ok(())
     })?;
-    Ok((run, stopwatch::now() - started - recorded))
+    Ok((run, stopwatch::now() - started - recorded, watchers.page))
 }

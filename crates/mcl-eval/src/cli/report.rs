@@ -1,0 +1,72 @@
+use std::path::PathBuf;
+
+use anyhow::Result;
+use mcl_core::text::counted;
+use mcl_study::store::results::save;
+use serde::Serialize;
+
+use super::Outcome;
+use super::args::{Global, ReportArgs};
+use super::output::{prepare, print};
+use crate::progress::tell;
+use crate::report::exhibits::recorded_folders;
+use crate::report::gather::{gather, result_folders};
+use crate::report::page::page;
+use crate::report::text::bytes;
+
+#[derive(Serialize)]
+struct Written {
+    page: String,
+    bytes: usize,
+    studies: usize,
+    folders: usize,
+    /// Folders with tables but no rows.
+    without_rows: usize,
+    /// Folders with fewer trials than asked for.
+    incomplete: usize,
+    /// Folders that could not be read.
+    damaged: usize,
+}
+
+/// Writes the page of everything below the roots. What could not be read or lacks trials is said on the page and
+/// on stderr, and stops nothing else.
+pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
+    let mut inputs: Vec<PathBuf> = Vec::new();
+    for root in &args.roots {
+        let recorded = recorded_folders(root);
+        inputs.extend(result_folders(root, &recorded)?.into_iter().chain(recorded));
+    }
+    prepare([&args.output], &inputs)?;
+    let report = gather(&args.roots, &args.logs, global.quiet)?;
+    for (folder, why) in &report.damaged {
+        tell!("warning: leaving out {}: {why}", folder.display());
+    }
+    for (folder, shown) in &report.localized {
+        if let Err(why) = shown {
+            tell!("warning: no runs are shown of {}: {why}", folder.display());
+        }
+    }
+    let page = page(&report)?;
+    save(&args.output, page.as_bytes())?;
+    let all = || report.studies.values().flatten();
+    let rows = || all().filter_map(|folder| folder.rows);
+    let written = Written {
+        page: args.output.display().to_string(),
+        bytes: page.len(),
+        studies: report.studies.len(),
+        folders: all().count(),
+        without_rows: all().filter(|folder| folder.rows.is_none()).count(),
+        incomplete: rows().filter(|rows| rows.done < rows.asked).count(),
+        damaged: report.damaged.len(),
+    };
+    if written.without_rows > 0 && !global.quiet {
+        let folders = counted(written.without_rows, "result folder");
+        tell!("{folders} without rows: shown from the tables beside them");
+    }
+    let is_whole = written.incomplete == 0 && written.damaged == 0;
+    print(args.json, &written, |written| {
+        let folders = counted(written.folders, "result folder");
+        format!("{folders}, {}\n{}", bytes(written.bytes), written.page)
+    })?;
+    Ok(Outcome::of(is_whole))
+}

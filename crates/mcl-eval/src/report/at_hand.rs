@@ -1,0 +1,82 @@
+//! Data of result folders, as far as it is at hand to compute something again.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use mcl_datasets::registry::{Dataset, DatasetKind, Registry, is_plain_name};
+use mcl_study::data::facts::DataFacts;
+use mcl_study::data::options::SourceOptions;
+use mcl_study::data::source::{DataSource, LogSource, name_of};
+use mcl_study::store::identity::{Build, Identity};
+use mcl_study::store::results::Manifest;
+use mcl_study::trial::division::StudyData;
+
+/// Opens the logs that rows were computed from.
+pub struct AtHand<'a> {
+    /// Logs by path, beside the data sets of the registry.
+    logs: &'a [String],
+    /// What was opened last: several studies are about one log.
+    last: Option<(Key, Arc<StudyData>, DataFacts)>,
+}
+
+/// What decides how a log is opened: name, `max_range` and number of scans.
+type Key = (String, Option<u64>, Option<usize>);
+
+impl<'a> AtHand<'a> {
+    /// With these logs beside the registry's.
+    pub fn new(logs: &'a [String]) -> Self {
+        AtHand { logs, last: None }
+    }
+
+    /// The log of a result folder, cut off after so many scans, if rows computed from it now would stand beside those that are there.
+    ///
+    /// # Errors
+    /// Why they would not.
+    pub fn of(&mut self, folder: &Path, scans: Option<usize>) -> Result<Arc<StudyData>> {
+        let manifest = Manifest::read(folder)?.context("there is no manifest")?;
+        let there = &manifest.identity;
+        let build = Build::this();
+        let here = Identity { build: build.clone(), data: there.data.clone() };
+        here.check_same(there).context("the rows cannot be repeated")?;
+        let facts = &there.data;
+        let key = (facts.name.clone(), facts.max_range.map(f64::to_bits), scans);
+        if !matches!(&self.last, Some((last, ..)) if *last == key) {
+            // Two logs at once take more memory than one.
+            self.last = None;
+            let mut log = self.open(facts)?;
+            if let Some(scans) = scans {
+                log = log.first_scans(scans);
+            }
+            let source = DataSource::Log(log);
+            let facts = DataFacts::of(&source)?;
+            self.last = Some((key, Arc::new(StudyData::new(source)), facts));
+        }
+        let (_, data, found) = self.last.as_ref().context("opened above")?;
+        let here = Identity { build, data: found.clone() };
+        here.check_same(there).context("the rows cannot be repeated")?;
+        Ok(data.clone())
+    }
+
+    fn open(&self, facts: &DataFacts) -> Result<LogSource> {
+        let options = SourceOptions { max_range: facts.max_range, ..SourceOptions::default() };
+        if let Some(log) = self.logs.iter().find(|log| name_of(log) == facts.name) {
+            return LogSource::open(log, &options);
+        }
+        // The name is from a file of somebody: it shall open nothing but what the registry has.
+        let registry = Registry::from_environment()?;
+        let known = is_plain_name(&facts.name).then(|| registry.get(&facts.name).ok()).flatten();
+        let Some(dataset) = known else {
+            bail!(
+                "its log is not at hand: no data set is named {:?}; --log FILE gives it",
+                facts.name
+            );
+        };
+        if let Dataset { kind: DatasetKind::Cloud, .. } = dataset {
+            bail!("it is a point cloud, which is not shown");
+        }
+        Ok(LogSource::open_dataset(&registry, dataset, &options)
+            .context("its log is not at hand")?
+            .covered())
+    }
+}

@@ -1,0 +1,242 @@
+//! What a page shows beside charts and tables, within its limits: runs to watch and maps to compare.
+
+use std::collections::HashSet;
+use std::fs::{self, DirEntry};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use mcl_core::text::counted;
+use mcl_study::data::facts::DataFacts;
+use mcl_study::measure::Measures;
+use mcl_study::store::results::Results;
+use mcl_study::trial::cost::Costs;
+use mcl_study::trial::run::Trial;
+
+use crate::cli::told_once;
+use crate::progress::tell;
+use crate::report::at_hand::AtHand;
+use crate::report::compare_maps::{self, ChosenMaps, MapPair};
+use crate::report::slot::{Slot, SlotKind};
+use crate::report::watch::{self, Chosen, Watch};
+
+/// Bytes of all runs of a page, and of all maps, at most.
+const RUN_BYTES: usize = 1_500_000;
+const MAP_BYTES: usize = 400_000;
+/// Processor time of computing runs and maps again, at most (s), as estimated before.
+const SECONDS: f64 = 60.0;
+
+/// What a result folder could show.
+pub struct Wanted {
+    folder: PathBuf,
+    study: String,
+    facts: DataFacts,
+    measures: Measures,
+    /// Number of scans that the study cuts the log off after.
+    scans: Option<usize>,
+    /// Whether the study pictures a run.
+    pictures_run: bool,
+    /// Its runs, or why they are not shown; `None` of a study without runs.
+    runs: Option<Result<Chosen, String>>,
+    /// Its maps, or why they are not shown; `None` of a study without two that can be compared.
+    maps: Option<Result<ChosenMaps, String>>,
+}
+
+/// What a result folder has to show.
+#[derive(Debug, Default)]
+pub struct Exhibits {
+    /// Its runs, or why they are not shown; `None` of a study without runs.
+    pub runs: Option<Result<Shown<Watch>, String>>,
+    /// Its maps, or why they are not shown; `None` of a study without two that can be compared, and where those of
+    /// another study on the same data are shown.
+    pub maps: Option<Result<Shown<MapPair>, String>>,
+}
+
+/// Something to show, and its place on the page.
+#[derive(Debug)]
+pub struct Shown<T> {
+    /// What it is.
+    pub what: T,
+    /// Its place.
+    pub slot: Slot,
+}
+
+/// What is left of the limits of a page.
+pub struct Room {
+    run_bytes: usize,
+    map_bytes: usize,
+    seconds: f64,
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Room { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS }
+    }
+}
+
+impl Wanted {
+    /// Of rows, which are not needed any more when this is known.
+    ///
+    /// # Errors
+    /// As [`Results::plan`].
+    pub fn of(results: &Results) -> Result<Self> {
+        let Results { study, facts, .. } = results;
+        let has_runs = results.table.column("run").is_some();
+        let told = |error: anyhow::Error| told_once(&error);
+        let plan = results.plan()?;
+        let maps = compare_maps::choose(results, &plan).transpose();
+        Ok(Wanted {
+            folder: results.folder.clone(),
+            study: results.name.clone(),
+            facts: facts.clone(),
+            measures: study.measures.clone(),
+            scans: study.listed(&facts.name).and_then(|listed| listed.scans),
+            pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
+            runs: has_runs.then(|| watch::choose(results, &plan).map_err(told)),
+            maps: maps.map(|maps| maps.map_err(told)),
+        })
+    }
+
+    fn runs(
+        &self,
+        chosen: &Chosen,
+        at_hand: &mut AtHand<'_>,
+        room: &mut Room,
+    ) -> Result<Shown<Watch>> {
+        let data = at_hand.of(&self.folder, self.scans)?;
+        room.spend(&self.facts, chosen.runs.iter().map(|chosen| &chosen.trial))?;
+        let title = format!("{} on {}", self.study, self.facts.title);
+        Shown::watch(watch::repeat(title, chosen, &data)?, room)
+    }
+
+    fn maps(
+        &self,
+        chosen: &ChosenMaps,
+        at_hand: &mut AtHand<'_>,
+        room: &mut Room,
+    ) -> Result<Shown<MapPair>> {
+        let data = at_hand.of(&self.folder, self.scans)?;
+        let trials = chosen.recipes.clone().map(|map| Trial { map, runs: Vec::new() });
+        room.spend(&self.facts, &trials)?;
+        let title = format!("Maps of {}", self.facts.title);
+        let what = compare_maps::repeat(title, chosen, &self.measures, &data)?;
+        let slot = Slot::new(SlotKind::CompareMaps, &what.title, &what.describe(), &what)?;
+        fit(&mut room.map_bytes, slot.json.len(), MAP_BYTES, "maps")?;
+        Ok(Shown { what, slot })
+    }
+}
+
+impl Shown<Watch> {
+    fn watch(what: Watch, room: &mut Room) -> Result<Self> {
+        let slot = Slot::new(SlotKind::Watch, &what.title, &what.describe(), &what)?;
+        fit(&mut room.run_bytes, slot.json.len(), RUN_BYTES, "runs")?;
+        Ok(Shown { what, slot })
+    }
+}
+
+/// Computes again what the page shows of each result folder, in their order. Logs are those of the registry, and
+/// `logs` by path. Runs of studies that picture one come first; maps are shown once per data set, of a study without
+/// runs if there is one. What comes after the limits is said not to be shown.
+pub fn repeat(
+    wanted: &[Wanted],
+    logs: &[String],
+    room: &mut Room,
+    is_quiet: bool,
+) -> Vec<Exhibits> {
+    let started = Instant::now();
+    let mut exhibits: Vec<Exhibits> = wanted.iter().map(|_| Exhibits::default()).collect();
+    let sorted = |comes_later: fn(&Wanted) -> bool| {
+        let mut order: Vec<usize> = (0..wanted.len()).collect();
+        order.sort_by_key(|&place| {
+            let Wanted { facts, study, folder, .. } = &wanted[place];
+            (comes_later(&wanted[place]), &facts.name, study, folder)
+        });
+        order
+    };
+    let mut at_hand = AtHand::new(logs);
+    let (mut runs, mut maps) = (0, 0);
+    for place in sorted(|wanted| !wanted.pictures_run) {
+        let of = &wanted[place];
+        exhibits[place].runs = of.runs.as_ref().map(|chosen| {
+            let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
+            shown.map_err(|error| told_once(&error))
+        });
+    }
+    let mut compared: HashSet<&str> = HashSet::new();
+    for place in sorted(|wanted| wanted.runs.is_some()) {
+        let of = &wanted[place];
+        if compared.contains(of.facts.name.as_str()) {
+            continue;
+        }
+        exhibits[place].maps = of.maps.as_ref().map(|chosen| {
+            let shown = of.maps(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            if shown.is_ok() {
+                compared.insert(&of.facts.name);
+                maps += 1;
+            }
+            shown.map_err(|error| told_once(&error))
+        });
+    }
+    if runs + maps > 0 && !is_quiet {
+        let seconds = started.elapsed().as_secs_f64();
+        let (runs, maps) = (counted(runs, "run"), counted(maps, "pair"));
+        tell!("computed {runs} and {maps} of maps again to show them: {seconds:.1} s");
+    }
+    exhibits
+}
+
+/// The runs that `localize` recorded in a folder.
+///
+/// # Errors
+/// When they cannot be read, or the page has no room for them.
+pub fn localized(folder: &Path, room: &mut Room) -> Result<Shown<Watch>> {
+    Shown::watch(watch::localized(folder)?, room)
+}
+
+/// The folders with runs that `localize` recorded: a root, those in it, and those in these, sorted. Links are not
+/// followed, and what cannot be read is left out.
+pub fn recorded_folders(root: &Path) -> Vec<PathBuf> {
+    let mut found = vec![root.to_owned()];
+    let mut level = 0..1;
+    for _ in 0..2 {
+        for place in level.clone() {
+            let entries = fs::read_dir(&found[place]).into_iter().flatten().flatten();
+            let is_folder = |entry: &DirEntry| entry.file_type().is_ok_and(|found| found.is_dir());
+            let mut below: Vec<_> = entries.filter(is_folder).map(|entry| entry.path()).collect();
+            below.sort();
+            found.extend(below);
+        }
+        level = level.end..found.len();
+    }
+    found.retain(|folder| watch::has_recorded(folder));
+    found
+}
+
+impl Room {
+    /// Takes the time of trials off.
+    fn spend<'t>(
+        &mut self,
+        facts: &DataFacts,
+        trials: impl IntoIterator<Item = &'t Trial>,
+    ) -> Result<()> {
+        let costs = Costs::built_in(facts);
+        let seconds: f64 = trials.into_iter().map(|trial| costs.of(trial)).sum();
+        if seconds > self.seconds {
+            bail!(
+                "computing it again would take about {seconds:.0} s of the processor, and the page as a whole \
+                 takes at most {SECONDS:.0} s"
+            );
+        }
+        self.seconds -= seconds;
+        Ok(())
+    }
+}
+
+fn fit(left: &mut usize, bytes: usize, most: usize, what: &str) -> Result<()> {
+    if bytes > *left {
+        bail!("the page has room for {:.1} MB of {what}, which others fill", most as f64 / 1e6);
+    }
+    *left -= bytes;
+    Ok(())
+}

@@ -1,0 +1,199 @@
+//! Tables and charts of result folders that have no rows, from the files beside them.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use mcl_study::study::definition::Study;
+use mcl_study::study::views::{Chart, ChartKind, Scale};
+use mcl_study::table::{Row, Table, Value};
+use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
+use mcl_study::view::labels::axis_label;
+
+/// A table of a result folder at most (bytes).
+const MAX_BYTES: u64 = 64 << 20;
+
+/// A table that was saved as CSV; `None` where there is none.
+///
+/// # Errors
+/// When it cannot be read, or is no table.
+pub fn read_table(path: &Path) -> Result<Option<Table>> {
+    let cannot = || format!("cannot read {}", path.display());
+    let metadata = match fs::metadata(path) {
+        Ok(metadata) => metadata,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error).with_context(cannot),
+    };
+    if !metadata.is_file() || metadata.len() > MAX_BYTES {
+        bail!("{}: expected a file of at most {MAX_BYTES} bytes", path.display());
+    }
+    parse_table(&fs::read(path).with_context(cannot)?).with_context(cannot).map(Some)
+}
+
+fn parse_table(bytes: &[u8]) -> Result<Table> {
+    let mut reader = csv::Reader::from_reader(bytes);
+    let mut table = Table::new(reader.headers()?.iter());
+    for record in reader.records() {
+        table.push(record?.iter().map(value).collect());
+    }
+    Ok(table)
+}
+
+/// A cell as [`Table::to_csv`] wrote it.
+fn value(cell: &str) -> Value {
+    let is_number = cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+    match cell {
+        "" => Value::Empty,
+        "true" | "false" => (cell == "true").into(),
+        _ => match (cell.parse(), cell.parse()) {
+            (Ok(count), _) if is_number => Value::Count(count),
+            (_, Ok(number)) if is_number && f64::is_finite(number) => Value::Number(number),
+            _ => {
+                let quoted = cell.strip_prefix('\'');
+                let formula = quoted.filter(|c| c.starts_with(['=', '+', '-', '@', '\t', '\r']));
+                formula.unwrap_or(cell).into()
+            }
+        },
+    }
+}
+
+/// A chart from the table of its points, drawn as the study says, where that is known.
+pub fn chart(name: &str, points: &Table, study: Option<&Study>) -> ChartData {
+    let view = study.and_then(|study| study.views.charts.iter().find(|view| is_of(view, name)));
+    let mut panels: Vec<Panel> = Vec::new();
+    for row in points.rows() {
+        let title = row.text("panel");
+        let place = panels.iter().position(|panel| panel.title == title);
+        let place = place.unwrap_or_else(|| {
+            panels.push(panel(title, view));
+            panels.len() - 1
+        });
+        let found = point(&row, &mut panels[place]);
+        panels[place].points.extend(found);
+    }
+    panels.retain(|panel| !panel.points.is_empty());
+    ChartData {
+        name: name.to_owned(),
+        kind: view.map_or(ChartKind::Curves, |view| view.kind),
+        panels,
+        columns: view.and_then(|view| view.columns).unwrap_or(1),
+        caption: view
+            .map(|view| view.caption.clone())
+            .into_iter()
+            .filter(|c| !c.is_empty())
+            .collect(),
+    }
+}
+
+/// Whether a figure is one of a chart: its name may have a part per value of a column.
+pub fn is_of(view: &Chart, name: &str) -> bool {
+    match view.name.split_once('{') {
+        None => view.name == name,
+        Some((start, rest)) => {
+            let end = rest.rsplit_once('}').map_or("", |(_, end)| end);
+            name.len() > start.len() + end.len() && name.starts_with(start) && name.ends_with(end)
+        }
+    }
+}
+
+fn panel(title: &str, view: Option<&Chart>) -> Panel {
+    let is_part = |title_of: &str| !title_of.is_empty() && title.starts_with(title_of);
+    let parts = view.map_or(&[][..], |view| &view.parts);
+    let part = parts.iter().position(|part| is_part(&part.title)).unwrap_or(0);
+    let axis =
+        |axis: Option<&mcl_study::study::views::Axis>, own: Option<Scale>, name: &str| PanelAxis {
+            label: match axis {
+                Some(axis) => axis.label.clone().unwrap_or_else(|| axis_label(&axis.column[0])),
+                None => name.to_owned(),
+            },
+            scale: own.or(axis.map(|axis| axis.scale)).unwrap_or_default(),
+            places: Vec::new(),
+        };
+    Panel {
+        title: title.to_owned(),
+        part,
+        x: axis(view.and_then(|v| v.x.as_ref()), parts.get(part).and_then(|part| part.x), "x"),
+        y: axis(view.map(|v| &v.y), parts.get(part).and_then(|part| part.y), "y"),
+        curves: String::new(),
+        labels: Vec::new(),
+        points: Vec::new(),
+    }
+}
+
+/// A row of the table as a point of a panel; its label and place are added where they are new.
+fn point(row: &Row<'_>, panel: &mut Panel) -> Option<Point> {
+    let place_of = |names: &mut Vec<String>, name: &str| {
+        names.iter().position(|known| known == name).unwrap_or_else(|| {
+            names.push(name.to_owned());
+            names.len() - 1
+        })
+    };
+    let y = row.number("y")?;
+    let x = match row.get("x") {
+        Value::Empty => return None,
+        x if panel.x.scale == Scale::Places || x.number().is_none() => {
+            panel.x.scale = Scale::Places;
+            place_of(&mut panel.x.places, &x.to_string()) as f64 + 1.0
+        }
+        x => x.number()?,
+    };
+    let mark = Some(row.get("mark").to_string()).filter(|mark| !mark.is_empty());
+    Some(Point {
+        curve: place_of(&mut panel.labels, &row.get("curve").to_string()),
+        x,
+        y,
+        interval: row.number("low").zip(row.number("high")).map(|(low, high)| [low, high]),
+        basis: None,
+        mark,
+        blocks: row.number("blocks").unwrap_or(0.0) as usize,
+        rows: row.number("rows").unwrap_or(0.0) as usize,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_read_as_they_were_written() {
+        let table = Table::of_cells([vec![
+            ("dataset".to_owned(), "=1+1".into()),
+            ("count".to_owned(), 7u32.into()),
+            ("mean".to_owned(), (-1.5e-9).into()),
+            ("is".to_owned(), true.into()),
+            ("none".to_owned(), Value::Empty),
+            ("range".to_owned(), "250..2500".into()),
+        ]]);
+        assert_eq!(parse_table(&table.to_csv().unwrap()).unwrap(), table);
+    }
+
+    #[test]
+    fn charts_come_back_from_their_points() {
+        let text = "panel,curve,x,y,low,high,blocks,rows,mark\n\
+                    all sizes: carmen,gbs,0.1,6.5,6.3,6.7,20,40,3/40\n\
+                    all sizes: carmen,rnd,0.1,7,,,20,40,\n\
+                    small,gbs,auto,1,,,2,2,\n";
+        let study = Study::parse(
+            "seed = 1\n[[trials]]\nmap = [\"gbs\", \"rnd\"]\nsize = 1\nruns = 1\n\
+             [[views.charts]]\nname = \"errors-{split}\"\nx = { column = \"real_percent\", scale = \"log\" }\n\
+             y = { column = \"weighted\" }\nparts = [{ title = \"all sizes\", y = \"log\" }, { title = \"small\" }]\n",
+        )
+        .unwrap();
+        let table = parse_table(text.as_bytes()).unwrap();
+        let found = chart("errors-same", &table, Some(&study));
+        let [all, small] = &found.panels[..] else { panic!("{found:?}") };
+        assert_eq!(all.labels, ["gbs", "rnd"]);
+        assert_eq!((all.x.scale, all.y.scale), (Scale::Log, Scale::Log));
+        assert_eq!(all.points[0].interval, Some([6.3, 6.7]));
+        assert_eq!((all.points[0].mark.as_deref(), all.points[0].rows), (Some("3/40"), 40));
+        assert_eq!((all.points[1].curve, all.points[1].interval), (1, None));
+        assert_eq!(
+            (small.part, small.y.scale, &small.x.places[..]),
+            (1, Scale::Linear, &["auto".to_owned()][..])
+        );
+        // Of a study that is not known, values are laid out evenly.
+        let bare = chart("errors-same", &table, None);
+        assert_eq!((bare.panels[0].x.label.as_str(), bare.panels[0].x.scale), ("x", Scale::Linear));
+    }
+}

@@ -1,0 +1,158 @@
+//! Reads result folders for the page.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use mcl_study::store::results::{Results, folders};
+use rayon::prelude::*;
+
+use crate::claims::claim::DatasetClaims;
+use crate::claims::{decide, without_results};
+use crate::cli::told_once;
+use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
+use crate::report::folder::Folder;
+use crate::report::slot::Slot;
+
+/// What the page shows.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// Folders by the name of their study, each sorted by data set.
+    pub studies: BTreeMap<String, Vec<Folder>>,
+    /// The paper's claims, decided from the folders with rows.
+    pub claims: Vec<DatasetClaims>,
+    /// Data sets that studies with claims list and that have no results.
+    pub without_results: Vec<String>,
+    /// Folders that could not be read, and why.
+    pub damaged: Vec<(PathBuf, String)>,
+    /// Folders with runs that `localize` recorded: the place of these, or why they are not shown.
+    pub localized: Vec<(PathBuf, Result<Slot, String>)>,
+}
+
+/// What the folders of one data set say.
+#[derive(Default)]
+struct OfDataset {
+    folders: Vec<Folder>,
+    claims: Vec<DatasetClaims>,
+    without_results: Vec<String>,
+    damaged: Vec<(PathBuf, String)>,
+    /// By folder with rows.
+    wanted: Vec<(PathBuf, Wanted)>,
+}
+
+/// Reads the result folders below some roots. A folder that cannot be read stops no other. Claims compare studies on
+/// the same data, so the rows of one data set are in memory together, and no others with them on the same thread.
+///
+/// # Errors
+/// When a root cannot be read, or holds no result folder.
+pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Report> {
+    let mut by_dataset: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    let mut recorded = Vec::new();
+    for root in roots {
+        let of_root = recorded_folders(root);
+        for folder in result_folders(root, &of_root)? {
+            by_dataset.entry(name_of(&folder)).or_default().push(folder);
+        }
+        recorded.extend(of_root);
+    }
+    let found: Vec<OfDataset> =
+        by_dataset.into_values().par_bridge().map(|f| of_dataset(&f)).collect();
+    let mut report = Report::default();
+    let mut wanted = Vec::new();
+    for of_dataset in found {
+        wanted.extend(of_dataset.wanted);
+        for folder in of_dataset.folders {
+            report.studies.entry(folder.study.clone()).or_default().push(folder);
+        }
+        report.claims.extend(of_dataset.claims);
+        report.without_results.extend(of_dataset.without_results);
+        report.damaged.extend(of_dataset.damaged);
+    }
+    for folders in report.studies.values_mut() {
+        folders.sort_by(|a, b| (&a.dataset, &a.path).cmp(&(&b.dataset, &b.path)));
+    }
+    let Report { claims, without_results, damaged, .. } = &mut report;
+    claims.sort_by(|a, b| a.name.cmp(&b.name));
+    without_results.retain(|name| !claims.iter().any(|dataset| dataset.name == *name));
+    without_results.sort();
+    without_results.dedup();
+    damaged.sort();
+    let mut room = Room::default();
+    for folder in recorded {
+        let shown = exhibits::localized(&folder, &mut room);
+        let slot = shown.map(|shown| shown.slot).map_err(|error| told_once(&error));
+        report.localized.push((folder, slot));
+    }
+    exhibit(&mut report, wanted, logs, room, is_quiet);
+    Ok(report)
+}
+
+/// The result folders of a root. One that holds recorded runs needs none.
+///
+/// # Errors
+/// When the root cannot be read, or holds neither.
+pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    match folders(root) {
+        Err(_) if !recorded.is_empty() => Ok(Vec::new()),
+        found => found,
+    }
+}
+
+/// Adds to each folder what it has to show, or a note of why it has not.
+fn exhibit(
+    report: &mut Report,
+    mut wanted: Vec<(PathBuf, Wanted)>,
+    logs: &[String],
+    mut room: Room,
+    is_quiet: bool,
+) {
+    wanted.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let (paths, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
+    let exhibits = exhibits::repeat(&wanted, logs, &mut room, is_quiet);
+    let mut by_path: BTreeMap<PathBuf, Exhibits> = paths.into_iter().zip(exhibits).collect();
+    for folder in report.studies.values_mut().flatten() {
+        let Some(Exhibits { runs, maps }) = by_path.remove(&folder.path) else { continue };
+        let shown = [
+            ("runs", runs.map(|runs| runs.map(|shown| shown.slot))),
+            ("maps", maps.map(|maps| maps.map(|shown| shown.slot))),
+        ];
+        let mut reasons: Vec<(&str, String)> = Vec::new();
+        for (what, shown) in shown {
+            match shown {
+                None => {}
+                Some(Ok(slot)) => folder.slots.push(slot),
+                Some(Err(why)) if reasons.iter().any(|(_, other)| *other == why) => {}
+                Some(Err(why)) => reasons.push((what, why)),
+            }
+        }
+        let notes = reasons.iter().map(|(what, why)| format!("No {what} are shown: {why}."));
+        folder.notes.extend(notes);
+    }
+}
+
+fn name_of(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn of_dataset(folders: &[PathBuf]) -> OfDataset {
+    let mut found = OfDataset::default();
+    let mut all = Vec::new();
+    for path in folders {
+        let read = Results::read(path).and_then(|results| match results {
+            Some(results) => {
+                let (folder, wanted) = (Folder::of_rows(&results)?, Wanted::of(&results)?);
+                found.wanted.push((path.clone(), wanted));
+                all.push(results);
+                Ok(folder)
+            }
+            None => Folder::of_files(path),
+        });
+        match read {
+            Ok(folder) => found.folders.push(folder),
+            Err(error) => found.damaged.push((path.clone(), told_once(&error))),
+        }
+    }
+    found.claims = decide(&all);
+    found.without_results = without_results(&all, &found.claims);
+    found
+}

@@ -1,0 +1,19 @@
+//! The report: one page that shows what lies in result folders. [`gather`] reads folder after folder, and
+//! [`page`] makes one HTML file of it that asks nothing of any server. Everything on it comes from rows or, where
+//! there are none (as in folders that are committed), from the tables beside them.
+
+pub mod answer;
+pub mod at_hand;
+pub mod compare_maps;
+pub mod exhibits;
+pub mod files;
+pub mod folder;
+pub mod gather;
+pub mod matrix;
+pub mod pack;
+pub mod page;
+pub mod payload;
+pub mod record;
+pub mod slot;
+pub mod text;
+pub mod watch;
