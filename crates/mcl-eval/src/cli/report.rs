@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use mcl_core::text::counted;
-use mcl_study::store::results::{folders, save};
+use mcl_study::store::parts::PARTS;
+use mcl_study::store::results::{FIGURES, SHOWN, folders, save};
 use serde::Serialize;
 
 use super::Outcome;
@@ -32,7 +33,10 @@ struct Written {
 pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = Vec::new();
     for root in &args.roots {
-        inputs.extend(folders(root)?);
+        for folder in folders(root)? {
+            inputs.extend([FIGURES, PARTS, SHOWN].map(|below| folder.join(below)));
+            inputs.push(folder);
+        }
     }
     prepare([&args.output], &inputs)?;
     let report = gather(&args.roots)?;

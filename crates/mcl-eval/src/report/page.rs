@@ -33,7 +33,7 @@ const PLOTLY: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
 const STYLES: [&str; 1] = [include_str!("../../assets/report.css")];
 const SCRIPTS: [&str; 1] = [include_str!("../../assets/report.js")];
 /// Bytes of all figures for print on the page, at most.
-const FIGURE_BYTES: usize = 2_000_000;
+const FIGURE_BYTES: usize = 1_800_000;
 /// Studies that are answered first; the others follow in a list that opens.
 const FIRST: [&str; 3] = ["likelihood", "localization", "localizers"];
 
