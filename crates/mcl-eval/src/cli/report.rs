@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use mcl_core::text::counted;
-use mcl_study::store::results::save;
+use mcl_study::store::parts::PARTS;
+use mcl_study::store::results::{FIGURES, SHOWN, save};
 use serde::Serialize;
 
 use super::Outcome;
@@ -34,7 +35,11 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = Vec::new();
     for root in &args.roots {
         let recorded = recorded_folders(root);
-        inputs.extend(result_folders(root, &recorded)?.into_iter().chain(recorded));
+        for folder in result_folders(root, &recorded)? {
+            inputs.extend([FIGURES, PARTS, SHOWN].map(|below| folder.join(below)));
+            inputs.push(folder);
+        }
+        inputs.extend(recorded);
     }
     prepare([&args.output], &inputs)?;
     let report = gather(&args.roots, &args.logs, global.quiet)?;

@@ -97,9 +97,12 @@ pub struct Unbeaten {
     pub measure: String,
     /// Columns of the table.
     pub sizes: Vec<String>,
-    /// A row per builder: by size, on how many of how many rows of the comparisons.
-    pub rows: Vec<(String, Vec<Option<[usize; 2]>>)>,
+    /// A row per builder, by size.
+    pub rows: Vec<(String, Vec<Share>)>,
 }
+
+/// On how many of how many rows of the comparisons; `None` where nothing was tested.
+pub type Share = Option<[usize; 2]>;
 
 /// A row of a comparison's table.
 #[derive(Debug)]
@@ -303,7 +306,7 @@ fn unbeaten_of(comparisons: &[&Comparison]) -> Unbeaten {
 
 impl Unbeaten {
     /// Name of the style of a cell.
-    pub fn class(&self, cell: &Option<[usize; 2]>) -> &'static str {
+    pub fn class(&self, cell: &Share) -> &'static str {
         match cell {
             None => "none",
             Some([unbeaten, of]) if unbeaten == of => "first",
@@ -519,9 +522,9 @@ mod tests {
         }
         folder.tests = Table::of_cells(rows);
         let found = unbeaten(&comparisons(&[folder]));
-        let rows: Vec<(&str, &[Option<[usize; 2]>])> =
+        let rows: Vec<(&str, &[Share])> =
             found[0].rows.iter().map(|(name, cells)| (name.as_str(), &cells[..])).collect();
-        let expected: [(&str, &[Option<[usize; 2]>]); 3] = [
+        let expected: [(&str, &[Share]); 3] = [
             ("gbs+f-km", &[Some([1, 1]), Some([1, 1])]),
             ("gbs", &[Some([0, 1]), Some([1, 1])]),
             ("rnd+f-km", &[Some([0, 1]), Some([0, 1])]),

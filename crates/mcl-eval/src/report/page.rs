@@ -35,7 +35,7 @@ const STYLES: [&str; 2] =
 const SCRIPTS: [&str; 2] =
     [include_str!("../../assets/report.js"), include_str!("../../assets/watch.js")];
 /// Bytes of all figures for print on the page, at most.
-const FIGURE_BYTES: usize = 2_000_000;
+const FIGURE_BYTES: usize = 1_800_000;
 /// Studies that are answered first; the others follow in a list that opens.
 const FIRST: [&str; 3] = ["likelihood", "localization", "localizers"];
 

@@ -54,9 +54,11 @@ struct Drawn {
     styles: Vec<Style>,
     /// Panels of the same number share their axes.
     part: usize,
-    /// Curve, x, y, low, high, blocks, rows, mark.
-    points: Vec<(usize, f64, f64, Option<f64>, Option<f64>, usize, usize, Option<String>)>,
+    points: Vec<DrawnPoint>,
 }
+
+/// Curve, x, y, low, high, blocks, rows, mark.
+type DrawnPoint = (usize, f64, f64, Option<f64>, Option<f64>, usize, usize, Option<String>);
 
 #[derive(Serialize)]
 struct Axis {
@@ -133,7 +135,7 @@ pub fn chart(chart: &ChartData) -> Chart {
         scale: axis.scale,
         places: axis.places.iter().map(|place| shown(place)).collect(),
     };
-    let point = |point: &Point| {
+    let point = |point: &Point| -> DrawnPoint {
         let Point { curve, x, y, interval, mark, blocks, rows, .. } = point;
         let [low, high] = [0, 1].map(|end| interval.map(|interval| interval[end]));
         let mark = mark.as_deref().map(shown);
