@@ -194,7 +194,7 @@ fn collect(records: &mut Vec<u8>, item: Item<'_>) {
             let times = [message.log_time.to_le_bytes(), message.publish_time.to_le_bytes()];
             record(5, &[head, times.concat(), message.data.to_vec()].concat());
         }
-        Item::Passed(_) | Item::Note(_) | Item::Metadata(..) => {}
+        Item::Passed(_) | Item::Damaged(_) | Item::Note(_) | Item::Metadata(..) => {}
     }
 }
 

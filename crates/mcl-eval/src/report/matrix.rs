@@ -93,7 +93,8 @@ fn evidence(claim: &Claim) -> String {
 
 /// Names from data are within what was measured; it is longer than a name.
 fn shown_long(text: &str) -> String {
-    let (start, rest) = text.split_at(text.floor_char_boundary(600));
+    let end = text.char_indices().nth(600).map_or(text.len(), |(at, _)| at);
+    let (start, rest) = text.split_at(end);
     let end = if rest.is_empty() { "" } else { " …" };
     mcl_core::text::printable(start).into_owned() + end
 }
