@@ -436,7 +436,8 @@ y = "weighted"
         let captions = charts.iter().map(|chart| chart.caption.concat());
         let told = ["500 particles", "Preset carmen, 500", "Preset book, 500"];
         assert!(captions.zip(told).all(|(caption, told)| caption.contains(told)), "{charts:?}");
-        assert!(!charts[0].caption.concat().contains("beams"), "{charts:?}");
+        let beams = "proposal motion, beams all (book), 3deg (carmen)";
+        assert!(charts[0].caption.concat().contains(beams), "{charts:?}");
     }
 
     /// Fault: with and without recovery could not be compared, as only one of them has its rates.
