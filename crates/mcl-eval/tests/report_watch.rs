@@ -266,6 +266,10 @@ fn the_page_has_runs_and_maps() {
     assert!(without.contains("No runs are shown: its log is not at hand"));
     // A folder of localize needs no results beside it.
     assert_eq!(slots(&page(&["out"])), [1, 0]);
+    let run = bench.path("out/run-000.watch.json");
+    let before = fs::read(&run).unwrap();
+    assert!(!bench.run(&["report", "out", "-o", "out/run-000.watch.json"]).status.success());
+    assert_eq!(fs::read(&run).unwrap(), before);
     assert!(!bench.run(&["report", "nothing-here", "-o", "page.html"]).status.success());
 }
 

@@ -259,7 +259,10 @@ pub fn check_same(found: &Cells, row: &Cells) -> Result<()> {
 }
 
 /// The files of recorded runs in a folder, sorted.
-fn recorded(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+///
+/// # Errors
+/// When it cannot be read.
+pub fn recorded_runs(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
@@ -274,7 +277,7 @@ fn recorded(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
 
 /// Whether `localize` recorded runs in a folder. One that cannot be read has none.
 pub fn has_recorded(folder: &Path) -> bool {
-    recorded(folder).is_ok_and(|files| !files.is_empty())
+    recorded_runs(folder).is_ok_and(|files| !files.is_empty())
 }
 
 /// The recorded runs of a folder that `localize` wrote.
@@ -283,7 +286,7 @@ pub fn has_recorded(folder: &Path) -> bool {
 /// When the folder or a file in it cannot be read, a file is no recorded run, or there are none or too many.
 pub fn localized(folder: &Path) -> Result<Watch> {
     let in_folder = || folder.display().to_string();
-    let files = recorded(folder).with_context(in_folder)?;
+    let files = recorded_runs(folder).with_context(in_folder)?;
     ensure!(files.len() <= MOST_FILES, "{}: more than {MOST_FILES} recorded runs", in_folder());
     let mut found = Vec::new();
     for path in &files {
