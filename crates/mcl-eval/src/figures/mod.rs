@@ -46,7 +46,7 @@ pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
 /// The same for a medium; figures for a paper are in a folder of their own.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn draw(results: &Results, medium: Medium) -> Result<Vec<PathBuf>> {
     let folder = &results.folder;
     save_table(&folder.join(SUMMARY), &view::summary::summary(results)?)?;

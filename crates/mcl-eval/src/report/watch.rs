@@ -87,7 +87,7 @@ fn ranked(number: usize) -> Vec<(&'static str, usize)> {
 }
 
 /// How far a map is from the one that a study without pictures is shown by: the paper's builder, improved, at
-/// [`SIZE`].
+/// `SIZE`.
 pub fn distance_from_shown(map: &MapRecipe) -> (u8, f64) {
     let kind = match map.kind.kind {
         MapKind::Sampled { builder: Builder::Grid, refinement: Some(Refinement::Fkm {}) } => 0,
