@@ -166,7 +166,7 @@ test('both follow the colours of the page, fit every width, and print one still 
       assert.ok(await canvas.isVisible() && !(await slot.locator('input[type="range"]').isVisible()), kind);
       // Paper is light.
       await page.evaluate(() => dispatchEvent(new Event('beforeprint')));
-      assert.equal(await canvas.evaluate((element) => [...element.getContext('2d').getImageData(element.width / 2, 2, 1, 1).data].slice(0, 3).every((channel) => channel > 200) ), true, kind);
+      assert.equal(await canvas.evaluate((element) => [...element.getContext('2d').getImageData(0.4 * element.width, 3, 1, 1).data].slice(0, 3).every((channel) => channel > 200)), true, kind);
       await page.evaluate(() => dispatchEvent(new Event('afterprint')));
       await page.emulateMedia({ media: null, colorScheme: 'light' });
     }

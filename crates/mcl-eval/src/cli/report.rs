@@ -14,6 +14,7 @@ use crate::report::exhibits::recorded_folders;
 use crate::report::gather::{gather, result_folders};
 use crate::report::page::page;
 use crate::report::text::bytes;
+use crate::report::watch::recorded_runs;
 
 #[derive(Serialize)]
 struct Written {
@@ -32,14 +33,14 @@ struct Written {
 /// Writes the page of everything below the roots. What could not be read or lacks trials is said on the page and
 /// on stderr, and stops nothing else.
 pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
-    let mut inputs: Vec<PathBuf> = Vec::new();
+    let mut inputs: Vec<PathBuf> = args.logs.iter().map(PathBuf::from).collect();
     for root in &args.roots {
         let recorded = recorded_folders(root);
         for folder in result_folders(root, &recorded)? {
             inputs.extend([FIGURES, PARTS, SHOWN].map(|below| folder.join(below)));
             inputs.push(folder);
         }
-        inputs.extend(recorded);
+        inputs.extend(recorded.iter().flat_map(|folder| recorded_runs(folder).unwrap_or_default()));
     }
     prepare([&args.output], &inputs)?;
     let report = gather(&args.roots, &args.logs, global.quiet)?;

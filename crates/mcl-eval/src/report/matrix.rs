@@ -1,6 +1,6 @@
 //! The paper's claims as a table: a row per claim, a column per data set.
 
-use mcl_core::text::{counted, number, p_value};
+use mcl_core::text::{counted, number, p_value, printable};
 
 use crate::claims::claim::{Claim, DatasetClaims, Verdict};
 use crate::report::text::shown;
@@ -93,10 +93,10 @@ fn evidence(claim: &Claim) -> String {
 
 /// Names from data are within what was measured; it is longer than a name.
 fn shown_long(text: &str) -> String {
-    let end = text.char_indices().nth(600).map_or(text.len(), |(at, _)| at);
-    let (start, rest) = text.split_at(end);
-    let end = if rest.is_empty() { "" } else { " …" };
-    mcl_core::text::printable(start).into_owned() + end
+    match text.char_indices().nth(600) {
+        None => printable(text).into_owned(),
+        Some((end, _)) => format!("{} …", printable(&text[..end])),
+    }
 }
 
 /// Claims by data set.
