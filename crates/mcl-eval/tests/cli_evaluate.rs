@@ -103,7 +103,7 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
             2,
             "--topic goes with bags",
         ),
-        (&["--reference", "office.log", "office.log", "--plot", "a.pdf"], 1, ".svg or .png"),
+        (&["--reference", "office.log", "office.log", "--plot", "a.gif"], 1, ".svg, .png or .pdf"),
         (&["--reference", "office.log", "absent.tum"], 1, "absent.tum"),
         (&["--reference", "absent", "office.log"], 1, "no data set of that name"),
     ] {

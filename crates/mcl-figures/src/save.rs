@@ -1,6 +1,7 @@
 //! From the finished page to files: the SVG as it is, rendered as a PNG, and as a PDF with its text as text.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mcl_core::files::write_atomically;
 use mcl_core::memory::check_room;
@@ -79,7 +80,9 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), FigureError> {
 
 fn to_pdf(svg: &str) -> Result<Vec<u8>, String> {
     let mut fonts = pdf::fontdb::Database::new();
-    FONTS.iter().for_each(|font| fonts.load_font_data(font().to_vec()));
+    FONTS.iter().for_each(|font| {
+        fonts.load_font_source(pdf::fontdb::Source::Binary(Arc::new(font())));
+    });
     let options = pdf::Options {
         fontdb: fonts.into(),
         font_family: "DejaVu Sans".to_owned(),

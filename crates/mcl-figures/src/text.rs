@@ -25,7 +25,10 @@ pub(crate) const FONTS: [fn() -> &'static [u8]; 2] = [dejavu::sans::regular, dej
 
 static DATABASE: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = usvg::fontdb::Database::new();
-    FONTS.iter().for_each(|font| fonts.load_font_data(font().to_vec()));
+    // As it lies in the program: a copy is a megabyte and a half.
+    FONTS.iter().for_each(|font| {
+        fonts.load_font_source(usvg::fontdb::Source::Binary(Arc::new(font())));
+    });
     Arc::new(fonts)
 });
 
