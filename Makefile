@@ -58,7 +58,7 @@ report: build
 # The page in a real browser without network. Needs Node 18 or later, npm, and chromium.
 PAGE_TEST = crates/mcl-eval/page-test
 page-test: build
-	cd $(PAGE_TEST) && npm ci --silent && MCL_EVAL=$(abspath $(MCL_EVAL)) npm test --silent
+	cd $(PAGE_TEST) && npm ci --silent && MCL_EVAL=$(MCL_EVAL) npm test --silent
 
 # Runs the experiments whose results are committed again, on the data sets at hand, and compares: every
 # file byte by byte, or numbers within a TOLERANCE (results/README.md).
