@@ -464,7 +464,7 @@ fn for_every_output(mut see: impl FnMut(&Path, &Path)) {
     let mut paths: Vec<PathBuf> = contents(done.path()).into_keys().collect();
     let others = ["timings.csv", "failures.csv", "parts", "shown", "figures"];
     paths.extend(others.map(PathBuf::from));
-    assert_eq!(paths.len(), 3 + 3 + 2 + 5, "{paths:?}");
+    assert_eq!(paths.len(), 3 + 3 + 3 + 5, "{paths:?}");
     for path in paths {
         let root = folder();
         let folder = root.path().join("office");
