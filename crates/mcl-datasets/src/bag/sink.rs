@@ -109,12 +109,21 @@ pub(super) trait Sink {
 
     /// Says of the scans what no message of theirs can.
     fn lists(&mut self, log_time: u64, lists: Lists) -> Result<(), WriteBagError> {
-        let topic = self.topic(lists::TOPIC, &STRING, Delivery::Latched)?;
-        let lines = lists.into_iter().map(|(key, list)| format!("{key}: {list}\n"));
-        let mut message = Encoder::default();
-        message.text(&lines.collect::<String>());
-        self.message(topic, log_time, message)
+        write_lists(self, log_time, lists)
     }
+}
+
+/// Writes the lists as a message.
+pub(super) fn write_lists<S: Sink + ?Sized>(
+    sink: &mut S,
+    log_time: u64,
+    lists: Lists,
+) -> Result<(), WriteBagError> {
+    let topic = sink.topic(lists::TOPIC, &STRING, Delivery::Latched)?;
+    let lines = lists.into_iter().map(|(key, list)| format!("{key}: {list}\n"));
+    let mut message = Encoder::default();
+    message.text(&lines.collect::<String>());
+    sink.message(topic, log_time, message)
 }
 
 /// Quality of service as rosbag2 writes it into bags up to its version 8, and reads it in all:

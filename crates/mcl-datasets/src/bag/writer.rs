@@ -12,7 +12,7 @@ use super::encode::Encoder;
 use super::lists;
 use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
-use super::sink::{Delivery, Lists, Sink, TopicId, WriteBagError, qos};
+use super::sink::{Delivery, Lists, Sink, TopicId, WriteBagError, qos, write_lists};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
 use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
@@ -54,7 +54,11 @@ impl<W: Write + Seek> Sink for BagWriter<W> {
         self.write(topic, log_time, message)
     }
 
-    fn lists(&mut self, _: u64, lists: Lists) -> Result<(), WriteBagError> {
+    fn lists(&mut self, log_time: u64, lists: Lists) -> Result<(), WriteBagError> {
+        // Converters of others keep messages, and drop metadata records.
+        if lists.contains_key(lists::NO_ODOMETRY) {
+            write_lists(self, log_time, lists.clone())?;
+        }
         self.metadata(lists::NAME, lists)
     }
 }
@@ -72,7 +76,7 @@ pub enum Format {
 }
 
 /// [`write`](fn@write), in any of the formats. Those that have no metadata records say the same by a message on
-/// `/mcl_eval` (`std_msgs/String`).
+/// `/mcl_eval` (`std_msgs/String`), and so does MCAP where scans lack what others have.
 ///
 /// # Errors
 /// As [`write`](fn@write).
