@@ -92,6 +92,8 @@ test('tables: sorted, filtered, copied as CSV, Markdown and LaTeX', async () => 
   const details = page.locator('details.table').filter({ hasText: 'Means and intervals' }).first();
   await details.locator('> summary').click();
   const table = details.locator('table');
+  // The table is made once its section has opened, which the browser says later than the click returns.
+  await table.locator('thead th').first().waitFor();
   const column = async (name) => {
     const heads = await table.locator('thead th').allTextContents();
     const place = heads.findIndex((head) => head.startsWith(name));

@@ -159,9 +159,7 @@ test('both follow the colours of the page, fit every width, and print one still 
       assert.ok(wide <= width && wide > 0.3 * Math.min(width, 700), `${kind}: ${wide} of ${width}`);
       const light = await pixels(canvas);
       await page.emulateMedia({ colorScheme: 'dark' });
-      await page.waitForTimeout(300);
-      const dark = await pixels(canvas);
-      assert.notEqual(dark, light, kind);
+      await page.waitForFunction(([element, was]) => element.toDataURL() !== was, [await canvas.elementHandle(), light]);
       await page.emulateMedia({ media: 'print' });
       assert.ok(await canvas.isVisible() && !(await slot.locator('input[type="range"]').isVisible()), kind);
       // Paper is light.
