@@ -35,6 +35,21 @@ pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
     drop(stderr.write_all(line.as_bytes()));
 }
 
+/// An error with its causes, but for causes that the message before already tells.
+pub(crate) fn told_once(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    let mut before = String::new();
+    for cause in error.chain() {
+        let message = cause.to_string();
+        if !before.contains(&message) {
+            text += if text.is_empty() { "" } else { ": " };
+            text += &message;
+            before = message;
+        }
+    }
+    text
+}
+
 /// Text whose lines are no wider than a terminal, broken between words; what has no space in it, such as
 /// a path, stays whole. Lines go on below their value (after two spaces), or below their first word.
 pub(crate) fn wrapped(text: &str, width: usize) -> String {
@@ -216,6 +231,14 @@ fn shown(length: Option<u64>, style: ProgressStyle, what: &str, quiet: bool) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn causes_are_told_once() {
+        let error = anyhow::anyhow!("no such file")
+            .context("cannot read a.csv: no such file")
+            .context("in the map");
+        assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
+    }
 
     /// Without a terminal nothing was told until the last trial had ended.
     #[test]

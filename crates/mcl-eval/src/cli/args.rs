@@ -165,13 +165,13 @@ pub struct LikelihoodArgs {
     pub json: bool,
 }
 
+/// A study, and what it is run on.
 #[derive(Debug, Args)]
-pub struct RunArgs {
+pub struct StudyArgs {
     /// The study: what is compared, on what, and how it is shown.
     #[arg(value_name = "STUDY.toml")]
     pub study: PathBuf,
-    /// Run on this data set or log; may be given several times [default: those of the study
-    /// that are at hand].
+    /// Take this data set or log; may be given several times [default: those of the study that are at hand].
     #[arg(long = "dataset", value_name = "NAME|PATH")]
     pub datasets: Vec<String>,
     /// Readings beyond this many metres are not used [default: each data set's, else 10].
@@ -181,9 +181,15 @@ pub struct RunArgs {
     pub read: ReadArgs,
     #[command(flatten)]
     pub cloud: CloudArgs,
-    /// Folder that holds <study>/<data set>/.
+    /// Folder that holds <study>/<data set>/; what trials took that are done there says what others will take.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    pub of: StudyArgs,
     /// Remove the rows of earlier runs first.
     #[arg(long)]
     pub fresh: bool,

@@ -5,10 +5,10 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{ClaimsArgs, Global};
-use super::output::{print, told_once};
+use super::output::print;
 use crate::claims::claim::{Claim, DatasetClaims};
 use crate::claims::{brief, decide, render, without_results};
-use crate::progress::tell;
+use crate::progress::{tell, told_once};
 
 #[derive(Serialize)]
 struct Claims<'a> {

@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
-use super::output::{print, told_once};
-use crate::progress::{self, tell};
+use super::output::print;
+use crate::progress::{self, tell, told_once};
 use mcl_core::text::thousands;
 use mcl_study::data::cloud_source::CloudSource;
 

@@ -13,7 +13,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{print, tell_data_losses, tell_losses, told_once};
+use super::output::{print, tell_data_losses, tell_losses};
+use crate::progress::told_once;
 use mcl_core::text::{counted, printable, thousands};
 use mcl_study::data::cloud_source::{CloudSource, Points};
 use mcl_study::data::source::{DataSource, LogSource};

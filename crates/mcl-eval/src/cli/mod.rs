@@ -26,9 +26,8 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Parser;
 
-use crate::progress::tell;
+use crate::progress::{tell, told_once};
 use args::{Cli, Command};
-pub(crate) use output::told_once;
 
 /// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

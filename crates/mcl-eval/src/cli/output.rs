@@ -189,21 +189,6 @@ pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .any(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
-/// An error with its causes, but for causes that the message before already tells.
-pub fn told_once(error: &anyhow::Error) -> String {
-    let mut text = String::new();
-    let mut before = String::new();
-    for cause in error.chain() {
-        let message = cause.to_string();
-        if !before.contains(&message) {
-            text += if text.is_empty() { "" } else { ": " };
-            text += &message;
-            before = message;
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -213,13 +198,5 @@ mod tests {
     fn what_is_printed_does_not_act() {
         let text = "a\u{1b}[2Jb\r\n  c\u{202e}d\u{7}é <script>\n";
         assert_eq!(lines(text), "a\\u{1b}[2Jb\\u{d}\n  c\\u{202e}d\\u{7}é <script>\n");
-    }
-
-    #[test]
-    fn causes_are_told_once() {
-        let error = anyhow::anyhow!("no such file")
-            .context("cannot read a.csv: no such file")
-            .context("in the map");
-        assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
     }
 }

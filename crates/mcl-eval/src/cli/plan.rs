@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Engine, Global, PlanArgs};
 use super::output::print;
-use super::run::{at_hand, open_with, study_name};
+use super::run::{open, read_study};
 
 /// What a part's processor time may be above the estimate before an engine ends it; built-in costs are right within a
 /// factor of three or so.
@@ -57,12 +57,7 @@ struct OfPart {
 }
 
 pub fn run(args: &PlanArgs, global: &Global) -> Result<Outcome> {
-    let study = Study::read(&args.study)?;
-    let name = study_name(&args.study)?;
-    let datasets = match args.datasets.is_empty() {
-        false => args.datasets.clone(),
-        true => at_hand(&study, global)?,
-    };
+    let (study, name, datasets) = read_study(&args.of, global)?;
     let parts = args.parts as usize;
     let mut planned = Planned {
         study: name.clone(),
@@ -95,10 +90,10 @@ fn add(
     dataset: &str,
     planned: &mut Planned,
 ) -> Result<()> {
-    let source = open_with(study, dataset, (&args.read, &args.cloud, args.max_range))?;
+    let source = open(&args.of, study, dataset)?;
     let identity = Identity { build: Build::this(), data: DataFacts::of(&source)? };
     let plan = study.plan(&identity.data.name)?;
-    let folder = args.output.join(name).join(&identity.data.name);
+    let folder = args.of.output.join(name).join(&identity.data.name);
     let rows = Parts::read(&folder, &identity).with_context(|| folder.display().to_string())?;
     let costs = Costs::measured(&identity.data, &plan.trials, &rows);
     planned.is_measured |= costs.are_measured();
@@ -174,11 +169,11 @@ fn script(args: &PlanArgs, datasets: &[String], engine: Engine, planned: &Planne
     let margin = if planned.is_measured { MARGIN_MEASURED } else { MARGIN_BUILT_IN };
     let minutes = (planned.longest_hours * 60.0 * margin).ceil().max(5.0) as u64;
     let memory = (memory_mb * 1.5).ceil();
-    let mut run = format!("mcl-eval run {}", quoted(&args.study.display().to_string()));
+    let mut run = format!("mcl-eval run {}", quoted(&args.of.study.display().to_string()));
     for dataset in datasets {
         run += &format!(" --dataset {}", quoted(dataset));
     }
-    run += &format!(" -o {}", quoted(&args.output.display().to_string()));
+    run += &format!(" -o {}", quoted(&args.of.output.display().to_string()));
     let head = format!(
         "# {} in {parts} parts: {} trials, about {:.2} hours of processor time ({}),\n# the longest part {:.2} hours, about {memory_mb:.0} MB of memory each.\n",
         printable(&planned.study),

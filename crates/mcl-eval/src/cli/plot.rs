@@ -4,9 +4,8 @@ use mcl_study::store::results::{Found, Results, TRIALS, read_all, save_table};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
-use super::output::told_once;
 use crate::figures;
-use crate::progress::tell;
+use crate::progress::{tell, told_once};
 
 /// Writes the tables and draws the figures of every result folder below the root that has rows.
 pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {

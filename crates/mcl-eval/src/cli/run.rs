@@ -24,10 +24,10 @@ use mcl_study::trial::tracking::bridge;
 use serde::Serialize;
 
 use super::Outcome;
-use super::args::{CloudArgs, Global, ReadArgs, RunArgs};
-use super::output::{print, reference_of, tell_bridged, tell_data_losses, told_once};
+use super::args::{Global, RunArgs, StudyArgs};
+use super::output::{print, reference_of, tell_bridged, tell_data_losses};
 use crate::figures;
-use crate::progress::{StudyProgress, span, tell};
+use crate::progress::{StudyProgress, span, tell, told_once};
 
 #[derive(Serialize)]
 struct Told {
@@ -62,12 +62,7 @@ const INTERRUPTED: i32 = 130;
 
 /// Runs a study, summarizes its rows and draws its figures.
 pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
-    let study = Study::read(&args.study)?;
-    let name = study_name(&args.study)?;
-    let names = match args.datasets.is_empty() {
-        false => args.datasets.clone(),
-        true => at_hand(&study, global)?,
-    };
+    let (study, name, names) = read_study(&args.of, global)?;
     if args.list {
         return list(args, &study, &name, &names);
     }
@@ -84,12 +79,12 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     if share != Share::Merge {
         tell_programs(&study);
     }
-    end_on_interrupt(&args.output)?;
+    end_on_interrupt(&args.of.output)?;
     let mut complete = true;
     let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
-        let source = open(args, &study, dataset)?;
+        let source = open(&args.of, &study, dataset)?;
         if let (DataSource::Log(log), false) = (&source, global.quiet) {
             tell!("note: {}: reference: {}", printable(dataset), reference_of(log));
         }
@@ -100,7 +95,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         {
             complete &= tell_bridged(dataset, &bridged) == Outcome::Done;
         }
-        let folder = args.output.join(&name).join(source.name());
+        let folder = args.of.output.join(&name).join(source.name());
         let ran = run_on(&study, &name, source, &folder, share, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
@@ -126,7 +121,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     }
     let is_part = matches!(share, Share::Part(_));
     if !is_part
-        && let Some(path) = figures::write_ranking(&args.output.join(&name), &all)?
+        && let Some(path) = figures::write_ranking(&args.of.output.join(&name), &all)?
         && !global.quiet
     {
         tell!("settings ranked over the data sets: {}", path.display());
@@ -145,20 +140,13 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(complete))
 }
 
-fn open(args: &RunArgs, study: &Study, dataset: &str) -> Result<DataSource> {
-    open_with(study, dataset, (&args.read, &args.cloud, args.max_range))
-}
-
 /// Opens a data set or log as a study lists it.
-pub fn open_with(
-    study: &Study,
-    dataset: &str,
-    (read, cloud, max_range): (&ReadArgs, &CloudArgs, Option<f64>),
-) -> Result<DataSource> {
+pub fn open(args: &StudyArgs, study: &Study, dataset: &str) -> Result<DataSource> {
+    let StudyArgs { read, cloud, max_range, .. } = args;
     let options = SourceOptions {
         cloud_topic: cloud.cloud_topic.clone(),
         dimensions: cloud.dimensions.map(usize::from),
-        ..read.options(max_range)
+        ..read.options(*max_range)
     };
     let source = DataSource::open(dataset, &options, false)?;
     let scans = study.listed(source.name()).and_then(|listed| listed.scans);
@@ -267,10 +255,10 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
     let mut listed = Vec::new();
     let mut measured = false;
     for dataset in datasets {
-        let source = open(args, study, dataset)?;
+        let source = open(&args.of, study, dataset)?;
         let identity = Identity { build: Build::this(), data: DataFacts::of(&source)? };
         let plan = study.plan(&identity.data.name)?;
-        let folder = args.output.join(name).join(&identity.data.name);
+        let folder = args.of.output.join(name).join(&identity.data.name);
         let parts = match args.fresh {
             true => Parts::default(),
             false => Parts::read(&folder, &identity)?,
@@ -379,8 +367,18 @@ fn tell_failed_runs(results: &Results) {
     }
 }
 
+/// The study, its name, and the names of the data sets or logs that it is for.
+pub fn read_study(args: &StudyArgs, global: &Global) -> Result<(Study, String, Vec<String>)> {
+    let study = Study::read(&args.study)?;
+    let names = match args.datasets.is_empty() {
+        false => args.datasets.clone(),
+        true => at_hand(&study, global)?,
+    };
+    Ok((study, study_name(&args.study)?, names))
+}
+
 /// The data sets of the study that are at hand; says how to get the others.
-pub fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
+fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let registry = Registry::from_environment()?;
     let (mut names, mut missing) = (Vec::new(), Vec::new());
     for name in study.dataset_names() {

@@ -13,8 +13,7 @@ use mcl_study::store::results::Results;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::run::Trial;
 
-use crate::cli::told_once;
-use crate::progress::tell;
+use crate::progress::{tell, told_once};
 use crate::report::at_hand::AtHand;
 use crate::report::compare_maps::{self, ChosenMaps, MapPair};
 use crate::report::slot::{Slot, SlotKind};

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::claims::claim::DatasetClaims;
 use crate::claims::{decide, without_results};
-use crate::cli::told_once;
+use crate::progress::told_once;
 use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
 use crate::report::folder::Folder;
 use crate::report::slot::Slot;

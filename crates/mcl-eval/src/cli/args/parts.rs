@@ -4,7 +4,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use mcl_study::share::Part;
 
-use super::{CloudArgs, ReadArgs, positive};
+use super::{StudyArgs, positive};
 
 /// Variables that array jobs set, and the number of their first task.
 const ARRAYS: [(&str, usize); 4] = [
@@ -96,28 +96,14 @@ pub enum Engine {
 
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// The study.
-    #[arg(value_name = "STUDY.toml")]
-    pub study: PathBuf,
+    #[command(flatten)]
+    pub of: StudyArgs,
     /// Number of parts.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub parts: u32,
     /// Print the script that starts the parts with this, and the merge behind them.
     #[arg(long, value_name = "ENGINE")]
     pub engine: Option<Engine>,
-    /// Plan for this data set or log; may be given several times [default: those of the study that are at hand].
-    #[arg(long = "dataset", value_name = "NAME|PATH")]
-    pub datasets: Vec<String>,
-    /// Readings beyond this many metres are not used [default: each data set's, else 10].
-    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
-    pub max_range: Option<f64>,
-    #[command(flatten)]
-    pub read: ReadArgs,
-    #[command(flatten)]
-    pub cloud: CloudArgs,
-    /// Folder that holds <study>/<data set>/; what trials took that are done there is a measurement.
-    #[arg(long, short, default_value = "results", value_name = "ROOT")]
-    pub output: PathBuf,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

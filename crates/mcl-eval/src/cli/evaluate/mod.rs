@@ -17,8 +17,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{EvaluateArgs, Global};
-use super::output::{input_files, prepare, print, refuse, told_once, write_rows};
-use crate::progress::tell;
+use super::output::{input_files, prepare, print, refuse, write_rows};
+use crate::progress::{tell, told_once};
 use figure::DrawnGroup;
 use group::{Comparison, GroupFigures, Run, run_name};
 use row::{ErrorRow, Evaluated, Row, Sampled};

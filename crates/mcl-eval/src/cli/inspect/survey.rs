@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use crate::cli::Outcome;
 use crate::cli::args::InspectArgs;
-use crate::cli::output::{input_files, print, told_once};
-use crate::progress::tell;
+use crate::cli::output::{input_files, print};
+use crate::progress::{tell, told_once};
 
 #[derive(Serialize)]
 pub struct Surveyed {
