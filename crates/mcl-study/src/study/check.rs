@@ -10,9 +10,8 @@ use toml::de::{DeTable, DeValue};
 use crate::measure::Measures;
 use crate::study::plan::{ENTRIES, Plan};
 use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
-use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views};
+use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views, made_of};
 use crate::table::{Row, Table, Value};
-use crate::view::lost;
 
 /// More panels side by side could not be read.
 const MOST_COLUMNS: usize = 4;
@@ -281,7 +280,7 @@ fn check_chart(
     for (place, part) in chart.parts.iter().enumerate() {
         if let Some(column) = &part.column {
             let path = path(&format!("parts.{place}.column"));
-            let made_of = lost::made_of(column).unwrap_or_else(|| vec![column]);
+            let made_of = made_of(column).unwrap_or_else(|| vec![column]);
             made_of.iter().try_for_each(|name| known.measured(&path, name, factors))?;
         }
         if part.sizes.is_some_and(|[low, high]| low.partial_cmp(&high) != Some(Ordering::Less)) {

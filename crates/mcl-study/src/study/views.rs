@@ -2,6 +2,23 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Whether a run was lost at some time or at its end.
+pub const LOST: &str = "lost";
+/// Begins the name of a column over the runs that never were lost. It depends on the outcome: it is shown, and never
+/// tested.
+pub(crate) const TRACKED: &str = "tracked_";
+/// What is measured of losses: how often a run was lost, and whether it ended so.
+pub(crate) const EPISODES: &str = "lost_episodes";
+pub(crate) const DIVERGED: &str = "diverged";
+
+/// The measured columns that a column of this name is made of; `None` of any other.
+pub fn made_of(column: &str) -> Option<Vec<&str>> {
+    match column.strip_prefix(TRACKED) {
+        Some(of) => Some(vec![of, EPISODES, DIVERGED]),
+        None => (column == LOST).then(|| vec![EPISODES, DIVERGED]),
+    }
+}
+
 /// Everything that is made of a study's rows.
 ///
 /// A *column* is one of `trials.csv`. Settings that belong together are one: `alpha` stands for

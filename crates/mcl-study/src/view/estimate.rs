@@ -6,9 +6,9 @@ use mcl_metrics::{Blocked, BlockedRate, Interval, IntervalBasis, standard_deviat
 
 use crate::store::results::Results;
 use crate::study::settings::SIZE;
-use crate::study::views::Factor;
+use crate::study::views::{Factor, LOST, made_of};
 use crate::view::groups::{Group, Groups};
-use crate::view::lost::{self, LOST};
+use crate::view::lost;
 
 /// A mean over blocks. Every block counts the same, as in tests.
 ///
@@ -109,7 +109,7 @@ impl<'r> Estimates<'r> {
         if column == LOST {
             return lost::rate(group)?.map(|rate| Estimate::of_rate(&rate)).transpose();
         }
-        let values = match lost::made_of(column) {
+        let values = match made_of(column) {
             Some(_) => lost::tracked(group, column)?,
             None => group.blocked(column)?,
         };

@@ -1,31 +1,15 @@
 //! What views show of runs that were lost: columns that are made of others, so that rows of every build have them.
 //!
 //! A mean error of all runs is decided by those that were lost, as far as they strayed; a mean of the others alone would
-//! hide that there are lost ones. So the two stand beside each other: [`LOST`], the share of runs that were lost at some
+//! hide that there are lost ones. So the two stand beside each other: [`LOST`](crate::study::views::LOST), the share of runs that were lost at some
 //! time, and the error of those that never were (`tracked_…`).
 
 use anyhow::Result;
 use mcl_metrics::{Blocked, BlockedRate};
 
+use crate::study::views::{DIVERGED, EPISODES, TRACKED};
 use crate::table::{Row, Value};
 use crate::view::groups::Group;
-
-/// Whether a run was lost at some time or at its end.
-pub const LOST: &str = "lost";
-/// Begins the name of a column over the runs that never were lost. It depends on the outcome: it is shown, and never
-/// tested.
-const TRACKED: &str = "tracked_";
-/// What is measured of losses: how often a run was lost, and whether it ended so.
-const EPISODES: &str = "lost_episodes";
-const DIVERGED: &str = "diverged";
-
-/// The measured columns that a column of this name is made of; `None` of any other.
-pub fn made_of(column: &str) -> Option<Vec<&str>> {
-    match column.strip_prefix(TRACKED) {
-        Some(of) => Some(vec![of, EPISODES, DIVERGED]),
-        None => (column == LOST).then(|| vec![EPISODES, DIVERGED]),
-    }
-}
 
 /// Whether a run was lost; `None` where a row does not say.
 fn is_lost(row: &Row<'_>) -> Option<bool> {
