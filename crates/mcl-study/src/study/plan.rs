@@ -28,22 +28,23 @@ pub const ENTRIES: &str = "trials";
 /// no run.
 type Key = Option<String>;
 
-/// The keys of a trial's rows.
-fn keys(trial: &Trial) -> Result<Vec<Key>> {
-    if trial.runs.is_empty() {
+/// The keys of a trial's rows, of its runs in JSON.
+fn keys(runs: &[serde_json::Value]) -> Result<Vec<Key>> {
+    if runs.is_empty() {
         return Ok(vec![None]);
     }
-    trial.runs.iter().map(|run| Ok(Some(identity(&run.to_json()?)?))).collect()
+    runs.iter().map(|run| identity(run).map(Some)).collect()
 }
 
 impl Plan {
     /// Adds a trial of an entry; runs on a map that is there join those on it.
     pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
         let key = (trial.map.identity()?, trial.map.kind.name.clone(), trial.map.draw);
-        let runs = keys(&trial)?;
+        let runs = keys(&trial.runs_in_json()?)?;
         let place = match self.places.get(&key) {
             Some(&place) => {
-                let known: HashSet<Key> = keys(&self.trials[place])?.into_iter().collect();
+                let known: HashSet<Key> =
+                    keys(&self.trials[place].runs_in_json()?)?.into_iter().collect();
                 let new =
                     trial.runs.into_iter().zip(&runs).filter(|(_, key)| !known.contains(*key));
                 self.trials[place].runs.extend(new.map(|(run, _)| run));
@@ -92,8 +93,9 @@ impl Plan {
         measures: &Measures,
     ) -> Result<Vec<(String, String)>> {
         let trial = &self.trials[number];
-        let entries = keys(trial)?.into_iter().map(|key| self.entries_of(number, key));
-        Ok(trial.identities(measures)?.into_iter().zip(entries).collect())
+        let runs = trial.runs_in_json()?;
+        let entries = keys(&runs)?.into_iter().map(|key| self.entries_of(number, key));
+        Ok(trial.identities_of(&runs, measures)?.into_iter().zip(entries).collect())
     }
 
     /// The recipe of every row, with the names of the entries that ask for it in the column [`ENTRIES`].
@@ -106,7 +108,7 @@ impl Plan {
             let of_map = trial.map.cells();
             let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
             let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
-            for (key, run) in keys(trial)?.into_iter().zip(runs) {
+            for (key, run) in keys(&trial.runs_in_json()?)?.into_iter().zip(runs) {
                 let entries = (ENTRIES.to_owned(), self.entries_of(place, key).into());
                 rows.push([&of_map[..], &run, &[entries]].concat());
             }

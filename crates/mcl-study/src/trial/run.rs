@@ -37,18 +37,32 @@ impl Trial {
     /// # Errors
     /// When a recipe cannot be written as JSON.
     pub fn identities(&self, measures: &Measures) -> Result<Vec<String>> {
+        self.identities_of(&self.runs_in_json()?, measures)
+    }
+
+    /// As [`Trial::identities`], where the [runs in JSON](Trial::runs_in_json) are at hand.
+    pub(crate) fn identities_of(
+        &self,
+        runs: &[serde_json::Value],
+        measures: &Measures,
+    ) -> Result<Vec<String>> {
         let map = self.map.identity()?;
         // A study may give one refinement several names, and rows hold the name.
         let name = &self.map.kind.name;
         let MapRecipe { draw, seed, .. } = self.map;
         let measures = measures.names();
-        let of = |run: Option<serde_json::Value>| {
+        let of = |run: Option<&serde_json::Value>| {
             crate::recipe::identity(&(&map, name, draw, seed, &measures, run))
         };
-        if self.runs.is_empty() {
+        if runs.is_empty() {
             return Ok(vec![of(None)?]);
         }
-        self.runs.iter().map(|run| of(Some(run.to_json()?))).collect()
+        runs.iter().map(|run| of(Some(run))).collect()
+    }
+
+    /// The runs as JSON, which their identities are of.
+    pub(crate) fn runs_in_json(&self) -> Result<Vec<serde_json::Value>> {
+        self.runs.iter().map(RunRecipe::to_json).collect()
     }
 }
 
