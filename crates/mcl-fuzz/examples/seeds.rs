@@ -14,7 +14,6 @@ use mcl_datasets::bag::{self, Encoder, Format, planar, types};
 use mcl_datasets::carmen;
 use mcl_datasets::container;
 use mcl_datasets::container::item::Item;
-use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_fuzz::bag_of_one_message;
 use mcl_maps::files::{Encoding, PointFormat, encode_grid};
@@ -350,18 +349,8 @@ fn texts(corpus: &Corpus) -> Result<()> {
 /// The manifest and the rows of a study on a piece of the office, without their digests, as if of the
 /// identity that the targets compare with.
 fn results(study: &str) -> Result<(String, String)> {
-    let log = LogSource {
-        name: "lab".to_owned(),
-        title: "Lab".to_owned(),
-        recording: piece(12, 30)?,
-        kind: None,
-        report: ReadReport::default(),
-        reference: None,
-        survey: None,
-        notes: Vec::new(),
-        assumptions: Vec::new(),
-        max_range: 10.0,
-    };
+    let log =
+        LogSource { title: "Lab".to_owned(), ..LogSource::of_recording("lab", piece(12, 30)?) };
     let folder = tempfile::tempdir()?;
     let data = StudyData::new(DataSource::Log(log));
     run_study(

@@ -47,16 +47,6 @@ pub struct Matched {
     pub sorted_by_time: bool,
 }
 
-impl Matched {
-    /// Number of poses of the sparser trajectory that are in no pair.
-    pub fn unmatched_samples(&self) -> usize {
-        match self.sampled {
-            Side::Reference => self.unmatched_reference,
-            Side::Estimate => self.unmatched_estimate,
-        }
-    }
-}
-
 /// Differences between the stamps of pairs, in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TimeDifference {

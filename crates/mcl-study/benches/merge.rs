@@ -11,7 +11,6 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use mcl_core::Seed;
-use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::source::{DataSource, LogSource};
@@ -69,19 +68,10 @@ fn study(trials: usize) -> Result<Study> {
 }
 
 fn data() -> Result<StudyData> {
-    let name = "simulated-office".to_owned();
-    Ok(StudyData::new(DataSource::Log(LogSource {
-        title: name.clone(),
-        name,
-        recording: simulate(&OfficeSettings::default(), Seed::new(1))?,
-        kind: None,
-        reference: None,
-        survey: None,
-        report: ReadReport::default(),
-        notes: Vec::new(),
-        assumptions: Vec::new(),
-        max_range: 10.0,
-    })))
+    Ok(StudyData::new(DataSource::Log(LogSource::of_recording(
+        "simulated-office",
+        simulate(&OfficeSettings::default(), Seed::new(1))?,
+    ))))
 }
 
 /// Writes the rows as parts leave them, and returns their bytes.

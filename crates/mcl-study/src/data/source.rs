@@ -160,6 +160,22 @@ fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
 }
 
 impl LogSource {
+    /// Of scans that are at hand, under a name that is the title as well, and the paper's limit of readings.
+    pub fn of_recording(name: &str, recording: Recording) -> Self {
+        LogSource {
+            name: name.to_owned(),
+            title: name.to_owned(),
+            recording,
+            kind: None,
+            reference: None,
+            report: ReadReport::default(),
+            notes: Vec::new(),
+            survey: None,
+            assumptions: Vec::new(),
+            max_range: DEFAULT_MAX_RANGE,
+        }
+    }
+
     /// Opens a log by path or a data set by name. A file of that path (or the folder of a bag) comes
     /// first, then the registry. Scans at either end of a bag that lie outside of its odometry or its
     /// reference are left out, and [`LogSource::assumptions`] says so: nothing could be done with them.
@@ -218,16 +234,10 @@ impl LogSource {
             Source::Simulated { seed } => {
                 let recording = simulate(&OfficeSettings::default(), Seed::new(*seed))?;
                 Ok(LogSource {
-                    name: dataset.name.clone(),
                     title: dataset.title.clone(),
-                    recording,
-                    kind: None,
                     reference: Some("exact poses of the simulation, of the laser".to_owned()),
-                    report: ReadReport::default(),
-                    notes: Vec::new(),
-                    survey: None,
-                    assumptions: Vec::new(),
                     max_range,
+                    ..Self::of_recording(&dataset.name, recording)
                 })
             }
         }

@@ -10,7 +10,6 @@ use std::sync::LazyLock;
 
 use anyhow::Result;
 use mcl_core::{LaserScan, Recording, ScanGeometry, Seed};
-use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::{Ran, run_study};
@@ -42,18 +41,7 @@ pub static RECORDING: LazyLock<Recording> = LazyLock::new(|| {
 
 /// The log under a name.
 pub fn log(name: &str) -> LogSource {
-    LogSource {
-        name: name.to_owned(),
-        title: name.to_owned(),
-        recording: RECORDING.clone(),
-        kind: None,
-        reference: None,
-        survey: None,
-        report: ReadReport::default(),
-        notes: Vec::new(),
-        assumptions: Vec::new(),
-        max_range: 10.0,
-    }
+    LogSource::of_recording(name, RECORDING.clone())
 }
 
 /// A folder, in memory where there is such a place: thousands of runs would wait for a disk.

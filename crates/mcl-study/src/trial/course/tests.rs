@@ -1,7 +1,6 @@
 use std::sync::LazyLock;
 
 use mcl_core::{PointMap, is_usable_range};
-use mcl_datasets::log::ReadReport;
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_filter::{FilterSettings, MapDistances, OdometryNoise, Preset, localize};
 
@@ -13,18 +12,10 @@ use crate::trial::division::StudyData;
 use crate::trial::tracking::{Tracker, track};
 
 static OFFICE: LazyLock<StudyData> = LazyLock::new(|| {
-    let log = LogSource {
-        name: "office".to_owned(),
-        title: "Office".to_owned(),
-        recording: simulate(&OfficeSettings::default(), Seed::new(1)).unwrap(),
-        kind: None,
-        reference: None,
-        survey: None,
-        report: ReadReport::default(),
-        notes: Vec::new(),
-        assumptions: Vec::new(),
-        max_range: 10.0,
-    };
+    let log = LogSource::of_recording(
+        "office",
+        simulate(&OfficeSettings::default(), Seed::new(1)).unwrap(),
+    );
     StudyData::new(DataSource::Log(log))
 });
 
