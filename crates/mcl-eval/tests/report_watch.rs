@@ -280,7 +280,8 @@ fn runs_of_programs_alone_are_not_shown() {
                 localizer = \"theirs\"\nmap = \"gbs\"\nsize = 5\nruns = 1\n";
     let (_bench, mut results) = small();
     results[0].study = Study::parse(text).unwrap();
-    let choose = |results: &Results| watch::choose(results, &results.plan().unwrap());
+    results[0].plan = results[0].study.plan(&results[0].facts.name).unwrap();
+    let choose = |results: &Results| watch::choose(results, &results.plan);
     let reason = choose(&results[0]).unwrap_err().to_string();
     assert!(reason.contains("programs of others"), "{reason}");
     // With the own filter beside them, its runs are shown.

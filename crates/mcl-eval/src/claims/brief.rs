@@ -17,7 +17,7 @@ const STATEMENT: usize = 38;
 const GAP: &str = "  ";
 
 /// What names of maps mean; with the first of them.
-const NAMES: &str = "gbs is grid-based, rnd random sampling, f-km fuzzy k-means";
+const NAMES: &str = "gbs is grid-based, rnd random, f-km fuzzy k-means";
 
 /// A line per claim that was decided, on one data set with its effect, on several with the number of those on which it
 /// holds; the rest is counted. Then the numbers that matter, where the figures are, and what to do next. Names from data
@@ -31,8 +31,7 @@ pub fn text(
 ) -> String {
     let names: Vec<&str> = datasets.iter().map(|dataset| dataset.name.as_str()).collect();
     let all: Vec<&Claim> = datasets.iter().flat_map(|dataset| &dataset.claims).collect();
-    let mut lines =
-        vec![format!("The paper's statements on {}, reproduced or not ({NAMES}):", list(&names))];
+    let mut lines = vec![format!("The paper's claims on {} ({NAMES}):", list(&names))];
     let mut ids: Vec<&'static str> = Vec::new();
     for claim in &all {
         if !ids.contains(&claim.id) {
@@ -54,7 +53,6 @@ pub fn text(
         }
         first.extend(of_papers);
     }
-    lines.push(String::new());
     lines.extend(rest(&all, &first, open, root));
     lines.extend(told(&numbers(results)));
     let drawn = || results.iter().filter(|results| results.folder.join(FIGURES).is_dir());
@@ -176,15 +174,13 @@ fn rest(all: &[&Claim], first: &[&Claim], open: usize, root: &Path) -> Vec<Strin
         let hold = others.iter().filter(|claim| claim.verdict == Verdict::Reproduced).count();
         let of_paper: Vec<&Place> = first.iter().map(|claim| &claim.place).collect();
         let places = places(&others, &of_paper);
-        parts.push(format!("under {places}: {hold} of {}", others.len()));
+        parts.push(format!("under {places} {hold} of {}", others.len()));
     }
     if open > 0 {
-        let are = if open == 1 { "is" } else { "are" };
-        parts.push(format!("{open} {are} not testable here"));
+        parts.push(format!("{open} not testable"));
     }
     let rest = if parts.is_empty() { String::new() } else { format!("{}; ", parts.join("; ")) };
-    let mut text =
-        format!("{rest}each with its test: `mcl-eval claims {} --verbose`", root.display());
+    let mut text = format!("{rest}tests: `mcl-eval claims {} --verbose`", root.display());
     if let Some(first) = text.get(..1) {
         text.replace_range(..1, &first.to_uppercase());
     }
@@ -249,13 +245,13 @@ mod tests {
         for width in [80, 100, 120] {
             let text = text(&decide(&results), &missing, &results, Path::new("results"), width);
             let lines: Vec<&str> = text.lines().collect();
-            assert!((10..=24).contains(&lines.len()), "{} lines:\n{text}", lines.len());
+            assert!((10..=22).contains(&lines.len()), "{} lines:\n{text}", lines.len());
             assert!(lines.iter().all(|line| line.chars().count() <= width.into()), "{text}");
             assert!(!text.contains("not testable  "), "{text}");
             let claims: Vec<&&str> =
                 lines.iter().filter(|l| l.starts_with("yes ") || l.starts_with("no ")).collect();
             assert!(claims.len() >= 8, "{text}");
-            assert!(text.contains("are not testable here"), "{text}");
+            assert!(text.contains(" not testable; tests: "), "{text}");
             assert!(text.contains("mean error d (diverged runs)"), "{text}");
             assert!(lines[lines.len() - 1].contains("aces, intel-lab"), "{text}");
             for meaning in ["grid-based", "random sampling", "fuzzy k-means"] {

@@ -142,6 +142,7 @@ mod tests {
         });
         let mut of_intel = of_office.clone();
         of_intel.facts.name = "intel-lab".into();
+        of_intel.plan = of_intel.study.plan("intel-lab").unwrap();
         planted::edit(&mut of_intel, |row| {
             row.set("dataset", "intel-lab");
             true

@@ -48,6 +48,7 @@ pub(crate) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -
         folder: PathBuf::new(),
         name: name.into(),
         study,
+        plan,
         facts: office_facts(),
         table: Table::of_cells(rows.into_iter().map(|row| row.0)),
         done: asked,

@@ -82,8 +82,8 @@ impl Wanted {
         let Results { study, facts, .. } = results;
         let has_runs = results.table.column("run").is_some();
         let told = |error: anyhow::Error| told_once(&error);
-        let plan = results.plan()?;
-        let maps = compare_maps::choose(results, &plan).transpose();
+        let plan = &results.plan;
+        let maps = compare_maps::choose(results, plan).transpose();
         Ok(Wanted {
             folder: results.folder.clone(),
             study: results.name.clone(),
@@ -91,7 +91,7 @@ impl Wanted {
             measures: study.measures.clone(),
             scans: study.listed(&facts.name).and_then(|listed| listed.scans),
             pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
-            runs: has_runs.then(|| watch::choose(results, &plan).map_err(told)),
+            runs: has_runs.then(|| watch::choose(results, plan).map_err(told)),
             maps: maps.map(|maps| maps.map_err(told)),
         })
     }

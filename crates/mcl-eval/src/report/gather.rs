@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use mcl_study::store::results::{Results, folders};
+use mcl_study::store::results::{Results, Studies, folders};
 use rayon::prelude::*;
 
 use crate::claims::claim::DatasetClaims;
@@ -55,8 +55,9 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
         }
         recorded.extend(of_root);
     }
+    let studies = Studies::default();
     let found: Vec<OfDataset> =
-        by_dataset.into_values().par_bridge().map(|f| of_dataset(&f)).collect();
+        by_dataset.into_values().par_bridge().map(|f| of_dataset(&f, &studies)).collect();
     let mut report = Report::default();
     let mut wanted = Vec::new();
     for of_dataset in found {
@@ -134,11 +135,11 @@ fn name_of(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn of_dataset(folders: &[PathBuf]) -> OfDataset {
+fn of_dataset(folders: &[PathBuf], studies: &Studies) -> OfDataset {
     let mut found = OfDataset::default();
     let mut all = Vec::new();
     for path in folders {
-        let read = Results::read(path).and_then(|results| match results {
+        let read = Results::read_of(path, studies).and_then(|results| match results {
             Some(results) => {
                 let (folder, wanted) = (Folder::of_rows(&results)?, Wanted::of(&results)?);
                 found.wanted.push((path.clone(), wanted));

@@ -137,9 +137,9 @@ pub fn chart(chart: &ChartData) -> Chart {
     };
     let point = |point: &Point| -> DrawnPoint {
         let Point { curve, x, y, interval, mark, blocks, rows, .. } = point;
-        let [low, high] = [0, 1].map(|end| interval.map(|interval| interval[end]));
+        let [low, high] = [0, 1].map(|end| interval.map(|interval| on_screen(interval[end])));
         let mark = mark.as_deref().map(shown);
-        (*curve, *x, *y, low, high, *blocks, *rows, mark)
+        (*curve, on_screen(*x), on_screen(*y), low, high, *blocks, *rows, mark)
     };
     let panel = |panel: &Panel| {
         let labels: Vec<String> = panel.labels.iter().map(|label| shown(label)).collect();
@@ -159,6 +159,11 @@ pub fn chart(chart: &ChartData) -> Chart {
         heat: chart.kind == ChartKind::Heat,
         panels: chart.panels.iter().map(panel).collect(),
     }
+}
+
+/// A number to seven digits, more than a screen shows, in half the bytes; the tables have all digits.
+fn on_screen(number: f64) -> f64 {
+    format!("{number:.6e}").parse().unwrap_or(number)
 }
 
 /// A table as the script lists it.

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use mcl_filter::{FilterSettings, InitialPose, OdometryNoise, Preset, Recovery};
 use serde_json::Value as Json;
+use serde_json::value::RawValue;
 
+use crate::recipe::digest;
 use crate::recipe::disturbance::{Disturbance, Start};
 use crate::recipe::localizer::{LOCALIZER, Localizer, Program};
 use crate::table::{Cells, Value};
@@ -31,6 +33,22 @@ pub struct RunRecipe {
     pub disturbance: Disturbance,
     /// Number of the run: the same number has the same noise on every map.
     pub run: u32,
+}
+
+/// A run as it is written, which says what it depends on.
+#[derive(Debug, Clone)]
+pub(crate) struct WrittenRun {
+    /// [Its JSON](RunRecipe::to_json).
+    pub json: Box<RawValue>,
+    /// A digest that distinguishes it from the others on its map.
+    pub key: String,
+}
+
+impl WrittenRun {
+    pub fn of(run: &RunRecipe) -> Result<Self> {
+        let json = RawValue::from_string(serde_json::to_string(&run.to_json()?)?)?;
+        Ok(WrittenRun { key: digest(json.get().as_bytes()), json })
+    }
 }
 
 /// The setting that is the data set's and not a run's.

@@ -6,12 +6,14 @@ use std::borrow::Cow;
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{Journal, JournalLine, create_folder, journal_lines, journals};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 
 use crate::measure::program::{ENDED, MEASURED_ANEW};
 use crate::recipe::localizer::{LOCALIZER, OWN};
@@ -29,11 +31,11 @@ const MAX_LINE: usize = 256 << 20;
 /// A line of a file of rows.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-enum Line {
+enum Line<Trial> {
     /// The first: what all rows of the file depend on.
     Identity(Box<Identity>),
     /// Rows of a trial that ended.
-    Trial(Saved),
+    Trial(Trial),
     /// A trial that failed.
     Failed(FailedTrial),
 }
@@ -52,9 +54,9 @@ fn sealed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     Some((digest, rest.strip_prefix(SEAL[1])?.strip_suffix(SEAL[2])?))
 }
 
-impl Line {
+impl<'l> Line<ReadTrial<'l>> {
     /// Of a line as it is saved, unless it is damaged.
-    fn unsealed(bytes: &[u8]) -> Option<Line> {
+    fn unsealed(bytes: &'l [u8]) -> Option<Self> {
         let (found, json) = sealed(bytes)?;
         if found != digest(json).as_bytes() {
             return None;
@@ -84,8 +86,7 @@ impl Glance<'_> {
 }
 
 /// Rows of a trial that ended.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Saved {
     /// The trial in words.
     pub trial: String,
@@ -95,6 +96,17 @@ pub struct Saved {
     pub rows: Vec<(String, Vec<Value>)>,
     /// Processor time of the trial's parts, in seconds.
     pub seconds: Vec<(String, f64)>,
+}
+
+/// The same as it is read: the columns of most lines are, letter by letter, those of a line before.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ReadTrial<'l> {
+    trial: String,
+    #[serde(borrow)]
+    columns: &'l RawValue,
+    rows: Vec<(String, Vec<Value>)>,
+    seconds: Vec<(String, f64)>,
 }
 
 /// A trial that failed.
@@ -137,7 +149,7 @@ impl<'a> OwnPart<'a> {
     /// # Errors
     /// When they cannot be written, or the folder was removed or replaced.
     pub fn save(&mut self, ended: Result<Saved, FailedTrial>) -> Result<()> {
-        let line = ended.map_or_else(Line::Failed, Line::Trial);
+        let line = ended.map_or_else(Line::Failed, Line::<Saved>::Trial);
         let parts = self.folder.join(PARTS);
         let cannot = || format!("cannot write rows in {}", parts.display());
         let journal = match &mut self.journal {
@@ -145,7 +157,8 @@ impl<'a> OwnPart<'a> {
             None => {
                 create_folder(&parts).with_context(cannot)?;
                 let mut journal = Journal::create(&parts, PREFIX).with_context(cannot)?;
-                let first = serde_json::to_vec(&Line::Identity(Box::new(self.identity.clone())))?;
+                let first =
+                    serde_json::to_vec(&Line::<Saved>::Identity(Box::new(self.identity.clone())))?;
                 journal.append(&seal(&first)).with_context(cannot)?;
                 self.journal.insert(journal)
             }
@@ -161,6 +174,8 @@ pub struct Parts {
     rows: HashMap<String, KeptRow>,
     /// Columns of trials; most trials share them.
     columns: Vec<Vec<String>>,
+    /// The same as they stand in the lines.
+    written_columns: Vec<Box<RawValue>>,
     /// Processor times by trial.
     pub seconds: Vec<(String, Vec<(String, f64)>)>,
     /// Trials that failed, in the order in which they did.
@@ -174,7 +189,7 @@ struct KeptRow {
     columns: usize,
     values: Vec<Value>,
     /// The file, and the number of the line in it.
-    place: (PathBuf, usize),
+    place: (Arc<Path>, usize),
 }
 
 impl Parts {
@@ -202,7 +217,7 @@ impl Parts {
         let paths = journals(&folder.join(PARTS), PREFIX)
             .with_context(|| format!("cannot read {}", folder.join(PARTS).display()))?;
         for path in paths {
-            let read = parts.read_part(&path, identity, wanted);
+            let read = parts.read_part(&path.as_path().into(), identity, wanted);
             read.with_context(|| format!("in {}", path.display()))?;
         }
         Ok(parts)
@@ -210,7 +225,7 @@ impl Parts {
 
     fn read_part(
         &mut self,
-        path: &Path,
+        path: &Arc<Path>,
         identity: &Identity,
         wanted: Option<&HashSet<String>>,
     ) -> Result<()> {
@@ -259,13 +274,21 @@ impl Parts {
         Ok(())
     }
 
-    fn add(&mut self, saved: Saved, path: &Path, line: usize) -> Result<()> {
-        let Saved { trial, columns, rows, seconds } = saved;
-        let known = self.columns.iter().position(|known| *known == columns);
-        let columns = known.unwrap_or_else(|| {
-            self.columns.push(columns);
-            self.columns.len() - 1
-        });
+    fn add(&mut self, read: ReadTrial<'_>, path: &Arc<Path>, line: usize) -> Result<()> {
+        let ReadTrial { trial, columns, rows, seconds } = read;
+        let known = self.written_columns.iter().position(|known| known.get() == columns.get());
+        let columns = match known {
+            Some(known) => known,
+            None => {
+                let Ok(names) = serde_json::from_str(columns.get()) else {
+                    self.damage.push(format!("{} line {line}: damaged, left out", path.display()));
+                    return Ok(());
+                };
+                self.columns.push(names);
+                self.written_columns.push(columns.to_owned());
+                self.columns.len() - 1
+            }
+        };
         for (identity, values) in rows {
             if values.len() != self.columns[columns].len() {
                 let place = format!("{} line {line}", path.display());
@@ -274,7 +297,7 @@ impl Parts {
             }
             match self.rows.entry(identity) {
                 Entry::Vacant(entry) => {
-                    entry.insert(KeptRow { columns, values, place: (path.to_owned(), line) });
+                    entry.insert(KeptRow { columns, values, place: (path.clone(), line) });
                 }
                 // Two processes may run the same trial; what comes out is the same.
                 Entry::Occupied(entry) => {

@@ -11,8 +11,10 @@
 //! summary.csv, tests.csv, figures/   the study's views
 //! ```
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{remove, write_atomically};
@@ -57,6 +59,8 @@ pub struct Results {
     pub name: String,
     /// What was asked for.
     pub study: Study,
+    /// The trials that were asked for.
+    pub plan: Plan,
     /// What the data was.
     pub facts: DataFacts,
     /// The rows, sorted, with the columns of [`Plan::columns`].
@@ -101,6 +105,23 @@ impl Pictured {
     pub fn cell(&self, column: &str) -> &Value {
         let found = self.cells.iter().find(|(name, _)| name == column);
         found.map_or(&Value::Empty, |(_, value)| value)
+    }
+}
+
+/// Studies that were read, by their text: reading one plans each of its data sets, and the folders of all of these have
+/// the same.
+#[derive(Default)]
+pub struct Studies(Mutex<HashMap<String, Study>>);
+
+impl Studies {
+    fn parse(&self, text: &str) -> Result<Study> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().get(text) {
+            return Ok(known.clone());
+        }
+        let study = Study::parse(text)?;
+        lock().insert(text.to_owned(), study.clone());
+        Ok(study)
     }
 }
 
@@ -176,6 +197,14 @@ impl Results {
     /// # Errors
     /// When a file is missing, cannot be read, or holds rows of another identity than the manifest's.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
+        Self::read_of(folder, &Studies::default())
+    }
+
+    /// Reads one of many folders as [`Results::read`] does.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn read_of(folder: &Path, studies: &Studies) -> Result<Option<Self>> {
         if !has_parts(folder) {
             return Ok(None);
         }
@@ -189,7 +218,7 @@ impl Results {
         let Some(text) = read_text(&path)? else {
             bail!("{} has rows but no {STUDY}; run the study again", folder.display());
         };
-        let study = Study::parse(&text).with_context(|| format!("in {}", path.display()))?;
+        let study = studies.parse(&text).with_context(|| format!("in {}", path.display()))?;
         let parts = Parts::read(folder, &identity).with_context(in_folder)?;
         Self::of(folder, &name, study, identity.data, parts).map(Some)
     }
@@ -242,6 +271,7 @@ impl Results {
             folder,
             name,
             study,
+            plan,
             facts,
             table,
             done,
@@ -250,14 +280,6 @@ impl Results {
             pictured,
             damage,
         })
-    }
-
-    /// The plan of the study on the data set.
-    ///
-    /// # Errors
-    /// As [`Study::plan`].
-    pub fn plan(&self) -> Result<Plan> {
-        self.study.plan(&self.facts.name)
     }
 }
 
@@ -377,8 +399,9 @@ pub struct Found {
 /// When the root cannot be read, or holds no result folder.
 pub fn read_all(root: &Path) -> Result<Found> {
     let mut found = Found::default();
+    let studies = Studies::default();
     for folder in folders(root)? {
-        match Results::read(&folder) {
+        match Results::read_of(&folder, &studies) {
             Ok(Some(results)) => found.results.push(results),
             Ok(None) => found.without_rows.push(folder),
             Err(error) => found.damaged.push((folder, error)),

@@ -1,11 +1,12 @@
 //! The trials of a study on a data set.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 use anyhow::Result;
 
 use crate::measure::Measures;
-use crate::recipe::identity;
+use crate::recipe::run::{RunRecipe, WrittenRun};
 use crate::table::Table;
 use crate::trial::run::Trial;
 
@@ -14,62 +15,85 @@ use crate::trial::run::Trial;
 pub struct Plan {
     /// The trials.
     pub trials: Vec<Trial>,
+    /// What rows of the trials are known by, and who asks for them; as many as trials.
+    asked: Vec<Asked>,
     /// Place of a map's trial, by the map's identity, its name and draw.
     places: HashMap<(String, String, u32), usize>,
-    /// The entries of `[[trials]]` that ask for a row, by place of trial and run: places of their names.
-    entries: HashMap<(usize, Key), Vec<usize>>,
     names: Vec<String>,
+    /// The run that was last added of each number.
+    last: HashMap<u32, (RunRecipe, Arc<WrittenRun>)>,
+}
+
+/// The rows of a trial.
+#[derive(Debug, Clone, Default)]
+struct Asked {
+    /// The identity of the map.
+    map: String,
+    /// The trial's runs in their order, and the entries that ask for each.
+    runs: Vec<(Arc<WrittenRun>, Vec<usize>)>,
+    /// The entries that ask for the row of the map, which has one where there is no run.
+    alone: Vec<usize>,
 }
 
 /// The column of the names of the entries that ask for a row.
 pub const ENTRIES: &str = "trials";
 
-/// A digest of a run, which distinguishes it from the others on its map; `None` for the map's own row, where there is
-/// no run.
-type Key = Option<String>;
-
-/// The keys of a trial's rows, of its runs in JSON.
-fn keys(runs: &[serde_json::Value]) -> Result<Vec<Key>> {
-    if runs.is_empty() {
-        return Ok(vec![None]);
-    }
-    runs.iter().map(|run| identity(run).map(Some)).collect()
-}
-
 impl Plan {
     /// Adds a trial of an entry; runs on a map that is there join those on it.
     pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
-        let key = (trial.map.identity()?, trial.map.kind.name.clone(), trial.map.draw);
-        let runs = keys(&trial.runs_in_json()?)?;
+        let map = trial.map.identity()?;
+        let key = (map.clone(), trial.map.kind.name.clone(), trial.map.draw);
+        let runs = self.written(&trial.runs)?;
+        let is_alone = runs.is_empty();
         let place = match self.places.get(&key) {
-            Some(&place) => {
-                let known: HashSet<Key> =
-                    keys(&self.trials[place].runs_in_json()?)?.into_iter().collect();
-                let new =
-                    trial.runs.into_iter().zip(&runs).filter(|(_, key)| !known.contains(*key));
-                self.trials[place].runs.extend(new.map(|(run, _)| run));
-                place
-            }
+            Some(&place) => place,
             None => {
-                self.trials.push(trial);
-                self.places.insert(key, self.trials.len() - 1);
+                self.places.insert(key, self.trials.len());
+                self.trials.push(Trial { map: trial.map, runs: Vec::new() });
+                self.asked.push(Asked { map, ..Asked::default() });
                 self.trials.len() - 1
             }
         };
-        if let Some(entry) = entry {
-            let known = self.names.iter().position(|name| name == entry);
-            let name = known.unwrap_or_else(|| {
+        let name = entry.map(|entry| {
+            self.names.iter().position(|name| name == entry).unwrap_or_else(|| {
                 self.names.push(entry.to_owned());
                 self.names.len() - 1
-            });
-            for run in runs {
-                let asking = self.entries.entry((place, run)).or_default();
-                if !asking.contains(&name) {
-                    asking.push(name);
+            })
+        });
+        let Asked { runs: known, alone, .. } = &mut self.asked[place];
+        let ask = |asking: &mut Vec<usize>| {
+            asking.extend(name.filter(|name| !asking.contains(name)));
+        };
+        if is_alone {
+            ask(alone);
+        }
+        let before: HashMap<String, usize> =
+            known.iter().enumerate().map(|(k, (run, _))| (run.key.clone(), k)).collect();
+        for (run, written) in trial.runs.into_iter().zip(runs) {
+            match before.get(&written.key) {
+                Some(&k) => ask(&mut known[k].1),
+                None => {
+                    let mut asking = Vec::new();
+                    ask(&mut asking);
+                    known.push((written, asking));
+                    self.trials[place].runs.push(run);
                 }
             }
         }
         Ok(())
+    }
+
+    /// Runs as they are written. Runs of one number mostly are the same on every map.
+    fn written(&mut self, runs: &[RunRecipe]) -> Result<Vec<Arc<WrittenRun>>> {
+        let written = |run: &RunRecipe| match self.last.get(&run.run) {
+            Some((known, written)) if known == run => Ok(written.clone()),
+            _ => {
+                let written = Arc::new(WrittenRun::of(run)?);
+                self.last.insert(run.run, (run.clone(), written.clone()));
+                Ok(written)
+            }
+        };
+        runs.iter().map(written).collect()
     }
 
     /// Number of rows.
@@ -92,10 +116,10 @@ impl Plan {
         number: usize,
         measures: &Measures,
     ) -> Result<Vec<(String, String)>> {
-        let trial = &self.trials[number];
-        let runs = trial.runs_in_json()?;
-        let entries = keys(&runs)?.into_iter().map(|key| self.entries_of(number, key));
-        Ok(trial.identities_of(&runs, measures)?.into_iter().zip(entries).collect())
+        let asked = &self.asked[number];
+        let runs = asked.runs.iter().map(|(run, _)| &**run);
+        let identities = self.trials[number].identities_of(&asked.map, runs, measures)?;
+        Ok(identities.into_iter().zip(self.entries_of(number)).collect())
     }
 
     /// The recipe of every row, with the names of the entries that ask for it in the column [`ENTRIES`].
@@ -108,17 +132,20 @@ impl Plan {
             let of_map = trial.map.cells();
             let runs = trial.runs.iter().map(|run| run.cells()).collect::<Result<Vec<_>>>()?;
             let runs = if runs.is_empty() { vec![Vec::new()] } else { runs };
-            for (key, run) in keys(&trial.runs_in_json()?)?.into_iter().zip(runs) {
-                let entries = (ENTRIES.to_owned(), self.entries_of(place, key).into());
-                rows.push([&of_map[..], &run, &[entries]].concat());
+            for (entries, run) in self.entries_of(place).zip(runs) {
+                rows.push([&of_map[..], &run, &[(ENTRIES.to_owned(), entries.into())]].concat());
             }
         }
         Ok(Table::of_cells(rows))
     }
 
-    fn entries_of(&self, place: usize, key: Key) -> String {
-        let asking = self.entries.get(&(place, key)).into_iter().flatten();
-        asking.map(|&name| self.names[name].as_str()).collect::<Vec<_>>().join(" ")
+    /// The names of the entries that ask for each row of a trial.
+    fn entries_of(&self, place: usize) -> impl Iterator<Item = String> {
+        let Asked { runs, alone, .. } = &self.asked[place];
+        let alone = runs.is_empty().then_some(alone);
+        runs.iter().map(|(_, asking)| asking).chain(alone).map(|asking| {
+            asking.iter().map(|&name| self.names[name].as_str()).collect::<Vec<_>>().join(" ")
+        })
     }
 
     /// The columns that rows will have.

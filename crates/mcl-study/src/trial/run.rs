@@ -1,11 +1,12 @@
 //! Running a trial: the map, what it is worth, and the runs on it.
 
 use anyhow::{Context, Result};
+use serde_json::value::RawValue;
 
 use crate::localizer::program::Programs;
 use crate::measure::{MapContext, MapMeasure, Measures, OfDimension, RunContext};
 use crate::recipe::map::MapRecipe;
-use crate::recipe::run::RunRecipe;
+use crate::recipe::run::{RunRecipe, WrittenRun};
 use crate::table::Cells;
 use crate::trial::division::{Division, StudyData};
 use crate::trial::map::Dimension;
@@ -37,32 +38,28 @@ impl Trial {
     /// # Errors
     /// When a recipe cannot be written as JSON.
     pub fn identities(&self, measures: &Measures) -> Result<Vec<String>> {
-        self.identities_of(&self.runs_in_json()?, measures)
+        let runs = self.runs.iter().map(WrittenRun::of).collect::<Result<Vec<_>>>()?;
+        self.identities_of(&self.map.identity()?, runs.iter(), measures)
     }
 
-    /// As [`Trial::identities`], where the [runs in JSON](Trial::runs_in_json) are at hand.
-    pub(crate) fn identities_of(
+    /// As [`Trial::identities`], where that of the map and the runs as they are written are at hand.
+    pub(crate) fn identities_of<'a>(
         &self,
-        runs: &[serde_json::Value],
+        map: &str,
+        runs: impl ExactSizeIterator<Item = &'a WrittenRun>,
         measures: &Measures,
     ) -> Result<Vec<String>> {
-        let map = self.map.identity()?;
         // A study may give one refinement several names, and rows hold the name.
         let name = &self.map.kind.name;
         let MapRecipe { draw, seed, .. } = self.map;
         let measures = measures.names();
-        let of = |run: Option<&serde_json::Value>| {
-            crate::recipe::identity(&(&map, name, draw, seed, &measures, run))
+        let of = |run: Option<&RawValue>| {
+            crate::recipe::identity(&(map, name, draw, seed, &measures, run))
         };
-        if runs.is_empty() {
+        if runs.len() == 0 {
             return Ok(vec![of(None)?]);
         }
-        runs.iter().map(|run| of(Some(run))).collect()
-    }
-
-    /// The runs as JSON, which their identities are of.
-    pub(crate) fn runs_in_json(&self) -> Result<Vec<serde_json::Value>> {
-        self.runs.iter().map(RunRecipe::to_json).collect()
+        runs.map(|run| of(Some(&run.json))).collect()
     }
 }
 

@@ -14,7 +14,7 @@ use crate::recipe::split::Split;
 use crate::store::results::Results;
 use crate::study::plan::ENTRIES;
 use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
-use crate::table::{Row, Value};
+use crate::table::{Row, Table, Value};
 
 /// The groups of a study's rows on a data set.
 pub struct Groups<'r> {
@@ -47,11 +47,20 @@ pub struct Group<'r> {
     name: String,
 }
 
-/// A row, or one that is missing, with the values of its settings.
-struct Member<'r> {
-    values: Vec<Vec<Value>>,
+/// A row, or one that is missing.
+struct Member<'m, 'r> {
+    /// What was asked for.
+    recipe: Row<'m>,
     row: Option<Row<'r>>,
-    entries: String,
+    /// The values of the settings in which there is a difference between any two members.
+    values: Vec<&'m Value>,
+}
+
+impl<'m> Member<'m, '_> {
+    /// The value in a column, given by its places in the table of rows and that of what was asked for.
+    fn value(&self, &(of_rows, of_asked): &(Option<usize>, Option<usize>)) -> &'m Value {
+        self.recipe.at(if self.row.is_some() { of_rows } else { of_asked })
+    }
 }
 
 impl<'r> Groups<'r> {
@@ -62,20 +71,33 @@ impl<'r> Groups<'r> {
     pub fn of(results: &'r Results) -> Result<Self> {
         let table = &results.table;
         let settings = settings(table.columns(), &results.study.measures.columns(), &[ENTRIES]);
-        let member = |row: &Row<'_>, found: Option<Row<'r>>| Member {
-            values: settings.iter().map(|setting| setting.values(row)).collect(),
-            row: found,
-            entries: row.text(ENTRIES).to_owned(),
+        let asked = match results.is_complete() {
+            true => Table::default(),
+            false => results.plan.recipes()?,
         };
-        let mut members: Vec<_> = table.rows().map(|row| member(&row, Some(row))).collect();
-        if !results.is_complete() {
-            let asked = results.study.plan(&results.facts.name)?.recipes()?;
-            members.extend(asked.rows().map(|row| member(&row, None)));
+        let of_setting = settings.iter().flat_map(|setting| &setting.columns);
+        let columns: Vec<_> = of_setting.map(|c| (table.column(c), asked.column(c))).collect();
+        let mut members: Vec<Member<'_, 'r>> = Vec::with_capacity(table.len() + asked.len());
+        let member = |recipe, row| Member { recipe, row, values: Vec::new() };
+        members.extend(table.rows().map(|row| member(row, Some(row))));
+        members.extend(asked.rows().map(|row| member(row, None)));
+        let differs = |column: &&(_, _)| {
+            let first = members.first().map(|member| member.value(column));
+            members
+                .iter()
+                .any(|member| first.is_some_and(|f| f.order(member.value(column)).is_ne()))
+        };
+        let differing: Vec<_> = columns.iter().filter(differs).collect();
+        for member in &mut members {
+            member.values = differing.iter().map(|column| member.value(column)).collect();
         }
         let names = results.study.names_of_factors();
         // Stable, so that rows keep their order.
-        members.sort_by(|a, b| order_by(&names, &a.values, &b.values));
-        let same = |a: &Member<'_>, b: &Member<'_>| order(&a.values, &b.values).is_eq();
+        members
+            .sort_by(|a, b| order_by(&names, a.values.iter().copied(), b.values.iter().copied()));
+        let same = |a: &Member<'_, '_>, b: &Member<'_, '_>| {
+            a.values.iter().zip(&b.values).all(|(a, b)| a.order(b).is_eq())
+        };
         let all = members.chunk_by(same).enumerate();
         let all = all.map(|(place, members)| Group::of(place, members, &settings)).collect();
         let own = RunRecipe::setting_names()?;
@@ -94,7 +116,7 @@ impl<'r> Groups<'r> {
 
     /// The order of settings: by the first in which they differ, names as the study's file lists them.
     fn order(&self, a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
-        order_by(&self.names, a, b)
+        order_by(&self.names, a.iter().flatten(), b.iter().flatten())
     }
 
     /// The values that some groups have of some settings, each combination once and in order.
@@ -213,19 +235,21 @@ impl<'r> Groups<'r> {
 }
 
 impl<'r> Group<'r> {
-    fn of(place: usize, members: &[Member<'r>], settings: &[Setting]) -> Self {
+    fn of(place: usize, members: &[Member<'_, 'r>], settings: &[Setting]) -> Self {
         let rows: Vec<Row<'r>> = members.iter().filter_map(|member| member.row).collect();
         // Where rows are missing, every row that is asked for is a member once more, without row.
         let asked = members.len() - rows.len();
-        let entries = members.iter().flat_map(|m| m.entries.split_whitespace());
-        let values = members[0].values.clone();
+        let entries: BTreeSet<&str> =
+            members.iter().flat_map(|m| m.recipe.text(ENTRIES).split_whitespace()).collect();
+        let values: Vec<Vec<Value>> =
+            settings.iter().map(|setting| setting.values(&members[0].recipe)).collect();
         let named = ["map", "size_percent", "split"];
         let named = settings.iter().zip(&values).filter(|(s, _)| named.contains(&s.name.as_str()));
         let name: Vec<String> = named.map(|(_, values)| text_of(values)).collect();
         Group {
             place,
             asked: if asked > 0 { asked } else { rows.len() },
-            entries: entries.map(str::to_owned).collect(),
+            entries: entries.into_iter().map(str::to_owned).collect(),
             rows,
             values,
             name: name.join(" "),
@@ -355,20 +379,28 @@ pub fn same_values(a: &[Value], b: &[Value]) -> bool {
 /// The order of settings: by the first in which they differ.
 pub fn order(a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
     let pairs = a.iter().flatten().zip(b.iter().flatten());
-    pairs.map(|(a, b)| a.order(b)).fold(Ordering::Equal, Ordering::then)
+    first_difference(pairs.map(|(a, b)| a.order(b)))
 }
 
-fn order_by(names: &[&str], a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
+fn first_difference(mut orders: impl Iterator<Item = Ordering>) -> Ordering {
+    orders.find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+}
+
+/// The order of values, names in that of the study's file.
+fn order_by<'v>(
+    names: &[&str],
+    a: impl IntoIterator<Item = &'v Value>,
+    b: impl IntoIterator<Item = &'v Value>,
+) -> Ordering {
     let place = |value: &Value| {
         let text = value.text()?;
         Some(names.iter().position(|name| *name == text).unwrap_or(names.len()))
     };
-    let pairs = a.iter().flatten().zip(b.iter().flatten());
-    let orders = pairs.map(|(a, b)| match (place(a), place(b)) {
+    let orders = a.into_iter().zip(b).map(|(a, b)| match (place(a), place(b)) {
         (Some(first), Some(second)) => first.cmp(&second).then_with(|| a.order(b)),
         _ => a.order(b),
     });
-    orders.fold(Ordering::Equal, Ordering::then)
+    first_difference(orders)
 }
 
 #[cfg(test)]

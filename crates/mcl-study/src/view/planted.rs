@@ -40,6 +40,7 @@ pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured
         folder: PathBuf::from("nowhere"),
         name: "planted".to_owned(),
         study,
+        plan,
         facts,
         table,
         done: asked,
