@@ -14,6 +14,7 @@ use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
 use super::sink::{Delivery, Lists, Sink, TopicId, WriteBagError, qos, write_lists};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
+#[cfg(feature = "sqlite")]
 use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
 use crate::mount::Mount;
@@ -97,6 +98,12 @@ pub fn write_as<W: Write + Seek>(
             prepared.write(recording, &mut bag)?;
             bag.finish()
         }
+        #[cfg(not(feature = "sqlite"))]
+        Format::Database => Err(WriteBagError::Database(
+            "this build writes no databases (.db3): it was compiled without the feature `sqlite` of mcl-datasets"
+                .to_owned(),
+        )),
+        #[cfg(feature = "sqlite")]
         Format::Database => {
             let mut bag = DatabaseWriter::new()?;
             prepared.write(recording, &mut bag)?;

@@ -35,6 +35,16 @@ pub enum StreamProblem {
     /// It takes more memory than there is.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
+    /// This build was compiled without what reads it.
+    #[error(
+        "this build reads no {format}: it was compiled without the feature `{feature}` of mcl-datasets"
+    )]
+    LeftOut {
+        /// What is not read.
+        format: &'static str,
+        /// The feature that would read it.
+        feature: &'static str,
+    },
     /// It begins like no container.
     #[error(
         "the file does not begin with the magic bytes of MCAP, of a ROS 1 bag (#ROSBAG V2.0) or of an SQLite database"
