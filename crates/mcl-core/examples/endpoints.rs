@@ -22,6 +22,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let map = PointMap::new(points)?;
     let nearest = NearestNeighbors::new(map.points())?.nearest(&[7.0, 5.0]);
-    println!("{:.2} m from (7, 5) to the map", nearest.squared_distance.sqrt());
+    println!("{:.2} m from (7, 5) to the map", nearest.distance_squared.sqrt());
     Ok(())
 }

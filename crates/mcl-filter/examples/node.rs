@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn node(measured: &Receiver<Measured>, start: Pose2) -> Result<Pose2, FilterError> {
     let settings = FilterSettings {
         particles: 500.into(),
-        initial: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
+        initial_pose: InitialPose::Known { std_x: 0.1, std_y: 0.1, std_theta: 0.05 },
         ..FilterSettings::default()
     };
     let settings = settings.check()?;

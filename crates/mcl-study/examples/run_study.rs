@@ -1,4 +1,4 @@
-//! A study from its text: how likely maps of two sizes are, on the first scans of the simulated office.
+//! A study from its text: how likely maps of two sizes are, on the first 20 scans of the simulated office.
 
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::{DataSource, LogSource};
@@ -15,12 +15,12 @@ sigma = 0.05
 [[trials]]
 map = ["gbs", "gbs+f-km"]
 size = [2, 5]
-draws = 2
+draws = 1
 "#;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let study = Study::parse(STUDY)?;
-    let log = LogSource::open("simulated-office", &SourceOptions::default())?.first_scans(60);
+    let log = LogSource::open("simulated-office", &SourceOptions::default())?.first_scans(20);
     let data = StudyData::new(DataSource::Log(log));
     let folder = tempfile::tempdir()?;
     let share = Share::Whole { fresh: false };
