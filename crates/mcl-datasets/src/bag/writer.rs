@@ -66,6 +66,7 @@ impl<W: Write + Seek> Sink for BagWriter<W> {
 
 /// The formats of bags that are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// ROS 2: MCAP.
     Mcap,

@@ -28,6 +28,7 @@ impl BadRecord {
 
 /// What is wrong with the bytes of a container.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StreamProblem {
     /// The system could not read the file.
     #[error("cannot be read: {0}")]

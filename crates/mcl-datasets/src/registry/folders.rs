@@ -38,6 +38,7 @@ pub struct Registry {
 
 /// What is wrong with a registry, or what it does not know.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RegistryError {
     /// A definition is wrong.
     #[error("{}: {source}", path.display())]
