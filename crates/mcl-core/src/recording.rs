@@ -52,6 +52,26 @@ impl<const D: usize> Bounds<D> {
 
 /// A laser log: scans in log order (never sorted), each with its stamp, reference pose and odometry
 /// increment where the log has them. All poses are poses of the laser.
+///
+/// # Example
+/// ```
+/// use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry};
+///
+/// // Two scans of one beam straight ahead, half a metre apart, without stamps.
+/// let scan = |x: f64, odometry| LaserScan {
+///     stamp: None,
+///     geometry: ScanGeometry { start_angle: 0.0, angle_step: 0.01, beams: 1 },
+///     ranges: vec![2.0],
+///     map_from_laser: Some(Pose2::new(x, 0.0, 0.0)),
+///     odometry,
+///     sweep: Default::default(),
+/// };
+/// let scans = vec![scan(0.0, None), scan(0.5, Some(Pose2::new(0.5, 0.0, 0.0)))];
+/// let log = Recording { scans, robot_from_laser: Pose2::IDENTITY };
+/// assert_eq!(log.points(10.0)?, [[2.0, 0.0], [2.5, 0.0]]);
+/// assert_eq!(log.reference()?.len(), 2);
+/// # Ok::<(), mcl_core::CoreError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// Scans in log order.
