@@ -46,6 +46,11 @@ for name in $PUBLISHED; do
   done
 done
 
+# Rows say which revision was packed.
+cd "$out/crates/mcl-study"-[0-9]*
+revision=$(sed -n 's/.*"sha1": "\(.\{12\}\).*/\1/p' .cargo_vcs_info.json)
+grep -q "($revision" "$out/mcl-study-run_study.txt"
+
 # What is built in is in the program, in any folder.
 mkdir -p "$out/empty" && cd "$out/empty"
 "$out/target/debug/mcl-eval" datasets list >datasets.txt

@@ -18,7 +18,8 @@ const CRATES: [&str; 6] =
 fn main() {
     let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let packaged = here.join(".cargo_vcs_info.json");
-    let is_packaged = packaged.exists();
+    // Also where an archive was made of no repository of git, which leaves that file out.
+    let is_packaged = packaged.exists() || !here.join("../mcl-core/src").is_dir();
     let crates = if is_packaged { here.clone() } else { here.join("..") };
     let mut files = Vec::new();
     let (folders, others): (Vec<PathBuf>, Vec<PathBuf>) = match is_packaged {

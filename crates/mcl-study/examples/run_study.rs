@@ -4,6 +4,7 @@ use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::run_study;
 use mcl_study::share::Share;
+use mcl_study::store::identity::Build;
 use mcl_study::study::definition::Study;
 use mcl_study::trial::division::StudyData;
 
@@ -26,6 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let share = Share::Whole { fresh: false };
     let ran = run_study(&study, "sizes", &data, folder.path(), share, |_| {})?;
     let results = ran.results.ok_or("a whole run has results")?;
+    println!("build {}", Build::this());
     for row in results.table.rows() {
         let number = |column| row.number(column).unwrap_or(f64::NAN);
         println!(
