@@ -1,7 +1,8 @@
 #!/bin/sh
 # Packs every published crate, and builds each archive on its own, outside of the repository: with and without its default
 # features, its examples, which are run, and its doctests. The other crates of the suite are those of their archives, too.
-# usage: package.sh [FOLDER]; without FOLDER a temporary one, which is removed. CARGO as in the Makefile.
+# usage: package.sh [FOLDER]; without FOLDER a temporary one, which is removed. CARGO and CARGO_TARGET_DIR as usual: what
+# other crates the suite needs is taken from there, if it has been built.
 set -eu
 cd "$(dirname "$0")/.."
 CARGO=${CARGO:-cargo}
@@ -16,7 +17,7 @@ else
   trap 'rm -rf "$out"' EXIT
 fi
 case "$out/" in "$PWD"/*) echo "$out lies in the repository: archives have to be built outside" >&2; exit 2 ;; esac
-export CARGO_TARGET_DIR="$out/target" CARGO_PROFILE_DEV_DEBUG=0 CARGO_INCREMENTAL=0
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$PWD/target}"
 
 # Not verified by cargo: each is built below, which is more than it would do.
 set --
@@ -25,9 +26,10 @@ $CARGO package --quiet --locked --no-verify "$@"
 
 rm -rf "$out/crates"
 mkdir -p "$out/crates/.cargo"
-echo '[patch.crates-io]' >"$out/crates/.cargo/config.toml"
+# The profile of the repository, so that dependencies are not built again, and the archives in place of a registry.
+{ sed -n '/^\[profile\.dev/,/^$/p' Cargo.toml; echo '[patch.crates-io]'; } >"$out/crates/.cargo/config.toml"
 for name in $PUBLISHED; do
-  archive=$(ls "$out/target/package/$name"-[0-9]*.crate)
+  archive=$(ls "$CARGO_TARGET_DIR/package/$name"-[0-9]*.crate)
   tar -xzf "$archive" -C "$out/crates"
   folder=$(basename "$archive" .crate)
   echo "$name = { path = \"$out/crates/$folder\" }" >>"$out/crates/.cargo/config.toml"
@@ -53,8 +55,8 @@ grep -q "($revision" "$out/mcl-study-run_study.txt"
 
 # What is built in is in the program, in any folder.
 mkdir -p "$out/empty" && cd "$out/empty"
-"$out/target/debug/mcl-eval" datasets list >datasets.txt
+"$CARGO_TARGET_DIR/debug/mcl-eval" datasets list >datasets.txt
 grep -q '^intel-lab ' datasets.txt
-"$out/target/debug/mcl-eval" run likelihood --list --dataset simulated-office >trials.txt
+"$CARGO_TARGET_DIR/debug/mcl-eval" run likelihood --list --dataset simulated-office >trials.txt
 grep -q 'trials, ' trials.txt
 echo "every archive builds, and its examples and doctests pass"
