@@ -10,7 +10,7 @@ RESULTS ?= results
 # The page that shows all of them.
 REPORT ?= $(RESULTS)/report.html
 
-.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny features package semver fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -133,7 +133,28 @@ localizers: build
 	$(PYTHON) benches/peers/run.py --install-localizers || test $$? -eq 3
 	PATH="$(PEERS)/bin:$(PEERS)/venv/bin:$$PATH" $(MCL_EVAL) run experiments/localizers.toml -o $(RESULTS) || test $$? -eq 3
 
-check: fmt clippy doc test
+check: fmt clippy features doc test
+
+# Each feature of the crate of logs alone, and none: what a build leaves out is named in the error.
+features:
+	for features in "" bags sqlite fetch; do \
+	  $(CARGO) clippy --quiet -p mcl-datasets --no-default-features --features "$$features" --locked -- -D warnings || exit 1; \
+	done
+	$(CARGO) test --quiet -p mcl-datasets --no-default-features --test left_out --locked
+	$(CARGO) clippy --quiet -p mcl-suite --no-default-features --locked -- -D warnings
+
+# Every published crate from its own archive, outside of the repository. PACKAGES=FOLDER keeps what is built there.
+package:
+	CARGO="$(CARGO)" crates/package.sh $(PACKAGES)
+
+# What an upgrade would break of the crates whose interface versions promise (crates/mcl-suite), against a revision: the
+# last release by default. Needs cargo-semver-checks; asks no registry.
+SEMVER = mcl-core mcl-datasets mcl-maps mcl-filter mcl-metrics mcl-suite
+BASELINE ?= $(shell git describe --tags --abbrev=0 --match 'v*' 2>/dev/null)
+semver:
+	@$(CARGO) semver-checks --version >/dev/null 2>&1 || { echo "make semver needs cargo-semver-checks: cargo install --locked cargo-semver-checks" >&2; exit 1; }
+	@test -n "$(BASELINE)" || { echo "there is no tag of a release to compare with: make semver BASELINE=REVISION" >&2; exit 1; }
+	$(CARGO) semver-checks check-release $(addprefix -p ,$(SEMVER)) --baseline-rev "$(BASELINE)"
 
 # Licences, sources and duplicates of the dependencies; needs cargo-deny.
 deny:

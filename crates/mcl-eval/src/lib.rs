@@ -13,3 +13,8 @@ pub mod compare;
 pub mod figures;
 pub mod progress;
 pub mod report;
+pub mod studies;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -61,6 +61,26 @@ pub struct Step<'a> {
 /// # Errors
 /// Those of [`Bridge::over`], [`FilterError::NonFiniteOdometry`] with the scan concerned, and those of
 /// [`ParticleFilter`].
+///
+/// # Example
+/// ```
+/// use mcl_core::{PointMap, Pose2, Recording, Seed};
+/// use mcl_filter::{FilterError, FilterSettings, MapDistances, Replay, Run, localize};
+///
+/// /// Localizes on every scan of a log, from the reference pose of the first.
+/// fn on_all_scans(log: &Recording, map: &PointMap<2>) -> Result<Run, FilterError> {
+///     let settings = FilterSettings::default().check()?;
+///     let distances = MapDistances::grid(map, settings.values().max_distance)?;
+///     let increments: Vec<Option<Pose2>> = log.scans.iter().map(|scan| scan.odometry).collect();
+///     let scans: Vec<usize> = (0..log.scans.len()).collect();
+///     let replay = Replay { recording: log, increments: &increments, scans: &scans };
+///     let start = log.scans.first().and_then(|scan| scan.map_from_laser);
+///     localize(&replay, &distances, &settings, start, Seed::new(1))
+/// }
+/// # let log = Recording { scans: Vec::new(), robot_from_laser: Pose2::IDENTITY };
+/// # let map = PointMap::new(vec![[0.0, 0.0]]).unwrap();
+/// # assert!(on_all_scans(&log, &map).is_err(), "a known start is asked for");
+/// ```
 pub fn localize(
     replay: &Replay<'_>,
     distances: &MapDistances,

@@ -88,7 +88,7 @@ pub(super) fn dispatch(task: impl Task) {
 
 pub(super) fn dispatch_on(arch: Arch, task: impl Task) {
     match arch {
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         Arch::V4(simd) => simd.vectorize(With { fetch: *simd, task }),
         #[cfg(target_arch = "x86_64")]
         Arch::V3(simd) => simd.vectorize(With { fetch: simd, task }),
@@ -101,10 +101,9 @@ pub(super) fn dispatch_on(arch: Arch, task: impl Task) {
 pub(super) fn instruction_sets() -> Vec<Arch> {
     let mut sets = vec![Arch::Scalar];
     #[cfg(target_arch = "x86_64")]
-    {
-        sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
-        sets.extend(pulp::x86::V4::try_new().map(Arch::V4));
-    }
+    sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
+    #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+    sets.extend(pulp::x86::V4::try_new().map(Arch::V4));
     sets
 }
 

@@ -277,10 +277,9 @@ impl<const D: usize> Walk<'_, D, 1> {
 pub(super) fn instruction_sets() -> Vec<Arch> {
     let mut sets = vec![Arch::Scalar];
     #[cfg(target_arch = "x86_64")]
-    {
-        sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
-        sets.extend(pulp::x86::V4::try_new().map(Arch::V4));
-    }
+    sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
+    #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+    sets.extend(pulp::x86::V4::try_new().map(Arch::V4));
     sets
 }
 

@@ -46,6 +46,20 @@ pub struct LogLikelihood {
 ///
 /// # Errors
 /// [`MapError::Setting`] unless `sigma` is positive; [`MapError::Memory`].
+///
+/// # Example
+/// ```
+/// use mcl_core::PointMap;
+/// use mcl_maps::{PointSet, mixture_log_likelihood};
+///
+/// let data = PointSet::new(vec![[0.0, 0.0], [0.0, 0.1]])?;
+/// let map = PointMap::new(vec![[0.0, 0.0]])?;
+/// // Per point −ln(2πσ²), less the squared distance over 2σ²: 0 for the first point, 1/2 for the second.
+/// let expected = -(std::f64::consts::TAU * 0.01).ln() - 0.25;
+/// let found = mixture_log_likelihood(&data, &map, 0.1)?;
+/// assert!((found.per_point - expected).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn mixture_log_likelihood<const D: usize>(
     data: &PointSet<D>,
     map: &PointMap<D>,
