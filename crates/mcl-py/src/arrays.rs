@@ -66,8 +66,8 @@ pub fn poses(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<Pose2>> {
 /// A pose of three numbers: x, y, θ.
 pub fn pose(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Pose2> {
     let array = doubles(what, value)?;
-    match (array.shape(), values(&array)[..]) {
-        ([3], [x, y, theta]) => Ok(Pose2::new(x, y, theta)),
+    match (array.shape(), &values(&array)[..]) {
+        ([3], &[x, y, theta]) => Ok(Pose2::new(x, y, theta)),
         (shape, _) => Err(wrong_shape(what, shape, "(3): x, y, theta")),
     }
 }
