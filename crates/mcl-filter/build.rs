@@ -1,5 +1,1 @@
-//! Says which real data tests can use.
-
-fn main() {
-    mcl_real_data::declare();
-}
+../real_data.rs

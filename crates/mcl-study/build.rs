@@ -1,5 +1,9 @@
-//! Says which build this is: a digest of the sources that rows depend on, and the revision where git
-//! knows it. Rows of different builds are never mixed.
+//! Says which build this is: a digest of the sources that rows depend on, and the revision. Rows of different builds are
+//! never mixed.
+//!
+//! In the repository the digest is of the sources of all crates below, and git knows the revision. In an archive of this
+//! crate it is of its own sources and of the revision that `cargo package` wrote beside them, which the other crates of
+//! the same version share: this crate asks for exactly its version of each.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,18 +17,25 @@ const CRATES: [&str; 6] =
 
 fn main() {
     let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    let crates = here.join("..");
+    let packaged = here.join(".cargo_vcs_info.json");
+    let is_packaged = packaged.exists();
+    let crates = if is_packaged { here.clone() } else { here.join("..") };
     let mut files = Vec::new();
-    // In a package that was built from its own archive there are no neighbours: then the versions of
-    // the dependencies are all there is to know, and `Cargo.lock` has them.
-    for name in CRATES {
-        let folder = crates.join(name).join("src");
+    let (folders, others): (Vec<PathBuf>, Vec<PathBuf>) = match is_packaged {
+        true => (vec![here.join("src")], vec![here.join("Cargo.toml"), packaged.clone()]),
+        false => {
+            let sources = CRATES.iter().map(|name| crates.join(name).join("src"));
+            (sources.collect(), vec![crates.join("..").join("Cargo.lock")])
+        }
+    };
+    for folder in &folders {
         println!("cargo:rerun-if-changed={}", folder.display());
-        list(&folder, &mut files);
+        list(folder, &mut files);
     }
-    let lock = crates.join("..").join("Cargo.lock");
-    println!("cargo:rerun-if-changed={}", lock.display());
-    files.push(lock);
+    for file in others {
+        println!("cargo:rerun-if-changed={}", file.display());
+        files.push(file);
+    }
     files.sort();
     let mut digest = Sha256::new();
     for file in files {
@@ -41,6 +52,11 @@ fn main() {
         let output = Command::new("git").current_dir(&here).args(arguments).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     };
+    if is_packaged {
+        let revision = fs::read_to_string(&packaged).ok().and_then(|text| packaged_revision(&text));
+        println!("cargo:rustc-env=MCL_REVISION={}", revision.unwrap_or_default());
+        return;
+    }
     // The sources may lie in somebody else's repository.
     let is_ours = git(&["ls-files", "--error-unmatch", "build.rs"]).is_some();
     let revision = git(&["rev-parse", "--short=12", "HEAD"]).filter(|_| is_ours);
@@ -50,6 +66,14 @@ fn main() {
     }
     let revision = revision.map(|name| if is_dirty { format!("{name}+changes") } else { name });
     println!("cargo:rustc-env=MCL_REVISION={}", revision.unwrap_or_default());
+}
+
+/// The revision in `.cargo_vcs_info.json`, as git would say it in the repository.
+fn packaged_revision(text: &str) -> Option<String> {
+    let (_, rest) = text.split_once("\"sha1\"")?;
+    let revision: String = rest.split('"').nth(1)?.chars().take(12).collect();
+    let is_dirty = text.split_once("\"dirty\"").is_some_and(|(_, rest)| rest.contains("true"));
+    Some(if is_dirty { format!("{revision}+changes") } else { revision })
 }
 
 /// The files below a folder.

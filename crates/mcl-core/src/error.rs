@@ -2,6 +2,7 @@ use crate::OutOfMemory;
 
 /// An error in the data types of this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CoreError {
     /// A set of points was empty where at least one is needed.
     #[error("no points: at least one is needed")]

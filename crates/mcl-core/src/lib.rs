@@ -49,3 +49,7 @@ pub use trajectory::Trajectory;
 
 /// A point in `D` dimensions, in metres.
 pub type Point<const D: usize> = [f64; D];
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -125,8 +125,23 @@ impl Recording {
         }
     }
 
-    /// Stamps and reference poses of the scans that have both, in log order.
-    pub fn reference(&self) -> Trajectory {
+    /// The reference pose of every scan, in log order, with or without stamps: the pose at index i is that of scan i, as
+    /// the estimates of a run over all scans are.
+    ///
+    /// # Errors
+    /// [`CoreError::NoReference`] with the index of the first scan without a reference pose; [`CoreError::Memory`].
+    pub fn reference(&self) -> Result<Vec<Pose2>, CoreError> {
+        let mut poses = with_room(self.scans.len(), "reference poses")?;
+        for (scan, found) in self.scans.iter().enumerate() {
+            poses.push(found.map_from_laser.ok_or(CoreError::NoReference { scan })?);
+        }
+        Ok(poses)
+    }
+
+    /// Stamps and reference poses of the scans that have both, in log order: what a file of a trajectory holds, and what is
+    /// matched by stamp. Scans that lack one of them are left out, so that its length may differ from that of
+    /// [`scans`](Recording::scans); [`reference`](Recording::reference) goes by scans.
+    pub fn stamped_reference(&self) -> Trajectory {
         self.scans.iter().filter_map(|scan| Some((scan.stamp?, scan.map_from_laser?))).collect()
     }
 }
@@ -186,6 +201,22 @@ mod tests {
         ]);
         assert_eq!(log.backward_stamps(), 1);
         assert_eq!(log.duration_s(), 2.5);
-        assert_eq!(log.reference().len(), 3);
+        assert_eq!(log.stamped_reference().len(), 3);
+    }
+
+    /// `reference` gave stamps with poses, and so dropped scans without a stamp: errors of estimates, one per scan, could
+    /// not be computed by it, or were computed between poses of different scans.
+    #[test]
+    fn the_reference_of_a_log_without_stamps_has_a_pose_per_scan() {
+        let poses = [Pose2::IDENTITY, Pose2::new(1.0, 0.0, 0.0), Pose2::new(2.0, 0.0, 0.0)];
+        let mut log = recording(poses.iter().map(|&pose| scan(0, Some(pose), &[1.0])).collect());
+        log.scans[1].stamp = None;
+        assert_eq!(log.reference().unwrap(), poses);
+        assert_eq!(log.stamped_reference().poses(), [poses[0], poses[2]]);
+        log.scans.iter_mut().for_each(|scan| scan.stamp = None);
+        assert_eq!(log.reference().unwrap(), poses);
+        assert!(log.stamped_reference().is_empty());
+        log.scans[2].map_from_laser = None;
+        assert_eq!(log.reference(), Err(CoreError::NoReference { scan: 2 }));
     }
 }

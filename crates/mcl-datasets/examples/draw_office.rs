@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let path: Vec<String> = office.path().iter().map(|[x, y]| format!("{x:.3},{y:.3}")).collect();
     writeln!(svg, "<polyline points='{}' stroke='red'/>", path.join(" "))?;
-    for pose in recording.reference().poses() {
+    for pose in recording.reference()? {
         writeln!(svg, "<circle cx='{:.3}' cy='{:.3}' r='0.05' fill='red'/>", pose.x, pose.y)?;
     }
     svg.push_str("</g></svg>\n");

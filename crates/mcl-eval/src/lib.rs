@@ -16,3 +16,8 @@ pub mod localization;
 pub mod pose_errors;
 pub mod progress;
 pub mod report;
+pub mod studies;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

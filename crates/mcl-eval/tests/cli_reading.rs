@@ -32,7 +32,7 @@ impl Lab {
             fs::write(lab.path(name), bag).unwrap();
         };
         write("whole.mcap", &recording);
-        let reference = recording.reference();
+        let reference = recording.stamped_reference();
         let robot: Trajectory =
             reference.iter().map(|(stamp, pose)| (stamp, pose.compose(&MOUNT.inverse()))).collect();
         tum::write_file(lab.path("robot.tum"), &robot).unwrap();

@@ -269,3 +269,73 @@ fn the_repositorys_experiments() {
     }
     assert!(studies >= 13, "{studies}");
 }
+
+/// A study that is built in is taken by its name in any folder, and its results are those of its file.
+#[test]
+fn a_built_in_study_is_taken_by_its_name() {
+    let bench = Bench::with_scans(5, &[]);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../experiments/examples/my-log.toml");
+    let of = |study: &str, root: &str| {
+        bench.mcl_eval(&["run", study, "--dataset", "office.log", "-o", root, "--quiet"]);
+        bench.path(root).join("my-log").join("office")
+    };
+    let by_name = of("my-log", "name");
+    let by_file = of(file.to_str().unwrap(), "file");
+    assert_same(&by_name, &by_file);
+    assert_eq!(
+        fs::read_to_string(by_name.join("study.toml")).unwrap(),
+        fs::read_to_string(&file).unwrap()
+    );
+    let status = bench.mcl_eval(&["status", "name"]);
+    assert!(status.contains("my-log"), "{status}");
+}
+
+#[test]
+fn plan_and_list_take_a_built_in_study_and_the_script_names_it() {
+    let bench = Bench::with_scans(5, &[]);
+    let listed = bench.mcl_eval(&["run", "likelihood", "--list", "--dataset", "office.log"]);
+    assert!(listed.contains("trials, "), "{listed}");
+    let arguments = ["plan", "likelihood", "--parts", "2", "--engine", "parallel"];
+    let script = bench.mcl_eval(&[&arguments[..], &["--dataset", "office.log"]].concat());
+    assert!(script.contains("mcl-eval run likelihood --dataset office.log"), "{script}");
+}
+
+/// A file comes first, whatever the program knows; a folder is no study.
+#[test]
+fn a_file_hides_the_built_in_study_of_its_name() {
+    let bench = bench();
+    fs::copy(bench.path("localization.toml"), bench.path("likelihood")).unwrap();
+    let listed = bench.mcl_eval(&["run", "likelihood", "--list", "--dataset", "office.log"]);
+    assert!(listed.contains("36 trials, "), "{listed}");
+    fs::create_dir(bench.path("global")).unwrap();
+    let output = bench.run(&["run", "global", "--dataset", "office.log"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr.contains("global is a folder, expected the file of a study"), "{stderr}");
+}
+
+#[test]
+fn an_unknown_study_is_answered_with_the_nearest_and_all_that_are_known() {
+    let bench = Bench::new(&[]);
+    let fails = |study: &str| {
+        let output = bench.run(&["run", study, "--dataset", "office.log"]);
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8_lossy(&output.stderr).replace('\n', " ")
+    };
+    let message = fails("likelyhood");
+    assert!(message.contains("did you mean likelihood?"), "{message}");
+    assert!(message.contains("choices, choices-grid, consistency,"), "{message}");
+    assert!(!fails("quite-another").contains("did you mean"));
+    // What is meant as a file is none of the built-in ones.
+    for file in ["likelihood.toml", "./likelihood"] {
+        let message = fails(file);
+        assert!(message.contains("cannot read study"), "{message}");
+    }
+    let message = fails("localizers");
+    assert!(message.contains("run experiments/localizers.toml in the repository"), "{message}");
+    let help = bench.mcl_eval(&["run", "--help"]);
+    assert!(
+        help.contains("Built-in studies") && help.contains("global: How small may a map be"),
+        "{help}"
+    );
+}

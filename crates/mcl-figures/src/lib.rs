@@ -36,3 +36,7 @@ pub use medium::Medium;
 pub use save::check_figure_ending;
 pub use style::{CurveStyle, Dash, Marker};
 pub use styles::styles;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -2,6 +2,7 @@ use mcl_core::{CoreError, OutOfMemory, Pose2};
 
 /// An error in the settings or a run of the filter.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FilterError {
     /// A setting has an invalid value.
     #[error("setting {field} is {found}, expected {expected}")]

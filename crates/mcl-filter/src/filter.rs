@@ -27,6 +27,7 @@ const BRIDGE_BEAMS: f64 = 8.0;
 
 /// Result of one step of the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct StepReport {
     /// Weighted mean of the particles and their covariance, before resampling.
     pub estimate: Estimate,

@@ -45,3 +45,7 @@ pub use settings::{
     CheckedSettings, FilterSettings, InitialPose, MotionKind, Preset, Proposal, Resampling,
 };
 pub use sigma_hit::SigmaHit;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

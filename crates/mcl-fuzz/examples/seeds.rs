@@ -311,7 +311,7 @@ fn maps(corpus: &Corpus) -> Result<()> {
 
 fn texts(corpus: &Corpus) -> Result<()> {
     let mut trajectory = Vec::new();
-    tum::write(&mut trajectory, &piece(4, 1)?.reference())?;
+    tum::write(&mut trajectory, &piece(4, 1)?.stamped_reference())?;
     corpus.add("tum", "office", trajectory)?;
     corpus.add(
         "tum",

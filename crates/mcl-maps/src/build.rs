@@ -44,6 +44,7 @@ pub struct MapSettings<const D: usize> {
 
 /// A map with a record of how it was built.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct BuiltMap<const D: usize> {
     /// The map: a subset of the data.
     pub map: PointMap<D>,

@@ -2,6 +2,7 @@ use mcl_core::{CoreError, OutOfMemory};
 
 /// An error in building or evaluating a map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MapError {
     /// The points are unusable.
     #[error(transparent)]

@@ -46,6 +46,7 @@ impl FkmSettings {
 
 /// Report of a run of fuzzy k-means.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct FkmReport {
     /// Number of updates of the means.
     pub iterations: usize,

@@ -62,3 +62,7 @@ pub use point_set::PointSet;
 pub use refine::{RefineSettings, Refinement, refine};
 pub use sampling::{GridOffset, GridSample};
 pub use size::{MapSize, ParseMapSizeError};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -19,6 +19,7 @@ pub enum Alignment {
 /// Absolute trajectory errors (absolute pose errors, APE, in evo): one sample per pair of
 /// poses, from the error transform E = reference⁻¹ ∘ estimate.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Ate {
     /// The alignment that was applied to the estimate; the identity without alignment.
     pub reference_from_estimate: Pose2,

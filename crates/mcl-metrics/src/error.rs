@@ -21,6 +21,7 @@ pub struct TooFew {
 
 /// An error in computing a metric.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MetricsError {
     /// A setting is outside its range.
     #[error("{name} is {found}, expected {expected}")]

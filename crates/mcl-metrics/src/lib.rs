@@ -76,3 +76,7 @@ pub use pose_error::{DEFAULT_XI, PoseError, WeightedPoseError, pose_errors};
 pub use rate::{Rate, fisher_exact, fisher_exact_greater, rate_difference};
 pub use rpe::{Delta, PairsFrom, Rpe, RpeSettings, rpe};
 pub use summary::Summary;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

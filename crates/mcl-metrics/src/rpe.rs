@@ -95,6 +95,7 @@ impl RpeSettings {
 /// Relative pose errors: one sample per pair (i, j), from the error transform
 /// E = (reference_i⁻¹ ∘ reference_j)⁻¹ ∘ (estimate_i⁻¹ ∘ estimate_j).
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Rpe {
     /// Indices (i, j) of the compared poses.
     pub pairs: Vec<(usize, usize)>,

@@ -38,6 +38,7 @@ pub struct TumTrajectory {
 
 /// An error in reading or writing a TUM file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TumError {
     /// The file could not be opened or written.
     #[error("{}: {source}", .file.display())]

@@ -19,3 +19,7 @@ pub mod study;
 pub mod table;
 pub mod trial;
 pub mod view;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -64,6 +64,7 @@ impl PartialEq for Numbers<'_> {
 
 /// Why bytes are no message of their schema.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CdrError {
     /// The bytes end before the message does.
     #[error("the message ends at byte {length}, {missing} bytes before the end of field {field}")]

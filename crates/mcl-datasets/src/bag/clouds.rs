@@ -25,6 +25,7 @@ pub struct CloudOptions {
 
 /// The point clouds of one topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct BagCloud {
     /// The topic.
     pub topic: String,

@@ -8,6 +8,7 @@ use crate::container::problem::StreamError;
 
 /// Why no recording could be read from a bag.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum BagError {
     /// The bytes are no container, or damaged.
     #[error(transparent)]

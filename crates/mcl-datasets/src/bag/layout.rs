@@ -7,6 +7,7 @@ pub(super) const MAX_DEPTH: usize = 32;
 pub(super) const MAX_NAME_BYTES: usize = 255;
 /// Why a description cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SchemaError {
     /// Not in a language that is read.
     #[error("is written in {0:?}, expected ros2msg, ros2idl or ros1msg")]

@@ -93,14 +93,18 @@ pub(crate) mod poses;
 pub(crate) mod recording;
 mod scans;
 pub mod schema;
+#[cfg(feature = "bags")]
 mod sink;
 mod slice;
 pub(crate) mod survey;
 pub(crate) mod topics;
 pub(crate) mod track;
 pub mod types;
+#[cfg(feature = "sqlite")]
 mod write_database;
+#[cfg(feature = "bags")]
 mod write_ros1;
+#[cfg(feature = "bags")]
 mod writer;
 
 use std::io::{BufReader, Read};
@@ -114,9 +118,11 @@ pub use encode::Encoder;
 pub use error::BagError;
 pub use point_cloud::is_in_range;
 pub use poses::{PoseRequest, PoseTopic};
+#[cfg(feature = "bags")]
 pub use sink::{Delivery, TopicId, WriteBagError};
 pub use survey::{Choice, Survey, TopicFacts};
 pub use topics::PoseRole;
+#[cfg(feature = "bags")]
 pub use writer::{
     BASE_FRAME, BagWriter, Format, LASER_FRAME, MAP_FRAME, check_scans, write, write_as,
 };

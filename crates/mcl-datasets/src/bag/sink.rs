@@ -11,6 +11,7 @@ use super::types::{MessageType, STRING};
 
 /// Why a recording cannot be written as a bag.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriteBagError {
     /// The sink fails.
     #[error("cannot write the bag: {0}")]

@@ -43,6 +43,7 @@ pub struct Choice {
 
 /// What is in a bag.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Survey {
     /// Its topics, by name.
     pub topics: Vec<TopicFacts>,

@@ -14,6 +14,7 @@ use super::messages::MAX_POSITION;
 use super::planar::{laser_scan, pose_stamped, transforms};
 use super::sink::{Delivery, Lists, Sink, TopicId, WriteBagError, qos, write_lists};
 use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
+#[cfg(feature = "sqlite")]
 use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
 use crate::mount::Mount;
@@ -65,6 +66,7 @@ impl<W: Write + Seek> Sink for BagWriter<W> {
 
 /// The formats of bags that are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// ROS 2: MCAP.
     Mcap,
@@ -97,6 +99,12 @@ pub fn write_as<W: Write + Seek>(
             prepared.write(recording, &mut bag)?;
             bag.finish()
         }
+        #[cfg(not(feature = "sqlite"))]
+        Format::Database => Err(WriteBagError::Database(
+            "this build writes no databases (.db3): it was compiled without the feature `sqlite` of mcl-datasets"
+                .to_owned(),
+        )),
+        #[cfg(feature = "sqlite")]
         Format::Database => {
             let mut bag = DatabaseWriter::new()?;
             prepared.write(recording, &mut bag)?;

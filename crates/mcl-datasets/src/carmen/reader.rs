@@ -24,6 +24,7 @@ pub const MAX_LINE_BYTES: usize = 1 << 20;
 
 /// Why a text is no CARMEN log that can be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CarmenError {
     /// Reading failed.
     #[error("cannot be read: {0}")]

@@ -26,6 +26,7 @@ const OTHER_FIELDS: usize = 32;
 
 /// Why a recording cannot be written as a CARMEN log.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriteError {
     /// Writing failed.
     #[error("cannot write the log: {0}")]

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io::{self, Read};
 
+#[cfg(feature = "bags")]
 use lz4_flex::frame::FrameDecoder;
 use mcl_core::OutOfMemory;
 
@@ -17,6 +18,7 @@ pub const MAX_CHUNK_BYTES: u64 = 128 << 20;
 pub(crate) enum Compression {
     None,
     Bzip2,
+    #[cfg(feature = "bags")]
     Lz4,
     Zstd,
 }
@@ -44,6 +46,7 @@ pub(super) fn unpack(
             compression: match compression {
                 Compression::None => "none",
                 Compression::Bzip2 => "bz2",
+                #[cfg(feature = "bags")]
                 Compression::Lz4 => "lz4",
                 Compression::Zstd => "zstd",
             },
@@ -78,6 +81,7 @@ pub(crate) fn inflate(
         Compression::Bzip2 => {
             bzip2::bufread::MultiBzDecoder::new(packed).take(limit).read_to_end(&mut bytes)
         }
+        #[cfg(feature = "bags")]
         Compression::Lz4 => FrameDecoder::new(packed).take(limit).read_to_end(&mut bytes),
         Compression::Zstd => zstd::stream::read::Decoder::with_buffer(packed)
             .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),

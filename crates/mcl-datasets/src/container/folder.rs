@@ -151,10 +151,19 @@ pub fn listed_files(text: &str) -> Result<Vec<String>, FolderError> {
     parse(text).map(|information| information.relative_file_paths)
 }
 
+#[cfg(feature = "bags")]
+fn metadata(text: &str) -> Result<Metadata, FolderError> {
+    serde_saphyr::from_str(text).map_err(|error| FolderError(format!("{METADATA_FILE}: {error}")))
+}
+
+#[cfg(not(feature = "bags"))]
+fn metadata(_: &str) -> Result<Metadata, FolderError> {
+    let (format, feature) = ("folders of bags", "bags");
+    Err(FolderError(super::problem::StreamProblem::LeftOut { format, feature }.to_string()))
+}
+
 fn parse(text: &str) -> Result<Information, FolderError> {
-    let metadata: Metadata = serde_saphyr::from_str(text)
-        .map_err(|error| FolderError(format!("{METADATA_FILE}: {error}")))?;
-    let information = metadata.rosbag2_bagfile_information;
+    let information = metadata(text)?.rosbag2_bagfile_information;
     let is_said = |text: &Option<String>| {
         text.as_deref().is_some_and(|text| !matches!(text, "" | "NONE" | "none"))
     };

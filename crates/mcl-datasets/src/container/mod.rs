@@ -6,13 +6,20 @@
 
 pub(crate) mod chunk;
 pub mod folder;
+#[cfg(feature = "bags")]
 mod index;
+#[cfg(feature = "bags")]
 mod input;
 pub mod item;
+#[cfg(not(feature = "sqlite"))]
+mod left_out;
+#[cfg(feature = "bags")]
 pub mod mcap;
 pub mod position;
 pub mod problem;
+#[cfg(feature = "bags")]
 pub(crate) mod ros1;
+#[cfg(feature = "sqlite")]
 mod sqlite;
 
 use std::io::BufRead;
@@ -20,7 +27,12 @@ use std::io::BufRead;
 use item::{Container, Input, Visit};
 use problem::{StreamError, StreamProblem};
 
-/// All formats that are read.
+#[cfg(not(feature = "sqlite"))]
+use left_out::sqlite;
+#[cfg(not(feature = "bags"))]
+use left_out::{mcap, ros1};
+
+/// All formats that are recognized. Those that this build leaves out give an error that names the feature.
 pub static CONTAINERS: &[&Container] = &[&mcap::CONTAINER, &ros1::CONTAINER, &sqlite::CONTAINER];
 
 /// The container that begins with these bytes; also of a file that ends within its magic bytes, or

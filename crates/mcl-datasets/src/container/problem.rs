@@ -28,6 +28,7 @@ impl BadRecord {
 
 /// What is wrong with the bytes of a container.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StreamProblem {
     /// The system could not read the file.
     #[error("cannot be read: {0}")]
@@ -35,6 +36,16 @@ pub enum StreamProblem {
     /// It takes more memory than there is.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
+    /// This build was compiled without what reads it.
+    #[error(
+        "this build reads no {format}: it was compiled without the feature `{feature}` of mcl-datasets"
+    )]
+    LeftOut {
+        /// What is not read.
+        format: &'static str,
+        /// The feature that would read it.
+        feature: &'static str,
+    },
     /// It begins like no container.
     #[error(
         "the file does not begin with the magic bytes of MCAP, of a ROS 1 bag (#ROSBAG V2.0) or of an SQLite database"

@@ -10,6 +10,7 @@ use crate::log::report::ReadReport;
 
 /// A log as read: the recording, and what is known about how it was read.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Log {
     /// Scans with their stamps, reference poses and odometry increments.
     pub recording: Recording,

@@ -11,6 +11,7 @@ const EXPECTED: &str = "a CARMEN log, an MCAP file, a ROS 1 bag or a rosbag2 dat
 
 /// Why no log could be read from a file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LogError {
     /// There is no such file.
     #[error("{}: no such file; check the path, or fetch the data set first", path.display())]

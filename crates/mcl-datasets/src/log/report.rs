@@ -12,6 +12,7 @@ const SKIPPED_DETAILS: usize = 20;
 
 /// What a reader did not use of a log.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ReadReport {
     /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …; bags: messages of
     /// other types); nothing is lost.

@@ -31,6 +31,7 @@ impl Content {
             Ok(content) => Ok(content),
             Err(UnpackError::Input(error) | UnpackError::Output(error)) => Err(error),
             Err(UnpackError::TooLarge) => Err(io::ErrorKind::FileTooLarge.into()),
+            #[cfg(feature = "fetch")]
             Err(UnpackError::NoMember) => Err(io::ErrorKind::NotFound.into()),
         }
     }
@@ -46,10 +47,12 @@ pub(super) enum UnpackError {
     /// The unpacked content is larger than the limit.
     TooLarge,
     /// The archive has no file of this path.
+    #[cfg(feature = "fetch")]
     NoMember,
 }
 
 /// An archive is read no further than this, unpacked.
+#[cfg(feature = "fetch")]
 const ARCHIVE_LIMIT: u64 = 1 << 30;
 
 /// Copies `input` to `output`, unpacking gzip, and digests what it writes; stops beyond `limit`
@@ -70,6 +73,7 @@ pub(super) fn unpack(
 
 /// [`unpack`] of one file of a tar archive, plain or packed with gzip: the one of this path in it. Nothing
 /// else of the archive is written, and its path names no file on disk.
+#[cfg(feature = "fetch")]
 pub(super) fn unpack_member(
     input: impl Read,
     member: &str,

@@ -10,6 +10,7 @@ use super::{DEFINITION_FILE, Facts};
 
 /// What is wrong with a `dataset.toml`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DefinitionError {
     /// Not TOML, an unknown key, or a value of the wrong type; the message names line and column.
     #[error("{0}")]

@@ -6,6 +6,7 @@ use super::{Content, FetchError, Sha256Digest, joined};
 
 /// Why an address did not give the file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum UrlFailure {
     /// No connection, or no complete answer header.
     #[error("no answer: {0}")]

@@ -48,6 +48,7 @@ pub enum Fetched {
 /// Why a data set could not be fetched. None of these leaves a file under the final name that was not
 /// wholly received and checked.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum FetchError {
     /// The definition names no address.
     #[error(

@@ -10,19 +10,20 @@ const REGISTRY_FOLDER: &str = "datasets";
 /// Environment variable that names a further folder to look for files in.
 const DATA_DIR_VARIABLE: &str = "MCL_DATA_DIR";
 
-/// The definitions of this repository.
+/// The definitions of this repository: `definitions` is a link to its `datasets/`, which an archive of the crate has as a
+/// folder.
 const BUILT_IN: [(&str, &str); 11] = [
-    ("aces", include_str!("../../../../datasets/aces/dataset.toml")),
-    ("csail", include_str!("../../../../datasets/csail/dataset.toml")),
-    ("freiburg-079", include_str!("../../../../datasets/freiburg-079/dataset.toml")),
-    ("freiburg-101", include_str!("../../../../datasets/freiburg-101/dataset.toml")),
-    ("intel-lab", include_str!("../../../../datasets/intel-lab/dataset.toml")),
-    ("olin-mac", include_str!("../../../../datasets/olin-mac/dataset.toml")),
-    ("orebro", include_str!("../../../../datasets/orebro/dataset.toml")),
-    ("seattle", include_str!("../../../../datasets/seattle/dataset.toml")),
-    ("simulated-office", include_str!("../../../../datasets/simulated-office/dataset.toml")),
-    ("simulated-office-3d", include_str!("../../../../datasets/simulated-office-3d/dataset.toml")),
-    ("small-gicp-target", include_str!("../../../../datasets/small-gicp-target/dataset.toml")),
+    ("aces", include_str!("../../definitions/aces/dataset.toml")),
+    ("csail", include_str!("../../definitions/csail/dataset.toml")),
+    ("freiburg-079", include_str!("../../definitions/freiburg-079/dataset.toml")),
+    ("freiburg-101", include_str!("../../definitions/freiburg-101/dataset.toml")),
+    ("intel-lab", include_str!("../../definitions/intel-lab/dataset.toml")),
+    ("olin-mac", include_str!("../../definitions/olin-mac/dataset.toml")),
+    ("orebro", include_str!("../../definitions/orebro/dataset.toml")),
+    ("seattle", include_str!("../../definitions/seattle/dataset.toml")),
+    ("simulated-office", include_str!("../../definitions/simulated-office/dataset.toml")),
+    ("simulated-office-3d", include_str!("../../definitions/simulated-office-3d/dataset.toml")),
+    ("small-gicp-target", include_str!("../../definitions/small-gicp-target/dataset.toml")),
 ];
 
 /// The known data sets, and the folders their files are looked for in.
@@ -37,6 +38,7 @@ pub struct Registry {
 
 /// What is wrong with a registry, or what it does not know.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RegistryError {
     /// A definition is wrong.
     #[error("{}: {source}", path.display())]

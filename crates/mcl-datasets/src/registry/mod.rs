@@ -31,11 +31,15 @@ mod content;
 mod dataset;
 mod definition;
 mod digest;
+#[cfg(feature = "fetch")]
 mod download;
 mod facts;
+#[cfg(feature = "fetch")]
 mod failure;
+#[cfg(feature = "fetch")]
 mod fetch;
 mod folders;
+#[cfg(feature = "fetch")]
 mod part_file;
 mod verify;
 
@@ -45,9 +49,12 @@ pub use content::Content;
 pub use dataset::{DEFINITION_FILE, Dataset, DatasetKind, KnownCopy, LogFile, Source};
 pub use definition::{DefinitionError, is_plain_name};
 pub use digest::{ParseDigestError, Sha256Digest};
+#[cfg(feature = "fetch")]
 pub use download::{FetchEvent, FetchSettings};
 pub use facts::{FactMismatch, Facts};
+#[cfg(feature = "fetch")]
 pub use failure::UrlFailure;
+#[cfg(feature = "fetch")]
 pub use fetch::{FetchError, Fetched};
 pub use folders::{Registry, RegistryError};
 pub use verify::{FoundCopy, Verification, VerifyError};

@@ -50,6 +50,7 @@ impl FoundCopy {
 
 /// Why a data set could not be verified.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum VerifyError {
     /// Its file is not on disk.
     #[error(transparent)]

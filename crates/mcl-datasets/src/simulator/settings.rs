@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Why an office cannot be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimulationError {
     /// A setting lies outside its range.
     #[error("{field} is {value}, expected {expected}")]

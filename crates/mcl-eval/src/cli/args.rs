@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::studies;
 pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, TimeOffset, Whose};
 pub use localize::{Initial, LocalizeArgs};
 pub use map::{Auto, Init, MapArgs, Offset, Refine};
@@ -168,8 +169,9 @@ pub struct LikelihoodArgs {
 /// A study, and what it is run on.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
-    /// The study: what is compared, on what, and how it is shown.
-    #[arg(value_name = "STUDY.toml")]
+    /// The study: what is compared, on what, and how it is shown. A file, or the name of a built-in study where no file
+    /// of that name is there.
+    #[arg(value_name = "STUDY")]
     pub study: PathBuf,
     /// Take this data set or log; may be given several times [default: those of the study that are at hand].
     #[arg(long = "dataset", value_name = "NAME|PATH")]
@@ -187,6 +189,7 @@ pub struct StudyArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = studies::listed())]
 pub struct RunArgs {
     #[command(flatten)]
     pub of: StudyArgs,
@@ -215,8 +218,8 @@ pub struct RunArgs {
     compared with by `mcl-eval evaluate --reference`."
 )]
 pub struct ExportArgs {
-    /// The study.
-    #[arg(value_name = "STUDY.toml")]
+    /// The study: a file, or the name of a built-in one.
+    #[arg(value_name = "STUDY")]
     pub study: PathBuf,
     /// Data set or log [default: the only one that the study lists].
     #[arg(long, value_name = "NAME|PATH")]

@@ -20,6 +20,7 @@ use super::Outcome;
 use super::args::{ExportArgs, ExportLog, ExportMap, Global};
 use super::output::{print, refuse, tell_data_losses};
 use crate::progress::tell;
+use crate::studies;
 use mcl_core::text::printable;
 
 /// Edge of a cell where nobody says otherwise (m).
@@ -60,7 +61,7 @@ struct Exported {
 
 /// Writes the folders that localizers of others would be given in runs of a study.
 pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
-    let study = Study::read(&args.study)?;
+    let study = studies::read(&args.study)?;
     let dataset = dataset_of(args, &study)?;
     let options = SourceOptions { ..args.read.options(args.max_range) };
     let source = DataSource::open(&dataset, &options, false)?;

@@ -28,6 +28,7 @@ use super::args::{Global, RunArgs, StudyArgs};
 use super::output::{print, reference_of, tell_bridged, tell_data_losses};
 use crate::figures;
 use crate::progress::{StudyProgress, span, tell, told_once};
+use crate::studies;
 
 #[derive(Serialize)]
 struct Told {
@@ -369,7 +370,7 @@ fn tell_failed_runs(results: &Results) {
 
 /// The study, its name, and the names of the data sets or logs that it is for.
 pub fn read_study(args: &StudyArgs, global: &Global) -> Result<(Study, String, Vec<String>)> {
-    let study = Study::read(&args.study)?;
+    let study = studies::read(&args.study)?;
     let names = match args.datasets.is_empty() {
         false => args.datasets.clone(),
         true => at_hand(&study, global)?,

@@ -8,6 +8,7 @@ use crate::occupancy::GridError;
 
 /// An error in reading or writing a map file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MapFileError {
     /// The extension is not that of a map format.
     #[error(
@@ -87,6 +88,7 @@ impl fmt::Display for FilePosition {
 
 /// A problem with the content of a map file.
 #[derive(Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MapProblem {
     /// The header (or, in CSV, the quoting) cannot be parsed.
     #[error("{reason}")]

@@ -72,6 +72,7 @@ pub enum Encoding {
 
 /// A file format of point maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PointFormat {
     /// `.csv`
     Csv,

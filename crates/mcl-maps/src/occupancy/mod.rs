@@ -44,6 +44,7 @@ pub enum Cell {
 
 /// An error in creating a grid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GridError {
     /// The resolution is not a positive number.
     #[error("the resolution is {0} m, expected a positive number")]

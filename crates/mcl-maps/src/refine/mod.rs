@@ -158,6 +158,7 @@ pub enum Stage {
 
 /// An accepted step of a refinement.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct RefineStep {
     /// The operation.
     pub stage: Stage,
@@ -172,6 +173,7 @@ pub struct RefineStep {
 /// Report of a refinement. The log-likelihood never falls from one step to the next, except at
 /// [`Stage::Snap`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct RefineReport {
     /// The accepted steps.
     pub steps: Vec<RefineStep>,

@@ -8,6 +8,7 @@ use crate::tum::TumError;
 
 /// An error in reading a trajectory file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TrajectoryFileError {
     /// An error in a file in the TUM format.
     #[error(transparent)]

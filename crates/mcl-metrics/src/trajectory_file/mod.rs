@@ -54,6 +54,7 @@ pub use error::TrajectoryFileError;
 /// The format of a trajectory file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum TrajectoryFormat {
     /// TUM: `t x y z qx qy qz qw`.
     Tum,
@@ -67,6 +68,7 @@ pub enum TrajectoryFormat {
 
 /// The content of a trajectory file, with notes and warnings.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct TrajectoryFile {
     /// Stamped poses in file order, at least one; headings within (−π, π], 0 if the file has none.
     pub trajectory: Trajectory,

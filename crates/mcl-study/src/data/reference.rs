@@ -101,7 +101,7 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
             frame,
         });
     }
-    let trajectory: Trajectory = read_log(path)?.recording.reference();
+    let trajectory: Trajectory = read_log(path)?.recording.stamped_reference();
     if trajectory.is_empty() {
         bail!("{told}: no reference poses with a stamp in it");
     }

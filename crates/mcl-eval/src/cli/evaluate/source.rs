@@ -257,7 +257,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
              they can be evaluated)"
         );
     }
-    let trajectory = log.recording.reference();
+    let trajectory = log.recording.stamped_reference();
     let unstamped = scans - without - trajectory.len();
     if unstamped > 0 {
         tell!(

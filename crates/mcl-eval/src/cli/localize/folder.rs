@@ -199,7 +199,7 @@ impl Folder {
         setup: &Setup<'_>,
         figures: &Localization,
     ) -> Result<Outcome> {
-        self.write_trajectory("reference.tum", &recording.reference())?;
+        self.write_trajectory("reference.tum", &recording.stamped_reference())?;
         let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
         save(&self.path.join("summary.json"), text.as_bytes())?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();

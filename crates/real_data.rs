@@ -1,9 +1,11 @@
-//! For build scripts: which real data is at hand. Tests that need some of it are counted as ignored where
-//! it is not, instead of passing without having seen it:
+//! The build script of crates with tests on real data: sets what is at hand as configuration, so that tests that need some
+//! of it are counted as ignored where it is not, instead of passing without having seen it:
 //!
 //! ```text
 //! #[cfg_attr(not(real_data = "intel-lab"), ignore = "needs intel-lab in MCL_DATA_DIR")]
 //! ```
+//!
+//! The crates hold links to this file. It is no crate, and in no archive: who depends on theirs builds nothing for it.
 
 use std::path::PathBuf;
 
@@ -11,8 +13,8 @@ use std::path::PathBuf;
 const FOLDERS: [&str; 3] = ["MCL_DATA_DIR", "MCL_MCAP_DIR", "MCL_BAG_DIR"];
 
 /// Sets `cfg(real_data = "NAME")` for every file or folder NAME in the folders that `MCL_DATA_DIR`,
-/// `MCL_MCAP_DIR` and `MCL_BAG_DIR` name, and `cfg(real_data)` where there is one. To be called by a build script.
-pub fn declare() {
+/// `MCL_MCAP_DIR` and `MCL_BAG_DIR` name, and `cfg(real_data)` where there is one.
+pub fn main() {
     println!("cargo::rustc-check-cfg=cfg(real_data, values(any()))");
     for variable in FOLDERS {
         println!("cargo::rerun-if-env-changed={variable}");
