@@ -62,7 +62,7 @@ pub fn build_map<const D: usize>(
     options: &[String],
     end: End<'_>,
 ) -> Result<(PointMap<D>, Value)> {
-    let Command::Map(args) = parse("map", "points", &["--output", "map.csv"], options)? else {
+    let Command::Map(args) = parse("map", "points", &["--output", "map.csv", "--json"], options)? else {
         bail!("map was parsed as another command");
     };
     check_arguments(&args)?;

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::Context;
-use mcl_core::Pose2;
+use mcl_core::{Pose2, math};
 use mcl_eval::library::{FilterOptions, localize as run_localize};
 use mcl_eval::localization::run_seed;
 use mcl_filter::{FilterError, MapDistances, StepReport};
@@ -260,7 +260,7 @@ impl ParticleFilter {
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         Ok(column(
             py,
-            self.with(py, |filter| filter.particles().iter().map(|(_, weight)| weight).collect())?,
+            self.with(py, |filter| filter.particles().iter().map(|(_, log_weight)| math::exp(log_weight)).collect())?,
         ))
     }
 }

@@ -117,7 +117,7 @@ def test_errors_have_the_words_of_the_command_line(office, office_map):
     for keywords, told in [
         ({}, "--init <INIT>"),
         ({"init": "grid"}, "--init grid needs --size or --cell"),
-        ({"init": "grid", "size": 0}, "map size 0 of 100 points"),
+        ({"init": "grid", "size": 0}, "'0' is no map size"),
         ({"init": "grid", "size": 200}, "from 1 to the number of points"),
         ({"init": "grid", "size": "many"}, "'many' is no map size"),
         ({"init": "all", "size": 3}, "--init all takes every point"),
@@ -185,7 +185,7 @@ def test_a_filter_refuses_what_it_cannot_use(office, office_map):
     for odometry, told in [((0, np.nan, 0), "finite"), ((0, 0), r"shape \(2\)"), (None, "expected")]:
         with pytest.raises(Error, match=told):
             filter.step(odometry, office[1])
-    with pytest.raises(Error, match="position is nan"):
+    with pytest.raises(Error, match="position is NaN"):
         filter.bridge(office[1], float("nan"), 1.0)
     # It goes on as if nothing had been.
     other = mcl_eval.ParticleFilter(office_map, initial_pose=office.reference[0])
