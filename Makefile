@@ -10,7 +10,7 @@ RESULTS ?= results
 # The page that shows all of them.
 REPORT ?= $(RESULTS)/report.html
 
-.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny features package semver fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny wheel sdist python-test features package semver fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -155,6 +155,29 @@ semver:
 	@$(CARGO) semver-checks --version >/dev/null 2>&1 || { echo "make semver needs cargo-semver-checks: cargo install --locked cargo-semver-checks" >&2; exit 1; }
 	@test -n "$(BASELINE)" || { echo "there is no tag of a release to compare with: make semver BASELINE=REVISION" >&2; exit 1; }
 	$(CARGO) semver-checks check-release $(addprefix -p ,$(SEMVER)) --baseline-rev "$(BASELINE)"
+
+# The Python package (docs/python.md): command and module in one wheel for all Linux systems since 2014 (elsewhere for
+# this one), and the source distribution. `make python-test` tries both in fresh environments outside of the repository.
+WHEELS = $(TARGET)/wheels
+MATURIN = $(TARGET)/maturin
+MATURIN_BUILD = cd crates/mcl-py && PATH="$(MATURIN)/bin:$$PATH" maturin
+PORTABLE := $(if $(filter Linux,$(shell uname -s)),--zig --compatibility manylinux2014)
+
+$(MATURIN)/ready: crates/mcl-py/requirements-build.txt
+	$(PYTHON) -m venv $(MATURIN)
+	$(MATURIN)/bin/pip install --quiet --disable-pip-version-check -r $<
+	touch $@
+
+wheel: $(MATURIN)/ready
+	rm -f $(WHEELS)/*.whl
+	$(MATURIN_BUILD) build --release --locked $(PORTABLE) --out $(WHEELS)
+
+sdist: $(MATURIN)/ready
+	rm -f $(WHEELS)/*.tar.gz
+	$(MATURIN_BUILD) sdist --out $(WHEELS)
+
+python-test: wheel sdist
+	CARGO_TARGET_DIR="$(TARGET)" crates/mcl-py/test.sh $(PYTHON) $(WHEELS)
 
 # Licences, sources and duplicates of the dependencies; needs cargo-deny.
 deny:

@@ -36,7 +36,7 @@ pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
 }
 
 /// An error with its causes, but for causes that the message before already tells.
-pub(crate) fn told_once(error: &anyhow::Error) -> String {
+pub fn told_once(error: &anyhow::Error) -> String {
     let mut text = String::new();
     let mut before = String::new();
     for cause in error.chain() {

@@ -65,7 +65,7 @@ impl Format {
 
 pub fn run(args: &ConvertArgs) -> Result<Outcome> {
     let format = Format::of(&args.output)?;
-    check_options(&args.output, args.resolution, args.log.as_deref());
+    check_options(&args.output, args.resolution, args.log.as_deref())?;
     let named = [Some(args.input.as_str()), args.log.as_deref(), args.read.reference_file()];
     let inputs = input_files(named.into_iter().flatten());
     match format {

@@ -90,10 +90,10 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         return Ok(outcome);
     };
     if args.runs.is_empty() {
-        refuse("which run? --list shows them with their numbers, and --run K takes one");
+        return refuse("which run? --list shows them with their numbers, and --run K takes one");
     }
     if let Some(wrong) = args.runs.iter().find(|&&run| run == 0 || run > planned.len()) {
-        refuse(&format!("--run {wrong}: the study has runs 1 to {}", planned.len()));
+        return refuse(&format!("--run {wrong}: the study has runs 1 to {}", planned.len()));
     }
     let maps = Maps::<2>::new(&data, args.runs.iter().map(|run| &planned[run - 1].trial.map))?;
     let mut exported = Vec::new();

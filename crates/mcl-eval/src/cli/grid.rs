@@ -49,15 +49,16 @@ impl GridFigures {
 }
 
 /// Usage errors: options of grid maps, when the output is none.
-pub fn check_options(output: &Path, resolution: Option<f64>, log: Option<&str>) {
+pub fn check_options(output: &Path, resolution: Option<f64>, log: Option<&str>) -> Result<()> {
     if !is_grid(output) {
         for (option, is_given) in [("--resolution", resolution.is_some()), ("--log", log.is_some())]
         {
             if is_given {
-                refuse(&format!("{option} goes with a grid map as output (.yaml)"));
+                return refuse(&format!("{option} goes with a grid map as output (.yaml)"));
             }
         }
     }
+    Ok(())
 }
 
 /// The grid of a map, with the free space that the beams of a log crossed.

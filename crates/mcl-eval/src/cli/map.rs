@@ -1,3 +1,4 @@
+use std::panic::resume_unwind;
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
@@ -25,8 +26,9 @@ use mcl_study::recipe::criterion::Criterion;
 use mcl_study::recipe::map::random_offset;
 use mcl_study::trial::division::{Division, StudyData};
 
+/// What is reported of a map.
 #[derive(Serialize)]
-struct Built {
+pub struct Built {
     dimensions: usize,
     points: usize,
     map_points: usize,
@@ -61,12 +63,13 @@ struct Wanted {
 }
 
 pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
-    check_arguments(args);
-    check_options(&args.output, args.resolution, None);
+    check_arguments(args)?;
+    check_options(&args.output, args.resolution, None)?;
     let name = &args.data.log.log;
     mcl_maps::files::check_writable(&args.output, &input_files(args.data.log.named()))?;
     let data = StudyData::new(DataSource::open(name, &args.data.options(), false)?);
     let source = &data.source;
+    let watch = Watch { quiet: global.quiet, end: &|| Ok(()) };
     let mut built = match source.points()? {
         Points::Planar(points) => {
             let log = source.log().ok();
@@ -79,8 +82,8 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
                 Ok(Some((grid, cells)))
             };
             let folds = || data.folds();
-            let folds = log.map(|_| &folds as &dyn Fn() -> Result<_>);
-            build(points, folds, grid, args, global)?
+            let folds = log.map(|_| &folds as Folds<'_, 2>);
+            written(build(points, folds, grid, args, &watch)?, args)?
         }
         Points::Spatial(points) => {
             if is_grid(&args.output) {
@@ -90,7 +93,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
                     args.output.display()
                 );
             }
-            build(points, None, |_| Ok(None), args, global)?
+            written(build(points, None, |_| Ok(None), args, &watch)?, args)?
         }
     };
     built.reference = reference_of_data(source);
@@ -99,33 +102,61 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
 }
 
 /// Where the lines of a grid are to lie.
-fn offset<const D: usize>(args: &MapArgs) -> GridOffset<D> {
+fn offset<const D: usize>(args: &MapArgs) -> Result<GridOffset<D>> {
     let given: &[f64] = match &args.offset {
-        None => return GridOffset::ORIGIN,
-        Some(Offset::Random) => return random_offset(args.seed),
+        None => return Ok(GridOffset::ORIGIN),
+        Some(Offset::Random) => return Ok(random_offset(args.seed)),
         Some(Offset::Planar(offset)) => offset,
         Some(Offset::Spatial(offset)) => offset,
     };
     match given.try_into() {
-        Ok(offset) => GridOffset::Metres(offset),
+        Ok(offset) => Ok(GridOffset::Metres(offset)),
         Err(_) if D == 2 => refuse("--offset has three numbers, expected two (X,Y)"),
         Err(_) => refuse("--offset has two numbers, expected three (X,Y,Z) in three dimensions"),
     }
 }
 
-/// Builds a map of points and writes it; `grid` gives the grid that is written in place of its points,
-/// with the points of that.
-fn build<const D: usize>(
+/// Writes a map that was built, and returns what is reported of it.
+fn written<const D: usize>(
+    (map, grid, built): (PointMap<D>, Option<OccupancyGrid>, Built),
+    args: &MapArgs,
+) -> Result<Built> {
+    let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
+    match &grid {
+        Some(grid) => write_grid(&args.output, grid)?,
+        None => write_map(&args.output, &map, encoding)?,
+    }
+    Ok(built)
+}
+
+/// Divisions of the scans that the points are from, made when they are needed.
+pub type Folds<'a, const D: usize> = &'a dyn Fn() -> Result<Vec<Arc<Division<D>>>>;
+
+/// How a map that is being built is watched.
+pub struct Watch<'a> {
+    /// No progress bars.
+    pub quiet: bool,
+    /// Ends the work with an error, or inside a refinement by unwinding with it; asked with every step of a
+    /// refinement and every map that is tried.
+    pub end: &'a (dyn Fn() -> Result<()> + Sync),
+}
+
+/// Builds the map of points that the arguments ask for; `grid` gives the grid that stands in place of its points,
+/// with the points of that. Last is what is reported of it.
+///
+/// # Errors
+/// Usage errors, and points or settings of which no map can be built.
+pub fn build<const D: usize>(
     points: Vec<Point<D>>,
-    folds: Option<&dyn Fn() -> Result<Vec<Arc<Division<D>>>>>,
+    folds: Option<Folds<'_, D>>,
     grid: impl FnOnce(&PointMap<D>) -> Result<Option<(OccupancyGrid, PointMap<D>)>>,
     args: &MapArgs,
-    global: &Global,
-) -> Result<Built> {
+    watch: &Watch<'_>,
+) -> Result<(PointMap<D>, Option<OccupancyGrid>, Built)> {
     let data = PointSet::new(points)?;
-    let offset = offset(args);
-    let (wanted, choices) = choose(&data, folds, offset, args, global)?;
-    let mut fitted = fit(&data, offset, wanted, args, global.quiet)?;
+    let offset = offset(args)?;
+    let (wanted, choices) = choose(&data, folds, offset, args, watch)?;
+    let mut fitted = fit(&data, offset, wanted, args, watch)?;
     let grid = grid(&fitted.map)?.map(|(grid, cells)| {
         // What the file holds, and all that is told of it: points that share a cell are one.
         fitted.map = cells;
@@ -133,12 +164,7 @@ fn build<const D: usize>(
     });
     let figures = grid.as_ref().map(GridFigures::of);
     let built = fitted.built(&data, figures, wanted, choices, args)?;
-    let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
-    match &grid {
-        Some(grid) => write_grid(&args.output, grid)?,
-        None => write_map(&args.output, &fitted.map, encoding)?,
-    }
-    Ok(built)
+    Ok((fitted.map, grid, built))
 }
 
 /// A map with the one it came from.
@@ -151,10 +177,10 @@ struct Fitted<const D: usize> {
 /// What the data chooses where the arguments say so: for points without scans no folds are to be had.
 fn choose<const D: usize>(
     data: &PointSet<D>,
-    folds: Option<&dyn Fn() -> Result<Vec<Arc<Division<D>>>>>,
+    folds: Option<Folds<'_, D>>,
     offset: GridOffset<D>,
     args: &MapArgs,
-    global: &Global,
+    watch: &Watch<'_>,
 ) -> Result<(Wanted, [Option<Chosen>; 2])> {
     let by = args.auto_by;
     let is_auto = matches!(args.size, Some(Auto::Auto)) || matches!(args.sigma, Auto::Auto);
@@ -165,12 +191,15 @@ fn choose<const D: usize>(
             "--auto-by held-out leaves out scans, and a point cloud has none; expected bic, mdl or likelihood"
         ),
     };
-    let build = |data: &PointSet<D>, size, sigma| build_at(data, offset, size, sigma, args);
+    let build = |data: &PointSet<D>, size, sigma| {
+        (watch.end)()?;
+        build_at(data, offset, size, sigma, args)
+    };
     let rating = Rating { data, folds: &folds, build: &build };
     match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
-            let sigma = given_sigma(args);
-            let bar = progress::spinner("size", global.quiet);
+            let sigma = given_sigma(args)?;
+            let bar = progress::spinner("size", watch.quiet);
             let chosen = rating.choose_size(by, sigma, |Tried { value, score }| {
                 bar.set_message(format!("{value} points: {score:.4}"));
             });
@@ -181,7 +210,7 @@ fn choose<const D: usize>(
         }
         (size, Auto::Auto) => {
             let size = given_size(size);
-            let bar = progress::spinner("sigma", global.quiet);
+            let bar = progress::spinner("sigma", watch.quiet);
             let chosen = rating.choose_sigma(by, size, |Tried { value, score }| {
                 bar.set_message(format!("{value:.4} m: {:.4} nats/point", -score));
             });
@@ -208,9 +237,9 @@ fn given_size(size: Option<Auto<MapSize>>) -> Option<MapSize> {
 }
 
 /// σ, where it is not to be chosen.
-fn given_sigma(args: &MapArgs) -> f64 {
+fn given_sigma(args: &MapArgs) -> Result<f64> {
     match args.sigma {
-        Auto::Given(sigma) => sigma,
+        Auto::Given(sigma) => Ok(sigma),
         Auto::Auto => refuse("--size auto and --sigma auto do not go together: give one of them"),
     }
 }
@@ -224,8 +253,8 @@ fn build_at<const D: usize>(
     args: &MapArgs,
 ) -> Result<PointMap<D>> {
     let wanted = Wanted { size, sigma };
-    let initial = initial_settings(args, offset, wanted);
-    let refinement = refine_settings(args, wanted);
+    let initial = initial_settings(args, offset, wanted)?;
+    let refinement = refine_settings(args, wanted)?;
     Ok(build_map(data, &MapSettings { initial, refinement })?.map)
 }
 
@@ -234,13 +263,13 @@ fn fit<const D: usize>(
     offset: GridOffset<D>,
     wanted: Wanted,
     args: &MapArgs,
-    quiet: bool,
+    watch: &Watch<'_>,
 ) -> Result<Fitted<D>> {
-    let initial = initial_map(data, &initial_settings(args, offset, wanted))?;
-    let (map, report) = match refine_settings(args, wanted) {
+    let initial = initial_map(data, &initial_settings(args, offset, wanted)?)?;
+    let (map, report) = match refine_settings(args, wanted)? {
         None => (initial.map.clone(), None),
         Some(settings) => {
-            let found = refined(&settings, data, &initial.map, quiet)?;
+            let found = refined(&settings, data, &initial.map, watch)?;
             let kept = || found.indices.iter().map(|&index| data.points()[index]).collect();
             let points = if args.no_snap { found.means } else { kept() };
             (PointMap::new(points)?, Some(found.report))
@@ -295,30 +324,31 @@ impl<const D: usize> Fitted<D> {
 }
 
 /// Usage errors: combinations of `--init` and its companions that mean nothing.
-fn check_arguments(args: &MapArgs) {
+pub fn check_arguments(args: &MapArgs) -> Result<()> {
     // Seen before the log is read.
     let wanted = match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
             if !args.auto_by.decides_size() {
-                refuse(
+                return refuse(
                     "--auto-by likelihood does not go with --size auto: more points are always likelier",
                 );
             }
-            Wanted { size: Some(MapSize::Points(1)), sigma: given_sigma(args) }
+            Wanted { size: Some(MapSize::Points(1)), sigma: given_sigma(args)? }
         }
         (size, Auto::Auto) => {
             if !args.auto_by.decides_sigma() {
-                refuse("--sigma auto goes with --auto-by held-out or likelihood");
+                return refuse("--sigma auto goes with --auto-by held-out or likelihood");
             }
             Wanted { size: given_size(size), sigma: 1.0 }
         }
         (size, Auto::Given(sigma)) => Wanted { size: given_size(size), sigma },
     };
-    refine_settings(args, wanted);
+    refine_settings(args, wanted)?;
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
-        refuse("--cell and --offset go with --init grid");
+        return refuse("--cell and --offset go with --init grid");
     }
-    initial_settings::<2>(args, GridOffset::ORIGIN, wanted);
+    initial_settings::<2>(args, GridOffset::ORIGIN, wanted)?;
+    Ok(())
 }
 
 /// What `--init` and its companions mean.
@@ -326,22 +356,22 @@ fn initial_settings<const D: usize>(
     args: &MapArgs,
     offset: GridOffset<D>,
     wanted: Wanted,
-) -> InitialMap<D> {
-    match (args.init, wanted.size, args.cell) {
+) -> Result<InitialMap<D>> {
+    Ok(match (args.init, wanted.size, args.cell) {
         (Init::All, Some(_), _) => {
-            refuse("--init all takes every point: --size does not go with it")
+            return refuse("--init all takes every point: --size does not go with it");
         }
         (Init::All, None, _) => InitialMap::All,
         (Init::Random, Some(size), _) => InitialMap::Random { size, seed: Seed::new(args.seed) },
-        (Init::Random, None, _) => refuse("--init random needs --size"),
+        (Init::Random, None, _) => return refuse("--init random needs --size"),
         (Init::Grid, _, Some(cell)) => InitialMap::GridCell { cell, offset },
         (Init::Grid, Some(size), None) => InitialMap::GridSize { size, offset },
-        (Init::Grid, None, None) => refuse("--init grid needs --size or --cell"),
-    }
+        (Init::Grid, None, None) => return refuse("--init grid needs --size or --cell"),
+    })
 }
 
 /// What `--refine` and its companions mean; combinations that mean nothing are usage errors.
-fn refine_settings(args: &MapArgs, wanted: Wanted) -> Option<RefineSettings> {
+fn refine_settings(args: &MapArgs, wanted: Wanted) -> Result<Option<RefineSettings>> {
     let mut method = args.refine.map(refinement);
     match (&mut method, args.rounds, args.restarts) {
         (
@@ -350,15 +380,15 @@ fn refine_settings(args: &MapArgs, wanted: Wanted) -> Option<RefineSettings> {
             None,
         ) => *rounds = wanted,
         (Some(Refinement::Restarts { restarts }), None, Some(wanted)) => *restarts = wanted,
-        (_, Some(_), _) => refuse("--rounds goes with --refine split-merge or best"),
-        (_, _, Some(_)) => refuse("--restarts goes with --refine restarts"),
+        (_, Some(_), _) => return refuse("--rounds goes with --refine split-merge or best"),
+        (_, _, Some(_)) => return refuse("--restarts goes with --refine restarts"),
         (_, None, None) => {}
     }
     if args.no_snap && matches!(args.refine, Some(Refine::Exchange | Refine::Best)) {
-        refuse("--no-snap does not go with --refine exchange or best, which end with data points");
+        return refuse("--no-snap does not go with --refine exchange or best, which end with data points");
     }
-    Some(RefineSettings {
-        method: method?,
+    Ok(method.map(|method| RefineSettings {
+        method,
         fkm: FkmSettings {
             sigma: wanted.sigma,
             tolerance: args.tolerance,
@@ -366,7 +396,7 @@ fn refine_settings(args: &MapArgs, wanted: Wanted) -> Option<RefineSettings> {
         },
         seed: Seed::new(args.seed),
         budget_s: args.refine_seconds,
-    })
+    }))
 }
 
 fn refinement(refine: Refine) -> Refinement {
@@ -386,10 +416,14 @@ fn refined<const D: usize>(
     settings: &RefineSettings,
     data: &PointSet<D>,
     initial: &PointMap<D>,
-    quiet: bool,
+    watch: &Watch<'_>,
 ) -> Result<Refined<D>> {
-    let bar = progress::spinner(settings.method.name(), quiet);
+    let bar = progress::spinner(settings.method.name(), watch.quiet);
     let observe = |step: &RefineStep| {
+        // A refinement has no other way out. Nothing is reported of this as it would be of a panic.
+        if let Err(ended) = (watch.end)() {
+            resume_unwind(Box::new(ended));
+        }
         let RefineStep { evaluations, log_likelihood, .. } = step;
         bar.set_message(format!("{evaluations} evaluations, {log_likelihood:.4} nats/point"));
     };

@@ -1,18 +1,17 @@
 //! The command line: what can be asked for, and the glue from there to the libraries.
 
-mod args;
+pub(crate) mod args;
 mod claims;
 mod compare;
 mod convert;
 mod datasets;
-mod errors;
 mod evaluate;
 mod export;
 mod grid;
 mod inspect;
 mod likelihood;
-mod localize;
-mod map;
+pub(crate) mod localize;
+pub(crate) mod map;
 mod output;
 mod plan;
 mod plot;
@@ -21,6 +20,7 @@ mod run;
 mod simulate;
 mod status;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use anyhow::Context;
@@ -47,20 +47,29 @@ impl Outcome {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let result = match Cli::try_parse() {
+    ExitCode::from(main_of(std::env::args_os()))
+}
+
+/// Runs the program on arguments, the first of which is its name, and returns its exit code. A usage error and an
+/// interrupted study end the process.
+pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let result = match Cli::try_parse_from(arguments) {
         Ok(cli) => run_command(cli),
         // What is asked for with --help and --version is a result as any other.
         Err(told) if !told.use_stderr() => output::print_styled(&told),
         Err(error) => error.exit(),
     };
     match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Incomplete) => ExitCode::from(3),
+        Ok(Outcome::Done) => 0,
+        Ok(Outcome::Incomplete) => 3,
         // Whoever read our output has seen enough.
-        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if output::is_broken_pipe(&error) => 0,
         Err(error) => {
+            if let Some(usage) = error.downcast_ref::<clap::Error>() {
+                usage.exit();
+            }
             tell!("error: {}", told_once(&error));
-            ExitCode::from(1)
+            1
         }
     }
 }

@@ -177,8 +177,11 @@ pub fn reference_of_data(source: &DataSource) -> Option<String> {
 }
 
 /// A usage error that the parser of arguments cannot see.
-pub fn refuse(message: &str) -> ! {
-    Cli::command().error(ErrorKind::ArgumentConflict, message).exit()
+///
+/// # Errors
+/// Always: the usage error, on which the program ends with exit code 2.
+pub fn refuse<T>(message: &str) -> Result<T> {
+    Err(Cli::command().error(ErrorKind::ArgumentConflict, message).into())
 }
 
 /// Whether an error is that nobody reads our output any more.

@@ -10,6 +10,7 @@
 //! the method does not depend on how points or components are distributed. If only one component is left, the sums
 //! over the points below follow from their number, mean and scatter.
 
+mod by_point;
 mod components;
 mod exp;
 mod expectation;
@@ -18,6 +19,7 @@ mod log_product;
 mod removal;
 mod sums;
 
+pub use by_point::point_log_likelihoods;
 pub(crate) use expectation::{Expectation, expectation};
 pub(crate) use kernel::Pull;
 pub(crate) use removal::removal;

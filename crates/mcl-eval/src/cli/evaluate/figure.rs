@@ -11,7 +11,7 @@ use mcl_figures::{
 use mcl_metrics::Summary;
 
 use super::row::Sampled;
-use crate::cli::errors::ErrorSamples;
+use crate::pose_errors::ErrorSamples;
 
 /// Columns into which a long run is thinned, and moments at which runs of a group are compared.
 const COLUMNS: usize = 1500;

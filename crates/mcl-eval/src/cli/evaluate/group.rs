@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::row::{RowFigures, Sampled};
 use crate::cli::args::Group;
-use crate::cli::errors::ErrorSamples;
+use crate::pose_errors::ErrorSamples;
 
 /// Share of the reference's path that a run has to cover not to have failed.
 const FOLLOWED: f64 = 0.9;

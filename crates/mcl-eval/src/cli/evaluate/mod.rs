@@ -145,15 +145,15 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
     args.estimates.iter().for_each(|file| add(file.clone(), None));
     for (place, group) in args.groups.iter().enumerate() {
         if args.groups[..place].iter().any(|other| other.name == group.name) {
-            refuse(&format!("--group {}: the name is given twice", group.name));
+            return refuse(&format!("--group {}: the name is given twice", group.name));
         }
         group::files(group)?.into_iter().for_each(|file| add(file, Some(place)));
     }
     if !args.topics.is_empty() && jobs.iter().all(|job| job.of.topic.is_none()) {
-        refuse("--topic goes with bags, and none of the estimates is one");
+        return refuse("--topic goes with bags, and none of the estimates is one");
     }
     if args.topics.len() > 1 && !args.groups.is_empty() {
-        refuse("--group takes one --topic: a run of a group is one trajectory");
+        return refuse("--group takes one --topic: a run of a group is one trajectory");
     }
     Ok(jobs)
 }

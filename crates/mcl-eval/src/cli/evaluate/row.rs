@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::frames::{self, Mounts, SideFrames, compared};
 use super::source::{Named, Source};
 use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOffset};
-use crate::cli::errors::{ErrorSamples, Figures};
+use crate::pose_errors::{ErrorSamples, Figures};
 use crate::progress::tell;
 
 /// Least share of the reference's time and path that an estimate has to cover to be whole.

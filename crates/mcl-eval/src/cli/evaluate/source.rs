@@ -116,7 +116,7 @@ enum Format {
 pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
-        refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
+        return refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
     }
     let request = PoseRequest {
         topic: args.reference_topic.as_deref(),

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use mcl_study::store::results::save;
 
 use super::row::{Row, RowFigures};
-use crate::cli::errors::Figures;
+use crate::pose_errors::Figures;
 use mcl_core::text::printable;
 
 /// Cells in columns, the first of which is of names.

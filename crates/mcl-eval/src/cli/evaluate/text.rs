@@ -5,7 +5,7 @@ use mcl_core::text::{counted, p_value, printable, thousands};
 use super::group::{Comparison, GroupError, GroupFigures};
 use super::row::{AxisFigures, Row, RowFigures};
 use super::table::Table;
-use crate::cli::errors::{Figures, figures_table, table_line};
+use crate::pose_errors::{Figures, figures_table, table_line};
 
 /// At most so many estimates are shown with all their figures.
 const MOST_IN_FULL: usize = 6;

@@ -10,10 +10,10 @@ use mcl_metrics::{
 };
 use serde::Serialize;
 
-use super::figures::Localization;
 use crate::cli::Outcome;
 use crate::cli::args::LocalizeArgs;
 use crate::cli::output::write_rows;
+use crate::localization::Localization;
 use crate::progress::tell;
 use crate::report::record::{RECORDED_END, RecordedRun};
 use mcl_study::data::source::{self, LogSource};

@@ -1,6 +1,6 @@
-mod figures;
 mod folder;
 mod replay;
+mod text;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -20,46 +20,28 @@ use rayon::prelude::*;
 
 use super::Outcome;
 use super::args::{Global, Initial, LocalizeArgs};
-use super::errors::ErrorSamples;
 use super::output::{input_files, open_map, prepare, print, refuse, tell_bridged, tell_losses};
+use crate::localization::{FinishedRun, Localization, run_seed};
 use crate::progress;
 use crate::report::record::{MapLooks, Recorder as PageRecorder};
-use figures::Localization;
 use folder::{Folder, Setup};
 use mcl_study::data::source::{DEFAULT_MAX_RANGE, LogSource};
-use mcl_study::measure::consistency::{Tally, scan_nees};
 use mcl_study::trial::map::obstacle_grid;
 use mcl_study::trial::stopwatch;
 use mcl_study::trial::tracking::bridge;
 use replay::{ReplayFile, Scene};
 
-/// A run of the filter, as far as the figures need it.
-struct FinishedRun {
-    /// Against the reference, one entry per scan that has one; `None` where none has.
-    errors: Option<ErrorSamples>,
-    /// Sum over the scans.
-    used_beams: usize,
-    /// Sum over the scans of particles times used beams.
-    weighed: f64,
-    /// Mean over the scans.
-    particles: f64,
-    /// What the filter said of itself.
-    tally: Tally,
-    /// Its thread's time inside the filter: drawing the first particles, and all steps.
-    elapsed: Duration,
-}
-
 pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     // What is wrong in itself is told before anything is read.
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
-    filter_settings(args, max_range).check().unwrap_or_else(|error| refuse(&error.to_string()));
-    check_replay_name(args);
+    checked_settings(args, max_range)?;
+    check_replay_name(args)?;
     let mut inputs = input_files(args.log.named());
     inputs.push(args.map.clone());
     check_replaced(args, &inputs)?;
     let (map, free) = filter_map(&args.map)?;
     let source = LogSource::open(&args.log.log, &args.log.options())?;
-    let settings = filter_settings(args, source.max_range).check()?;
+    let settings = checked_settings(args, source.max_range)?;
     let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
     check_room(args.runs as usize, size_of::<FinishedRun>() + errors, "errors of runs")?;
     let start = first_pose(args, &source)?;
@@ -78,8 +60,6 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let first_recorder = Mutex::new(first_recorder);
     let looks = MapLooks::of_points(map.points());
 
-    let reference: Vec<Option<Pose2>> =
-        source.recording.scans.iter().map(|scan| scan.map_from_laser).collect();
     let metric = WeightedPoseError::default();
     let bar = progress::bar(u64::from(args.runs), "localize", global.quiet);
     let runs = (0..args.runs)
@@ -96,6 +76,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
                 page: folder
                     .as_ref()
                     .map(|_| PageRecorder::of(&source.recording, source.max_range)),
+                end: &|| Ok(()),
             };
             let (run, elapsed, page) =
                 one_run(&source, filter, args.odometry_noise, seed, watchers)
@@ -103,52 +84,29 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
             if let Some(recorder) = recorder {
                 recorder.finish()?;
             }
-            let pairs = reference.iter().zip(&run.map_from_laser);
-            let (there, estimates): (Vec<Pose2>, Vec<Pose2>) =
-                pairs.filter_map(|(there, estimate)| Some(((*there)?, *estimate))).unzip();
-            let errors = match there.is_empty() {
-                true => None,
-                false => Some(ErrorSamples::of(&there, &estimates, &metric)?),
-            };
-            let laser_from_robot = source.recording.robot_from_laser.inverse();
-            let nees: Vec<Option<f64>> = run
-                .reports
-                .iter()
-                .enumerate()
-                .map(|(scan, report)| {
-                    scan_nees(reference.get(scan)?.as_ref()?, report, &laser_from_robot)
-                })
-                .collect();
-            let mut tally = Tally::default();
-            run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
+            let finished = FinishedRun::of(&run, &source, elapsed)?;
             if let Some(folder) = &folder {
-                folder.write_run(number, &source.recording, &run, &metric, &nees)?;
+                folder.write_run(number, &source.recording, &run, &metric, &finished.nees)?;
                 if let Some(page) = page {
                     let label = format!("{}, seed {}, run {number}", source.name, args.seed);
                     folder.write_recorded(number, &page.finish(label, &looks)?)?;
                 }
             }
             bar.inc(1);
-            let used_beams = run.reports.iter().map(|report| report.used_beams).sum();
-            let weighed = run.reports.iter().map(|report| report.particles * report.used_beams);
-            let weighed = weighed.sum::<usize>() as f64;
-            let particles = run.reports.iter().map(|report| report.particles).sum::<usize>() as f64
-                / run.reports.len() as f64;
-            Ok(FinishedRun { errors, used_beams, weighed, particles, tally, elapsed })
+            Ok(finished)
         })
         .collect::<Result<Vec<_>>>();
     bar.finish_and_clear();
     let runs = runs?;
 
-    let seed = Seed::new(args.seed).derive("bootstrap").derive(&source.name);
-    let found = Localization::of(&runs, &source, bridged.scans.len(), seed)?;
+    let found = Localization::of(&runs, &source, bridged.scans.len(), args.seed)?;
     let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
     complete &= tell_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
     print(args.json, &found, |found| {
-        found.text(args, (settings.values(), sigma_hit), &source, map.len())
+        text::text(found, args, (settings.values(), sigma_hit), &source, map.len())
     })?;
     Ok(Outcome::of(complete))
 }
@@ -177,14 +135,23 @@ fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
 }
 
 /// Readers tell a bag by the ending of its name.
-fn check_replay_name(args: &LocalizeArgs) {
-    let Some(path) = &args.replay else { return };
+fn check_replay_name(args: &LocalizeArgs) -> Result<()> {
+    let Some(path) = &args.replay else { return Ok(()) };
     if path.extension().is_none_or(|ending| ending != "mcap") {
-        refuse(&format!("--replay {}: expected a name that ends with .mcap", path.display()));
+        return refuse(&format!("--replay {}: expected a name that ends with .mcap", path.display()));
     }
+    Ok(())
 }
 
-fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
+/// The settings that the arguments ask for, with `max_range` in metres.
+///
+/// # Errors
+/// Usage errors: values out of range, and combinations that mean nothing.
+pub fn checked_settings(args: &LocalizeArgs, max_range: f64) -> Result<CheckedSettings> {
+    filter_settings(args, max_range)?.check().or_else(|error| refuse(&error.to_string()))
+}
+
+fn filter_settings(args: &LocalizeArgs, max_range: f64) -> Result<FilterSettings> {
     let preset = args.preset.settings();
     let initial_pose = match args.initial {
         Initial::Known => match args.initial_std {
@@ -194,10 +161,10 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         Initial::Uniform | Initial::Scan
             if args.initial_pose.is_some() || args.initial_std.is_some() =>
         {
-            refuse(
+            return refuse(
                 "--initial-pose and --initial-std say where the robot starts, --initial uniform and scan \
                  that nobody knows",
-            )
+            );
         }
         Initial::Uniform => InitialPose::Uniform {},
         Initial::Scan => InitialPose::scan(),
@@ -206,11 +173,11 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         args.update_min.unwrap_or([preset.update_distance, preset.update_angle]);
     let [resample_distance, resample_angle] =
         args.resample_after.unwrap_or([preset.resample_distance, preset.resample_angle]);
-    FilterSettings {
+    Ok(FilterSettings {
         particles: args.particles.unwrap_or(preset.particles),
         kld: preset.kld,
         initial_pose,
-        motion: motion_model(args).unwrap_or(preset.motion),
+        motion: motion_model(args)?.unwrap_or(preset.motion),
         position_noise: args.position_noise.unwrap_or(preset.position_noise),
         heading_noise: args.heading_noise.unwrap_or(preset.heading_noise),
         alpha: args.alpha.unwrap_or(preset.alpha),
@@ -232,25 +199,28 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> FilterSettings {
         update_distance,
         update_angle,
         recover: args.recover.then(Recovery::default).or(preset.recover),
-    }
+    })
 }
 
 /// The motion model asked for: by its name, or by the numbers of one.
-fn motion_model(args: &LocalizeArgs) -> Option<MotionKind> {
+fn motion_model(args: &LocalizeArgs) -> Result<Option<MotionKind>> {
     let is_gaussian = args.position_noise.is_some() || args.heading_noise.is_some();
     match (args.motion, args.alpha) {
         (Some(MotionKind::Gaussian), Some(_)) => refuse("--alpha belongs to --motion book"),
         (Some(MotionKind::Book), _) if is_gaussian => {
             refuse("--position-noise and --heading-noise belong to --motion gaussian")
         }
-        (None, Some(_)) => Some(MotionKind::Book),
-        (None, None) if is_gaussian => Some(MotionKind::Gaussian),
-        (motion, _) => motion,
+        (None, Some(_)) => Ok(Some(MotionKind::Book)),
+        (None, None) if is_gaussian => Ok(Some(MotionKind::Gaussian)),
+        (motion, _) => Ok(motion),
     }
 }
 
 /// The laser's pose at the first scan; `None` for global localization.
-fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> {
+///
+/// # Errors
+/// When neither the arguments nor the log say where the robot starts.
+pub fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> {
     if args.initial != Initial::Known {
         return Ok(None);
     }
@@ -273,21 +243,28 @@ fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> 
     }
 }
 
-/// The seed of a run: the same for every map, so that maps are compared on the same draws.
-fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
-    Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
-}
-
 /// Those who see each step of a run.
-struct Watchers<'a, 'b> {
+pub struct Watchers<'a, 'b> {
     /// Writes a bag.
     replay: Option<&'a mut ReplayFile<'b>>,
     /// Keeps what a page shows.
     page: Option<PageRecorder>,
+    /// Ends the run with an error.
+    end: &'a dyn Fn() -> Result<()>,
+}
+
+impl<'a> Watchers<'a, '_> {
+    /// Only one who can end the run.
+    pub fn only(end: &'a dyn Fn() -> Result<()>) -> Self {
+        Watchers { replay: None, page: None, end }
+    }
 }
 
 /// A run, its thread's time in the filter, and what a page shows; the time of those who watch does not count.
-fn one_run(
+///
+/// # Errors
+/// Those of the filter and of the watchers.
+pub fn one_run(
     source: &LogSource,
     (distances, settings, start): (&MapDistances, &CheckedSettings, Option<Pose2>),
     noise: Option<[f64; 2]>,
@@ -303,6 +280,7 @@ fn one_run(
     let mut recorded = Duration::ZERO;
     let started = stopwatch::now();
     let run = localize_with(&replay, distances, settings, start, seed, |step| {
+        (watchers.end)()?;
         let started = stopwatch::now();
         if let Some(replay) = &mut watchers.replay {
             replay.step(&step)?;

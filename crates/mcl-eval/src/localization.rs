@@ -1,60 +1,118 @@
+//! Runs of the filter over a log, and what is reported of them: the figures of `localize`.
+
+use std::time::Duration;
+
 use anyhow::Result;
-use mcl_core::Seed;
-use mcl_filter::FilterSettings;
+use mcl_core::{Pose2, Seed};
+use mcl_filter::Run;
 use mcl_metrics::{
-    DivergenceSettings, Interval, LossSettings, LostEpisode, bootstrap_mean, diverged,
-    lost_episodes,
+    DivergenceSettings, Interval, LossSettings, LostEpisode, WeightedPoseError, bootstrap_mean,
+    diverged, lost_episodes,
 };
 use serde::Serialize;
 
-use super::FinishedRun;
-use crate::cli::args::LocalizeArgs;
-use crate::cli::errors::{ErrorFigures, ErrorSamples, Figures};
-use crate::cli::output::reference_of;
-use mcl_core::text::{counted, thousands};
+use crate::pose_errors::{ErrorFigures, ErrorSamples, Figures};
 use mcl_study::data::source::LogSource;
-use mcl_study::measure::consistency::{Consistency, Tally};
+use mcl_study::measure::consistency::{Consistency, Tally, scan_nees};
 
 /// Resamples of the bootstrap over runs.
 const RESAMPLES: usize = 10_000;
 
+/// The seed of a run: the same for every map, so that maps are compared on the same draws. `name` is that of the log.
+pub fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
+    Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
+}
+
+/// A run of the filter, as far as the figures need it.
+pub struct FinishedRun {
+    /// Against the reference, one entry per scan that has one; `None` where none has.
+    pub errors: Option<ErrorSamples>,
+    /// Normalized estimation error squared per scan; `None` without a reference, or with a singular covariance.
+    pub nees: Vec<Option<f64>>,
+    /// Sum over the scans.
+    used_beams: usize,
+    /// Sum over the scans of particles times used beams.
+    weighed: f64,
+    /// Mean over the scans.
+    particles: f64,
+    /// What the filter reported of itself.
+    tally: Tally,
+    /// Time of its thread inside the filter: drawing the first particles, and all steps.
+    elapsed: Duration,
+}
+
+impl FinishedRun {
+    /// Of a run over all scans of a log, which took its thread so long.
+    ///
+    /// # Errors
+    /// When the run has no estimate for a scan of the log, or one that is not finite.
+    pub fn of(run: &Run, source: &LogSource, elapsed: Duration) -> Result<Self> {
+        let scans = &source.recording.scans;
+        let pairs = scans.iter().zip(&run.map_from_laser);
+        let (there, estimates): (Vec<Pose2>, Vec<Pose2>) =
+            pairs.filter_map(|(scan, estimate)| Some((scan.map_from_laser?, *estimate))).unzip();
+        let errors = match there.is_empty() {
+            true => None,
+            false => Some(ErrorSamples::of(&there, &estimates, &WeightedPoseError::default())?),
+        };
+        let laser_from_robot = source.recording.robot_from_laser.inverse();
+        let nees = scans.iter().zip(&run.reports).map(|(scan, report)| {
+            scan_nees(scan.map_from_laser.as_ref()?, report, &laser_from_robot)
+        });
+        let nees: Vec<Option<f64>> = nees.collect();
+        let mut tally = Tally::default();
+        run.reports.iter().zip(&nees).for_each(|(report, &nees)| tally.add(report, nees));
+        let weighed = run.reports.iter().map(|report| report.particles * report.used_beams);
+        Ok(FinishedRun {
+            errors,
+            nees,
+            used_beams: run.reports.iter().map(|report| report.used_beams).sum(),
+            weighed: weighed.sum::<usize>() as f64,
+            particles: run.reports.iter().map(|report| report.particles).sum::<usize>() as f64
+                / run.reports.len() as f64,
+            tally,
+            elapsed,
+        })
+    }
+}
+
 /// What all runs together found. Errors are pooled over runs and scans, and null without a reference.
 #[derive(Debug, Serialize)]
 pub struct Localization {
-    runs: usize,
+    pub(crate) runs: usize,
     /// The reference that errors are taken against, and whose poses it has.
-    reference: Option<String>,
+    pub(crate) reference: Option<String>,
     /// Scans that have a reference pose; errors are those of these.
-    reference_scans: usize,
+    pub(crate) reference_scans: usize,
     /// Steps that the odometry says nothing of, on which the filter spreads the particles.
-    bridged_steps: usize,
+    pub(crate) bridged_steps: usize,
     /// Runs that ended lost; null without a reference.
-    diverged: Option<usize>,
+    pub(crate) diverged: Option<usize>,
     /// Times that a robot was lost within a run, and times that it was found again.
-    lost: Option<usize>,
-    recovered: Option<usize>,
-    weighted: Option<Figures>,
-    translation: Option<Figures>,
-    heading: Option<Figures>,
+    pub(crate) lost: Option<usize>,
+    pub(crate) recovered: Option<usize>,
+    pub(crate) weighted: Option<Figures>,
+    pub(crate) translation: Option<Figures>,
+    pub(crate) heading: Option<Figures>,
     /// Pooled over the runs that did not diverge; null when all did.
-    without_diverged: Option<ErrorFigures>,
+    pub(crate) without_diverged: Option<ErrorFigures>,
     /// 95 % intervals of the pooled means, by a bootstrap over runs; null for a single run.
-    mean_ci95: Option<MeanIntervals>,
+    pub(crate) mean_ci95: Option<MeanIntervals>,
     /// Beams used of a scan, on average.
-    used_beams_per_scan: f64,
+    pub(crate) used_beams_per_scan: f64,
     /// Particles at a scan, on average.
-    particles_per_scan: f64,
+    pub(crate) particles_per_scan: f64,
     /// What the filter said of itself, pooled over runs and scans.
     #[serde(flatten)]
-    consistency: Consistency,
+    pub(crate) consistency: Consistency,
     /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.
-    ns_per_beam: Option<f64>,
-    each: Vec<RunFigures>,
+    pub(crate) ns_per_beam: Option<f64>,
+    pub(crate) each: Vec<RunFigures>,
 }
 
 /// One run.
 #[derive(Debug, Serialize)]
-struct RunFigures {
+pub(crate) struct RunFigures {
     run: usize,
     diverged: Option<bool>,
     lost_episodes: Option<Vec<LostEpisode>>,
@@ -65,20 +123,24 @@ struct RunFigures {
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
-struct MeanIntervals {
-    weighted: Interval,
-    translation: Interval,
-    heading: Interval,
+pub(crate) struct MeanIntervals {
+    pub(crate) weighted: Interval,
+    pub(crate) translation: Interval,
+    pub(crate) heading: Interval,
 }
 
 impl Localization {
-    /// Figures of at least one run over the scans of a log; `seed` is that of the bootstrap.
+    /// Figures of at least one run over the scans of a log; `seed` is that of all runs.
+    ///
+    /// # Errors
+    /// When there is no run, or an error is not finite.
     pub fn of(
         runs: &[FinishedRun],
         source: &LogSource,
         bridged_steps: usize,
-        seed: Seed,
+        seed: u64,
     ) -> Result<Self> {
+        let seed = Seed::new(seed).derive("bootstrap").derive(&source.name);
         let scans = source.recording.scans.len();
         let has_reference = |scan: &usize| source.recording.scans[*scan].map_from_laser.is_some();
         let placed: Vec<usize> = (0..scans).filter(has_reference).collect();
@@ -136,91 +198,6 @@ impl Localization {
             consistency: tally.summary(),
             each,
         })
-    }
-
-    /// What a user wants to read of it.
-    pub fn text(
-        &self,
-        args: &LocalizeArgs,
-        (filter, sigma_hit): (&FilterSettings, f64),
-        source: &LogSource,
-        map_points: usize,
-    ) -> String {
-        let mut text = format!(
-            "{} on {} ({} points)\n{} of {} scans, preset {}, {} particles, σ_hit {sigma_hit:.2} m, {:.1} beams used per scan, \
-             each at least {:.2} of the largest likelihood\n",
-            source.title,
-            args.map.display(),
-            thousands(map_points),
-            counted(self.runs, "run"),
-            thousands(source.recording.scans.len()),
-            args.preset,
-            match filter.particles.is_fixed() {
-                true => thousands(filter.particles.most),
-                false =>
-                    format!("{} ({:.0} on average)", filter.particles, self.particles_per_scan),
-            },
-            self.used_beams_per_scan,
-            filter.relative_floor(sigma_hit)
-        );
-        text += &format!("reference: {}\n", reference_of(source));
-        match (self.weighted, self.translation, self.heading) {
-            (Some(weighted), Some(translation), Some(heading)) => {
-                let scans = source.recording.scans.len();
-                if self.reference_scans < scans {
-                    text += &format!(
-                        "errors over the {} of {} scans that have a reference pose\n",
-                        thousands(self.reference_scans),
-                        thousands(scans)
-                    );
-                }
-                text += &ErrorFigures { weighted, translation, heading }.table();
-            }
-            _ => text += "no errors: the log has no reference poses\n",
-        }
-        if let Some(MeanIntervals { weighted: Interval { low, high }, .. }) = self.mean_ci95 {
-            text += &format!(
-                "mean weighted error: 95 % interval {low:.4} … {high:.4} (bootstrap over runs)\n"
-            );
-        }
-        if let (Some(diverged), Some(lost), Some(recovered)) =
-            (self.diverged, self.lost, self.recovered)
-        {
-            text += &format!(
-                "{diverged} of {} diverged; lost {}, found again {}\n",
-                counted(self.runs, "run"),
-                counted(lost, "time"),
-                counted(recovered, "time")
-            );
-            if let Some(rest) = self.without_diverged.filter(|_| diverged > 0) {
-                text += &format!("without diverged runs:\n{}", rest.table());
-            }
-        }
-        let Consistency { median_nees, inside_95, log_evidence, explained_beams, .. } =
-            self.consistency;
-        if let (Some(nees), Some(inside)) = (median_nees, inside_95) {
-            text += &format!(
-                "the reference lies within the 95 % ellipsoid on {:.0} % of the scans (median NEES {nees:.1}; \
-                 2.4 expected)\n",
-                100.0 * inside
-            );
-        }
-        if let (Some(evidence), Some(explained)) = (log_evidence, explained_beams) {
-            text += &format!(
-                "{:.0} % of the beams are explained by the map; log-evidence {evidence:.1} per scan\n",
-                100.0 * explained
-            );
-        }
-        if let Some(nanoseconds) = self.ns_per_beam {
-            text += &format!("{nanoseconds:.2} ns per particle and beam on one thread\n");
-        }
-        if let Some(folder) = &args.output {
-            text += &format!("{}\n", folder.display());
-        }
-        if let Some(path) = &args.replay {
-            text += &format!("{}: run 0, to be looked at\n", path.display());
-        }
-        text
     }
 }
 

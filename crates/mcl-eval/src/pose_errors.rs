@@ -1,4 +1,4 @@
-//! Pose errors of a run, and the four figures that are told of them.
+//! Pose errors of a run, and the four figures that are reported of them.
 
 use std::fmt::Write;
 
@@ -32,12 +32,16 @@ impl ErrorSamples {
     }
 }
 
-/// What is told of a set of errors, in their unit.
+/// What is reported of a set of errors, in their unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Figures {
+    /// Mean.
     pub mean: f64,
+    /// Median.
     pub median: f64,
+    /// Root mean square.
     pub rmse: f64,
+    /// Largest error.
     pub max: f64,
 }
 
@@ -58,8 +62,11 @@ impl From<Summary> for Figures {
 /// Figures of all three errors.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorFigures {
+    /// Weighted error (equation 7), radians and metres.
     pub weighted: Figures,
+    /// Distance of the positions in metres.
     pub translation: Figures,
+    /// |δθ| in radians.
     pub heading: Figures,
 }
 
