@@ -17,7 +17,7 @@ const STATEMENT: usize = 38;
 const GAP: &str = "  ";
 
 /// What names of maps mean; with the first of them.
-const NAMES: &str = "gbs is grid-based, rnd random, f-km fuzzy k-means";
+const NAMES: &str = "gbs is grid-based, rnd random sampling, f-km fuzzy k-means";
 
 /// A line per claim that was decided, on one data set with its effect, on several with the number of those on which it
 /// holds; the rest is counted. Then the numbers that matter, where the figures are, and what to do next. Names from data
@@ -251,7 +251,7 @@ mod tests {
             let claims: Vec<&&str> =
                 lines.iter().filter(|l| l.starts_with("yes ") || l.starts_with("no ")).collect();
             assert!(claims.len() >= 8, "{text}");
-            assert!(text.contains(" not testable; tests: "), "{text}");
+            assert!(text.contains(" not testable; tests: `mcl-eval claims"), "{text}");
             assert!(text.contains("mean error d (diverged runs)"), "{text}");
             assert!(lines[lines.len() - 1].contains("aces, intel-lab"), "{text}");
             for meaning in ["grid-based", "random sampling", "fuzzy k-means"] {

@@ -111,14 +111,22 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
 #[test]
 fn figures_without_memory_are_an_error_that_says_which_and_how_much() {
     let bench = Bench::new(&[("three", THREE_TRIALS), ("likelihood", LIKELIHOOD)]);
+    // What the program takes to start, which is mostly its own size.
+    let starts = |megabytes: &u32| {
+        let limits = format!("ulimit -v {}", 1024 * megabytes);
+        let version =
+            limited(&bench, &limits, &["--version"]).env("MALLOC_ARENA_MAX", "1").output();
+        version.unwrap().status.success()
+    };
+    let start = (10..400).find(starts).unwrap();
     for experiment in ["three", "likelihood"] {
         let folder = bench.study(experiment, experiment, &[]);
         let expected = office::contents(&folder);
         let figures: Vec<_> =
             expected.keys().filter(|path| path.starts_with("figures")).cloned().collect();
         let mut codes = Vec::new();
-        // From where the program itself has no memory to where every figure has.
-        for megabytes in [40, 70, 120, 170, 390] {
+        // From where there is memory for rows and texts alone to where there is enough for every figure.
+        for megabytes in [10, 40, 90, 140, 360].map(|more| start + more) {
             for figure in &figures {
                 drop(fs::remove_file(folder.join(figure)));
             }

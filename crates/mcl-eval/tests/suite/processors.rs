@@ -121,7 +121,9 @@ fn assert_mask_counts() {
     }
     let bits = |mask: Option<&str>| {
         let mut command = Command::new(env::current_exe().unwrap());
-        command.args(["--exact", "bits_of_the_c_library", "--nocapture"]).env(PRINTED, "yes");
+        command
+            .args(["--exact", "processors::bits_of_the_c_library", "--nocapture"])
+            .env(PRINTED, "yes");
         command.envs(mask.map(|mask| (TUNABLES, mask))).stderr(Stdio::inherit());
         String::from_utf8(command.output().unwrap().stdout).unwrap()
     };
