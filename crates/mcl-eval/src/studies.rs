@@ -23,11 +23,9 @@ impl BuiltIn {
     pub fn title(&self) -> String {
         let lines = self.text.lines().map_while(|line| line.strip_prefix('#'));
         let comment = lines.map(str::trim).collect::<Vec<_>>().join(" ");
-        let end = comment.match_indices(['.', '?']).map(|(at, _)| at + 1);
+        let mut ends = comment.match_indices(['.', '?']).map(|(at, _)| at + 1);
         // A point within a word, as in a file's name, ends nothing.
-        let end = end
-            .into_iter()
-            .find(|&end| comment[end..].is_empty() || comment[end..].starts_with(' '));
+        let end = ends.find(|&end| comment[end..].is_empty() || comment[end..].starts_with(' '));
         comment[..end.unwrap_or(comment.len())].to_owned()
     }
 }
