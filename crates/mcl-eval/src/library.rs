@@ -14,8 +14,8 @@ use clap::Parser;
 
 use crate::cli::args::{Cli, Command, LocalizeArgs};
 use crate::cli::localize::{Watchers, checked_settings, first_pose, one_run};
-use crate::cli::map::{Watch, build, check_arguments};
 pub use crate::cli::map::Folds;
+use crate::cli::map::{Watch, build, check_arguments};
 use crate::localization::{FinishedRun, Localization, run_seed};
 use crate::progress::told_once;
 
@@ -27,7 +27,8 @@ pub fn words(error: &anyhow::Error) -> String {
     let Some(usage) = error.downcast_ref::<clap::Error>() else { return told_once(error) };
     let text = usage.to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
-    let end = ["\n\nUsage:", "\n\nFor more information"].iter().filter_map(|tail| text.find(tail)).min();
+    let end =
+        ["\n\nUsage:", "\n\nFor more information"].iter().filter_map(|tail| text.find(tail)).min();
     text[..end.unwrap_or(text.len())].trim_end().to_owned()
 }
 
@@ -62,7 +63,8 @@ pub fn build_map<const D: usize>(
     options: &[String],
     end: End<'_>,
 ) -> Result<(PointMap<D>, Value)> {
-    let Command::Map(args) = parse("map", "points", &["--output", "map.csv", "--json"], options)? else {
+    let Command::Map(args) = parse("map", "points", &["--output", "map.csv", "--json"], options)?
+    else {
         bail!("map was parsed as another command");
     };
     check_arguments(&args)?;

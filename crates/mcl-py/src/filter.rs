@@ -260,7 +260,9 @@ impl ParticleFilter {
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         Ok(column(
             py,
-            self.with(py, |filter| filter.particles().iter().map(|(_, log_weight)| math::exp(log_weight)).collect())?,
+            self.with(py, |filter| {
+                filter.particles().iter().map(|(_, log_weight)| math::exp(log_weight)).collect()
+            })?,
         ))
     }
 }

@@ -385,7 +385,9 @@ fn refine_settings(args: &MapArgs, wanted: Wanted) -> Result<Option<RefineSettin
         (_, None, None) => {}
     }
     if args.no_snap && matches!(args.refine, Some(Refine::Exchange | Refine::Best)) {
-        return refuse("--no-snap does not go with --refine exchange or best, which end with data points");
+        return refuse(
+            "--no-snap does not go with --refine exchange or best, which end with data points",
+        );
     }
     Ok(method.map(|method| RefineSettings {
         method,

@@ -138,7 +138,10 @@ fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
 fn check_replay_name(args: &LocalizeArgs) -> Result<()> {
     let Some(path) = &args.replay else { return Ok(()) };
     if path.extension().is_none_or(|ending| ending != "mcap") {
-        return refuse(&format!("--replay {}: expected a name that ends with .mcap", path.display()));
+        return refuse(&format!(
+            "--replay {}: expected a name that ends with .mcap",
+            path.display()
+        ));
     }
     Ok(())
 }

@@ -6,8 +6,8 @@ use mcl_study::measure::consistency::Consistency;
 
 use crate::cli::args::LocalizeArgs;
 use crate::cli::output::reference_of;
-use crate::pose_errors::ErrorFigures;
 use crate::localization::{Localization, MeanIntervals};
+use crate::pose_errors::ErrorFigures;
 
 /// What a user wants to read of it.
 pub fn text(
@@ -28,8 +28,7 @@ pub fn text(
         args.preset,
         match filter.particles.is_fixed() {
             true => thousands(filter.particles.most),
-            false =>
-                format!("{} ({:.0} on average)", filter.particles, found.particles_per_scan),
+            false => format!("{} ({:.0} on average)", filter.particles, found.particles_per_scan),
         },
         found.used_beams_per_scan,
         filter.relative_floor(sigma_hit)
