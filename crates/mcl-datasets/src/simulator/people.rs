@@ -98,8 +98,8 @@ impl People {
     }
 }
 
-/// Unit vectors along and across the last two of these knots that differ: people who stand face the way they
-/// came.
+/// Unit vectors along and across the last step of this way that moved: people who stand still keep facing in
+/// their last direction of walking.
 fn facing(way: &[Knot]) -> [Point<2>; 2] {
     let moved = way.windows(2).rev().find(|pair| pair[1].walked > pair[0].walked);
     let [x, y] = moved.map_or([1.0, 0.0], |pair| {

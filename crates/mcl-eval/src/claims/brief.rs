@@ -10,7 +10,7 @@ use crate::claims::numbers::{Numbers, numbers, preference};
 use crate::claims::render::{columns, interval, shown};
 use crate::claims::short;
 
-/// Columns taken by the verdict and its gap.
+/// Widths of the verdict and of the statement, in columns.
 const VERDICT: usize = 5;
 const STATEMENT: usize = 38;
 /// Gap between columns; long lines continue below the second column.
