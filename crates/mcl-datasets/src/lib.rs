@@ -30,7 +30,7 @@
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
-// Without bags, what decodes their messages has no caller.
+// Without bags, the message decoder has no caller.
 #[cfg_attr(not(feature = "bags"), allow(dead_code))]
 pub mod bag;
 pub mod carmen;

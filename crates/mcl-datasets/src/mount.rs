@@ -1,9 +1,10 @@
-//! The mount of the laser on the robot, as writers need it: poses of recordings are the laser's, those
-//! in logs the robot's.
+//! The mount of the laser on the robot, as needed by writers: poses in recordings are the laser's, those in
+//! logs the robot's.
 
 use mcl_core::Pose2;
 
-/// Carries poses and increments of the laser over to the robot; exactly, where the two are one.
+/// Converts poses and increments of the laser to those of the robot; exactly, where the two frames are the
+/// same.
 pub(crate) struct Mount {
     robot_from_laser: Pose2,
     laser_from_robot: Pose2,

@@ -1,4 +1,4 @@
-//! Compressed files: gzip, bzip2, xz and zstd, told by their first bytes.
+//! Compressed files: gzip, bzip2, xz and zstd, recognized by their first bytes.
 
 use std::io::{self, BufRead, BufReader, Read};
 
@@ -8,14 +8,14 @@ use flate2::bufread::GzDecoder;
 use liblzma::read::XzDecoder;
 use liblzma::stream::{CONCATENATED, Stream};
 
-/// Bytes at the beginning of a file that tell what it is.
+/// Number of bytes at the beginning of a file used to recognize its format.
 pub(crate) const SNIFFED_BYTES: usize = 1 << 16;
-/// Memory that an xz file may ask its reader for: `xz -9` asks for 65 MiB.
+/// Memory limit for decompressing an xz file, in bytes: `xz -9` needs 65 MiB.
 const XZ_MEMORY: u64 = 256 << 20;
-/// The first bytes of a zstd frame, also of a message that is compressed on its own.
+/// The first bytes of a zstd frame, also of a message that is compressed individually.
 pub(crate) const ZSTD_MAGIC: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
 
-/// How a file is compressed.
+/// The compression of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Packing {
     Gzip,
@@ -26,7 +26,7 @@ enum Packing {
 
 impl Packing {
     fn of(head: &[u8]) -> Option<Self> {
-        // After `BZh` and a digit comes the magic number of a block, or of the end of an empty file.
+        // `BZh` and a digit are followed by the magic number of a block, or of the end of an empty file.
         let is_bzip2 = head.starts_with(b"BZh")
             && matches!(head.get(4..7), Some(b"\x31\x41\x59" | b"\x17\x72\x45"));
         match head {
@@ -39,12 +39,12 @@ impl Packing {
     }
 }
 
-/// The content of a file, unpacked if it is compressed, with its first bytes to look at.
+/// The content of a file, decompressed if needed, with its first bytes for inspection.
 pub(crate) struct Unpacked<'a> {
     /// The first bytes, at most [`SNIFFED_BYTES`], not all of them read yet.
     head: Vec<u8>,
     at: usize,
-    /// Why no more bytes came, to be reported after those that did.
+    /// Why no more bytes came, reported after those that did.
     error: Option<io::Error>,
     rest: Box<dyn BufRead + 'a>,
     /// Whether the file was compressed.
@@ -52,10 +52,10 @@ pub(crate) struct Unpacked<'a> {
 }
 
 impl<'a> Unpacked<'a> {
-    /// Looks at the first bytes of a file.
+    /// Reads the first bytes of a file.
     ///
     /// # Errors
-    /// When not even those of the file itself can be read.
+    /// When not even these can be read.
     pub fn new(file: impl Read + 'a) -> io::Result<Self> {
         let mut file = BufReader::with_capacity(SNIFFED_BYTES, file);
         let packing = Packing::of(file.fill_buf()?);
@@ -119,8 +119,8 @@ fn unpacking<'a>(decoder: impl Read + 'a) -> Box<dyn BufRead + 'a> {
     Box::new(BufReader::with_capacity(SNIFFED_BYTES, Decoder(decoder)))
 }
 
-/// The members of a gzip file one after the other. Zeros after the last one are padding, as tapes and block devices
-/// leave it.
+/// The members of a gzip file one after the other. Zeros after the last one are padding, as left by tapes and
+/// block devices.
 struct Gzip<R>(Option<GzDecoder<R>>);
 
 impl<R: BufRead> Read for Gzip<R> {
@@ -149,7 +149,7 @@ impl<R: BufRead> Read for Gzip<R> {
     }
 }
 
-/// A decompressor whose errors can be told from the system's: each library has its own kinds.
+/// A decompressor whose errors can be distinguished from the system's: each library has its own kinds.
 struct Decoder<R>(R);
 
 impl<R: Read> Read for Decoder<R> {
@@ -163,8 +163,8 @@ impl<R: Read> Read for Decoder<R> {
     }
 }
 
-/// What an error says about compressed data; `None` for errors of the system. Reading a plain file
-/// gives none of these kinds.
+/// The description of an error in compressed data; `None` for errors of the system. Reading a plain file
+/// never gives these kinds.
 pub(crate) fn damage(error: &io::Error) -> Option<String> {
     match error.kind() {
         io::ErrorKind::UnexpectedEof => Some("the compressed data is cut off".to_owned()),
@@ -203,7 +203,7 @@ mod tests {
         }
     }
 
-    /// 200 kB that do not compress away.
+    /// 200 kB of incompressible bytes.
     fn noise() -> Vec<u8> {
         let mut state = 1_u32;
         let mut next = || {
@@ -219,7 +219,7 @@ mod tests {
     fn every_packing_is_told_by_its_first_bytes_also_part_by_part() {
         for bytes in [noise(), Vec::new(), b"FLASER".to_vec()] {
             for packing in ALL {
-                // As `cat a.xz b.xz` gives.
+                // As produced by `cat a.xz b.xz`.
                 let twice = [packed(packing, &bytes), packed(packing, &bytes)].concat();
                 assert_eq!(Packing::of(&twice), Some(packing));
                 let mut found = Vec::new();
@@ -260,7 +260,7 @@ mod tests {
                 let error = Unpacked::new(bytes).unwrap().read_to_end(&mut found).unwrap_err();
                 let told = damage(&error).unwrap_or_else(|| panic!("{packing:?}: {error:?}"));
                 assert!(told.contains(expected), "{packing:?}: {told}");
-                // A checksum tells of damage after it.
+                // A checksum detects damage only after the content.
                 assert!(expected == "damaged" || noise().starts_with(&found), "{packing:?}");
             }
         }

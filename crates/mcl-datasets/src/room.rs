@@ -1,21 +1,21 @@
-//! Memory for what is kept of a log while it is read, asked for before it is taken.
+//! Checks that there is memory for what is kept of a log, before it is allocated.
 
 use mcl_core::OutOfMemory;
 use mcl_core::memory::check_room;
 
-/// Kept between two questions.
+/// Bytes kept between two checks.
 const STEP_BYTES: usize = 8 << 20;
-/// What an allocation takes besides its bytes, at most.
+/// Upper bound on the overhead of an allocation, in bytes.
 pub(crate) const HEAP_BYTES: usize = 32;
 
-/// How much is kept of a log.
+/// Tracks how much is kept of a log.
 #[derive(Debug)]
 pub(crate) struct Room {
     kept: usize,
     asked: usize,
 }
 
-/// Of a log of which little is kept nothing is asked: the question itself takes memory.
+/// No check is made for a log of which little is kept: the check itself takes memory.
 impl Default for Room {
     fn default() -> Self {
         Room { kept: 0, asked: STEP_BYTES }
@@ -23,8 +23,8 @@ impl Default for Room {
 }
 
 impl Room {
-    /// Notes that so many more bytes are kept. From time to time, asks whether there is room for as many again as are
-    /// kept until the next time, and for `later`, which is taken when all is read.
+    /// Records that this many more bytes are kept. From time to time, checks that there is memory for as many
+    /// again as will be kept until the next check, and for `later`, which is allocated when all is read.
     ///
     /// # Errors
     /// [`OutOfMemory`].
@@ -37,7 +37,7 @@ impl Room {
         Ok(())
     }
 
-    /// What is kept so far, in bytes.
+    /// Bytes kept so far.
     pub fn kept(&self) -> u64 {
         self.kept as u64
     }
@@ -51,7 +51,7 @@ mod tests {
     fn what_no_machine_has_is_refused_before_it_is_taken() {
         let mut room = Room::default();
         room.take(100, 1000).unwrap();
-        // Asked for from time to time only.
+        // Checked from time to time only.
         room.take(100, usize::MAX / 2).unwrap();
         let refused = room.take(STEP_BYTES, usize::MAX / 4).unwrap_err();
         assert!(refused.to_string().contains("scans and poses of the log were refused"));

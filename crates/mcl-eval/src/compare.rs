@@ -1,4 +1,4 @@
-//! Whether results that were computed again are those of an earlier run.
+//! Compares results with those of an earlier run.
 
 use std::fs;
 use std::io::Read;
@@ -16,16 +16,16 @@ use mcl_study::store::results::{MANIFEST, Manifest, TIMINGS};
 /// Differences described; further ones are only counted.
 const DETAILS: usize = 20;
 
-/// What results that were computed again have in common with earlier ones.
+/// The result of comparing results with earlier ones.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Comparison {
     /// Files that were compared.
     pub files: usize,
-    /// Files that can only be compared byte by byte, while a tolerance was asked for.
+    /// Files that can only be compared byte by byte, and were left out because of a tolerance.
     pub left_out: usize,
     /// Number of differences.
     pub differences: usize,
-    /// The first of them: file, place, what was found and expected.
+    /// The first of them: file, position, values found and expected.
     pub details: Vec<String>,
 }
 
@@ -38,9 +38,9 @@ impl Comparison {
     }
 }
 
-/// Compares what is in a result folder with the files of an earlier one, which may hold only some:
-/// tables cell by cell, numbers within a relative tolerance; with a tolerance of 0 every file byte by
-/// byte, apart from the build that a manifest names. Times and memory are no results.
+/// Compares a result folder with the files of an earlier one, which may hold only some: tables cell by cell,
+/// numbers within a relative tolerance; with a tolerance of 0 every file byte by byte, apart from the build
+/// in a manifest. Times and memory are not compared.
 ///
 /// # Errors
 /// When a file cannot be read.
@@ -95,12 +95,11 @@ fn same_data(found: &[u8], expected: &[u8]) -> bool {
     read(found).is_some_and(|found| Some(known(found)) == read(expected).map(known))
 }
 
-/// Folders of rows as they were saved, which lie in as many files as there were runs, and of what programs of others
-/// wrote to stderr.
+/// Folders that are not results: rows as saved, in as many files as there were processes, and the stderr of
+/// external programs.
 const NO_RESULTS: [&str; 2] = [PARTS, FAILED_RUNS];
 
-/// All files below a folder that are results.
-/// Links to folders are not followed: they may lead in a circle.
+/// All files below a folder that are results. Links to folders are not followed: they may form a cycle.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     let cannot = || format!("cannot look for results in {}", folder.display());
     for entry in fs::read_dir(folder).with_context(cannot)? {
@@ -119,7 +118,8 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     Ok(())
 }
 
-/// Whether a column is of times or memory, which are no results; that of a summary has more in its name.
+/// Whether a column holds times or memory, which differ from run to run; a summary's column has a longer
+/// name.
 fn is_measured_anew(column: &str) -> bool {
     let is_of = |name: &str| {
         let rest = column.strip_prefix("kept_").unwrap_or(column).strip_prefix(name);
@@ -168,7 +168,7 @@ fn compare_tables(
     Ok(())
 }
 
-/// Whether two cells are the same text, or numbers that differ by no more than the tolerance allows.
+/// Whether two cells are the same text, or numbers that differ by no more than the tolerance.
 fn agree(found: &str, expected: &str, tolerance: f64) -> bool {
     let numbers = || {
         let (found, expected) = (found.parse::<f64>().ok()?, expected.parse::<f64>().ok()?);

@@ -1,5 +1,5 @@
-//! Commands as functions, for programs that call them: options by their names on the command line, results as values.
-//! With the same options and seeds they give the same digits as the commands.
+//! Commands as functions, for programs that call them: options by their names on the command line, results as
+//! values. With the same options and seeds the results have the same digits as those of the commands.
 
 use mcl_core::{Point, PointMap, Pose2};
 use mcl_filter::sensor::FreeSpace;
@@ -19,7 +19,7 @@ use crate::cli::map::{Watch, build, check_arguments};
 use crate::localization::{FinishedRun, Localization, run_seed};
 use crate::progress::told_once;
 
-/// Asked again and again during long work; an error ends it.
+/// Called repeatedly during long work; an error ends it.
 pub type End<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
 /// The text of an error as the command line writes it, without the advice to try --help.
@@ -32,8 +32,8 @@ pub fn words(error: &anyhow::Error) -> String {
     text[..end.unwrap_or(text.len())].trim_end().to_owned()
 }
 
-/// Parses the options of a command; `name` is the log, and `needed` are options that the command asks for and the caller
-/// does without.
+/// Parses the options of a command; `name` is the log, and `needed` are options that the command requires and
+/// the caller does not use.
 fn parse(command: &str, name: &str, needed: &[&str], options: &[String]) -> Result<Command> {
     let words = ["mcl-eval", command].into_iter().chain(needed.iter().copied());
     let words = words.chain(options.iter().map(String::as_str)).chain(["--", name]);
@@ -51,12 +51,12 @@ pub fn open(name: &str, options: &[String]) -> Result<DataSource> {
     }
 }
 
-/// Builds a map of points; the options are those of `map`, and the second value is what `map --json` prints. Only scans
-/// have `folds` ([`StudyData::folds`](mcl_study::trial::division::StudyData::folds)). Where `end` gives an error
-/// during a refinement, the thread unwinds with the error.
+/// Builds a map of points; the options are those of `map`, and the second value is the output of `map
+/// --json`. Only scans have `folds` ([`StudyData::folds`](mcl_study::trial::division::StudyData::folds)). If
+/// `end` returns an error during a refinement, the thread unwinds with it.
 ///
 /// # Errors
-/// Usage errors, and points or settings of which no map can be built.
+/// Usage errors, and points or settings from which no map can be built.
 pub fn build_map<const D: usize>(
     points: Vec<Point<D>>,
     folds: Option<Folds<'_, D>>,
@@ -91,7 +91,7 @@ impl FilterOptions {
     /// The settings of the filter.
     ///
     /// # Errors
-    /// Usage errors: values out of range, and combinations that mean nothing.
+    /// Usage errors: values out of range, and invalid combinations.
     pub fn settings(&self) -> Result<CheckedSettings> {
         checked_settings(&self.0, self.0.log.max_range.unwrap_or(DEFAULT_MAX_RANGE))
     }
@@ -113,16 +113,17 @@ pub struct Localized {
     pub runs: Vec<Run>,
     /// The errors of each run.
     pub finished: Vec<FinishedRun>,
-    /// What `localize --json` prints.
+    /// The output of `localize --json`.
     pub figures: Localization,
-    /// Steps that the odometry says nothing of.
+    /// Steps with unknown odometry.
     pub bridged: Bridge,
 }
 
-/// Localizes the robot of a log on a map, whose free space may be known. The limit of readings is that of the log.
+/// Localizes the robot of a log on a map, with the map's free space where known. The limit of readings is
+/// that of the log.
 ///
 /// # Errors
-/// Usage errors, and what [`LogSource`] or filter lack.
+/// Usage errors, a [`LogSource`] without the required data, and errors of the filter.
 pub fn localize(
     source: &LogSource,
     map: &PointMap<2>,

@@ -1,4 +1,4 @@
-//! Runs of the filter over a log, and what is reported of them: the figures of `localize`.
+//! Runs of the filter over a log, and their report: the figures of `localize`.
 
 use std::time::Duration;
 
@@ -18,12 +18,13 @@ use mcl_study::measure::consistency::{Consistency, Tally, scan_nees};
 /// Resamples of the bootstrap over runs.
 const RESAMPLES: usize = 10_000;
 
-/// The seed of a run: the same for every map, so that maps are compared on the same draws. `name` is that of the log.
+/// The seed of a run: the same for every map, so that maps are compared with the same random draws. `name` is
+/// that of the log.
 pub fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
     Seed::new(seed).derive("localization").derive(name).derive_index(u64::from(number))
 }
 
-/// A run of the filter, as far as the figures need it.
+/// The part of a run that the figures need.
 pub struct FinishedRun {
     /// Against the reference, one entry per scan that has one; `None` where none has.
     pub errors: Option<ErrorSamples>,
@@ -35,14 +36,14 @@ pub struct FinishedRun {
     weighed: f64,
     /// Mean over the scans.
     particles: f64,
-    /// What the filter reported of itself.
+    /// The filter's consistency.
     tally: Tally,
-    /// Time of its thread inside the filter: drawing the first particles, and all steps.
+    /// Time of its thread inside the filter: drawing the initial particles, and all steps.
     elapsed: Duration,
 }
 
 impl FinishedRun {
-    /// Of a run over all scans of a log, which took its thread so long.
+    /// From a run over all scans of a log, with the time of its thread.
     ///
     /// # Errors
     /// When the run has no estimate for a scan of the log, or one that is not finite.
@@ -76,17 +77,17 @@ impl FinishedRun {
     }
 }
 
-/// What all runs together found. Errors are pooled over runs and scans, and null without a reference.
+/// The results of all runs. Errors are pooled over runs and scans, and null without a reference.
 #[derive(Debug, Serialize)]
 pub struct Localization {
     pub(crate) runs: usize,
-    /// The reference that errors are taken against, and whose poses it has.
+    /// The reference of the errors, and whose poses it has.
     pub(crate) reference: Option<String>,
-    /// Scans that have a reference pose; errors are those of these.
+    /// Number of scans with a reference pose, which are those with errors.
     pub(crate) reference_scans: usize,
-    /// Steps that the odometry says nothing of, on which the filter spreads the particles.
+    /// Steps with unknown odometry, on which the filter spreads the particles.
     pub(crate) bridged_steps: usize,
-    /// Runs that ended lost; null without a reference.
+    /// Number of runs that ended lost; null without a reference.
     pub(crate) diverged: Option<usize>,
     /// Times that a robot was lost within a run, and times that it was found again.
     pub(crate) lost: Option<usize>,
@@ -98,11 +99,11 @@ pub struct Localization {
     pub(crate) without_diverged: Option<ErrorFigures>,
     /// 95 % intervals of the pooled means, by a bootstrap over runs; null for a single run.
     pub(crate) mean_ci95: Option<MeanIntervals>,
-    /// Beams used of a scan, on average.
+    /// Mean number of beams used of a scan.
     pub(crate) used_beams_per_scan: f64,
-    /// Particles at a scan, on average.
+    /// Mean number of particles at a scan.
     pub(crate) particles_per_scan: f64,
-    /// What the filter said of itself, pooled over runs and scans.
+    /// The filter's consistency, pooled over runs and scans.
     #[serde(flatten)]
     pub(crate) consistency: Consistency,
     /// Nanoseconds of a thread's work per particle and used beam; null when no beam was used.

@@ -1,4 +1,4 @@
-//! Pose errors of a run, and the four figures that are reported of them.
+//! Pose errors of a run, and the four figures reported of them.
 
 use std::fmt::Write;
 
@@ -32,7 +32,7 @@ impl ErrorSamples {
     }
 }
 
-/// What is reported of a set of errors, in their unit.
+/// The figures of a set of errors, in the unit of the errors.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Figures {
     /// Mean.
@@ -46,7 +46,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Of the samples of one run.
+    /// From the samples of one run.
     pub fn of(samples: &[f64]) -> Result<Self, MetricsError> {
         Ok(Summary::of(samples)?.into())
     }
@@ -71,7 +71,7 @@ pub struct ErrorFigures {
 }
 
 impl ErrorFigures {
-    /// Of the errors of all runs together; at least one run.
+    /// From the errors of all runs together; at least one run.
     pub fn pooled(runs: &[&ErrorSamples]) -> Result<Self, MetricsError> {
         let pooled = |samples: fn(&ErrorSamples) -> &[f64]| {
             let runs: Vec<&[f64]> = runs.iter().map(|run| samples(run)).collect();
@@ -115,12 +115,12 @@ impl Figures {
     }
 }
 
-/// The names of the figures, over the lines of [`table_line`].
+/// The header line for [`table_line`].
 fn table_head() -> String {
     format!("  {:<18}{:>10}{:>10}{:>10}{:>10}\n", "", "mean", "median", "rmse", "max")
 }
 
-/// The figures under their names.
+/// The figures, aligned with the header.
 pub fn table_line(name: &str, figures: &Figures) -> String {
     let mut line = format!("  {name:<18}");
     for value in [figures.mean, figures.median, figures.rmse, figures.max] {

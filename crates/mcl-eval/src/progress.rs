@@ -1,5 +1,5 @@
-//! What is told on standard error: lines, and progress bars. No bars when it is no terminal, or when told
-//! to be quiet; a study then tells a line a minute. Lines on a terminal are broken between words.
+//! Output on standard error: lines, and progress bars. No bars without a terminal, or with `--quiet`; without
+//! a terminal a study reports a line a minute. Lines on a terminal are broken between words.
 
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
@@ -12,8 +12,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use mcl_core::text::printable;
 use terminal_size::terminal_size_of;
 
-/// Tells a line on standard error, formatted as by `eprintln!`. That nobody can be told (the reader of a
-/// pipe went away, the disk of a log is full) must not end a long run, as it would with `eprintln!`.
+/// Reports a line on standard error, formatted as by `eprintln!`. A failure to write it (the reader of a pipe
+/// is gone, the disk of a log is full) must not end a long run, as it would with `eprintln!`.
 macro_rules! tell {
     ($($argument:tt)*) => {
         $crate::progress::tell_line(format_args!($($argument)*))
@@ -23,7 +23,7 @@ pub(crate) use tell;
 
 /// See [`tell!`].
 pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
-    // Names from files and arguments may hold what a terminal carries out.
+    // Names from files and arguments may contain control sequences.
     let line = line.to_string();
     let mut line = line.split('\n').map(printable).collect::<Vec<_>>().join("\n");
     let mut stderr = io::stderr().lock();
@@ -35,7 +35,7 @@ pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
     drop(stderr.write_all(line.as_bytes()));
 }
 
-/// An error with its causes, but for causes that the message before already tells.
+/// An error with its causes, except causes that the preceding message already contains.
 pub fn told_once(error: &anyhow::Error) -> String {
     let mut text = String::new();
     let mut before = String::new();
@@ -50,15 +50,15 @@ pub fn told_once(error: &anyhow::Error) -> String {
     text
 }
 
-/// Text whose lines are no wider than a terminal, broken between words; what has no space in it, such as
-/// a path, stays whole. Lines go on below their value (after two spaces), or below their first word.
+/// Text with lines no wider than a terminal, broken between words; what has no space in it, such as a path,
+/// stays whole. Lines continue below their value (after two spaces), or below their first word.
 pub(crate) fn wrapped(text: &str, width: usize) -> String {
     let mut lines = Vec::new();
     for line in text.lines() {
         let indent = indent_of(line, width);
         let mut rest = line.to_owned();
         while rest.chars().count() > width {
-            // Where the last space is that leaves something before it.
+            // The last space with something before it.
             let cut =
                 rest.char_indices().take(width + 1).filter(|&(at, c)| c == ' ' && at > indent);
             let next = rest.char_indices().find(|&(at, c)| c == ' ' && at > indent);
@@ -82,14 +82,14 @@ fn indent_of(line: &str, width: usize) -> usize {
     value.filter(|&value| line.is_char_boundary(value) && value <= width / 2).unwrap_or(first)
 }
 
-/// Without a terminal, how often it is told how far a study is.
+/// Interval of progress reports without a terminal.
 const EVERY: Duration = Duration::from_secs(60);
 
-/// How far a study is on a data set: a bar on a terminal, else a line a minute.
+/// Progress of a study on a data set: a bar on a terminal, else a line a minute.
 pub struct StudyProgress {
     bar: ProgressBar,
     state: Arc<Mutex<State>>,
-    /// Ends the thread that tells lines, and what it is waited for with.
+    /// Ends the thread that reports lines, and its handle.
     teller: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
@@ -97,7 +97,7 @@ struct State {
     ended: usize,
     all: usize,
     share: f64,
-    /// When all will have ended, as far as that is known.
+    /// When all will have ended, as far as known.
     end: Option<Instant>,
 }
 
@@ -115,16 +115,16 @@ impl State {
 }
 
 impl StudyProgress {
-    /// In parts of the whole, so that the bar follows the work and not the number of trials.
+    /// The bar counts in parts of the whole, so that it follows the work and not the number of trials.
     const PARTS: f64 = 1e6;
 
-    /// On a data set of this name.
+    /// For a data set of this name.
     pub fn new(dataset: &str, quiet: bool) -> Self {
         let state = State { ended: 0, all: 0, share: 0.0, end: None };
         let state = Arc::new(Mutex::new(state));
         let shared = state.clone();
         let left = move |_: &ProgressState, text: &mut dyn fmt::Write| {
-            // A bar that cannot be drawn is none.
+            // A bar that cannot be drawn is left out.
             let left = shared.lock().unwrap_or_else(PoisonError::into_inner).left();
             text.write_str(&left).unwrap_or_default();
         };
@@ -136,12 +136,12 @@ impl StudyProgress {
         StudyProgress { bar, state, teller }
     }
 
-    /// Trials will be run, and take about so long.
+    /// Trials are about to run, with an estimate of the time.
     pub fn begin(&self, trials: usize, expected: Duration) {
         self.set(0, trials, 0.0, expected);
     }
 
-    /// So many trials have ended, which were this share of the work, and the others take about so long.
+    /// This many trials have ended, with this share of the work, and an estimate of the time left.
     pub fn set(&self, ended: usize, all: usize, share: f64, left: Duration) {
         let end = Instant::now().checked_add(left);
         *self.state.lock().unwrap_or_else(PoisonError::into_inner) =
@@ -150,7 +150,7 @@ impl StudyProgress {
         self.bar.set_message(format!("{ended}/{all} trials"));
     }
 
-    /// Tells a line that the bar does not overwrite.
+    /// Reports a line that the bar does not overwrite.
     pub fn tell(&self, line: fmt::Arguments<'_>) {
         self.bar.suspend(|| tell_line(line));
     }
@@ -161,13 +161,13 @@ impl Drop for StudyProgress {
         self.bar.finish_and_clear();
         if let Some((end, teller)) = self.teller.take() {
             drop(end);
-            // It has nothing that could fail.
+            // The thread cannot fail.
             drop(teller.join());
         }
     }
 }
 
-/// Tells how far a study is again and again, until the sender is dropped; without a thread to be had, never.
+/// Reports progress at intervals until the sender is dropped; never, if no thread can be created.
 fn tell_every(
     every: Duration,
     dataset: &str,
@@ -203,7 +203,7 @@ pub fn bar(length: u64, what: &str, quiet: bool) -> ProgressBar {
     shown(Some(length), template(style), what, quiet)
 }
 
-/// A line for work whose end nobody knows beforehand.
+/// A line for work of unknown length.
 pub fn spinner(what: &str, quiet: bool) -> ProgressBar {
     shown(None, template("{spinner} {prefix}: {wide_msg} {elapsed}"), what, quiet)
 }
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
     }
 
-    /// Without a terminal nothing was told until the last trial had ended.
+    /// Fault: without a terminal nothing was reported until the last trial had ended.
     #[test]
     fn how_far_a_study_is_is_one_line() {
         let mut state = State { ended: 210, all: 460, share: 0.4599, end: None };

@@ -1,4 +1,4 @@
-//! The studies that the program has in it, so that `mcl-eval run likelihood` works in any folder: those of the
+//! The studies compiled into the program, so that `mcl-eval run likelihood` works in any folder: those of the
 //! repository's `experiments/` and of the examples there.
 
 use std::path::{MAIN_SEPARATOR, Path};
@@ -9,7 +9,7 @@ use strsim::damerau_levenshtein;
 
 include!(concat!(env!("OUT_DIR"), "/studies.rs"));
 
-/// A study that is built in.
+/// A built-in study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BuiltIn {
     /// Its name: that of its file, without the ending.
@@ -19,34 +19,34 @@ pub struct BuiltIn {
 }
 
 impl BuiltIn {
-    /// What it is about: the first sentence of the comment at the top of its file.
+    /// Its title: the first sentence of the comment at the top of its file.
     pub fn title(&self) -> String {
         let lines = self.text.lines().map_while(|line| line.strip_prefix('#'));
         let comment = lines.map(str::trim).collect::<Vec<_>>().join(" ");
         let mut ends = comment.match_indices(['.', '?']).map(|(at, _)| at + 1);
-        // A point within a word, as in a file's name, ends nothing.
+        // A dot within a word, as in a file name, does not end the sentence.
         let end = ends.find(|&end| comment[end..].is_empty() || comment[end..].starts_with(' '));
         comment[..end.unwrap_or(comment.len())].to_owned()
     }
 }
 
-/// Those that are built in, sorted by name.
+/// The built-in studies, sorted by name.
 pub fn built_in() -> &'static [BuiltIn] {
     BUILT_IN
 }
 
-/// A list of those that are built in with what they are about, for the help of commands.
+/// A list of the built-in studies with their titles, for help texts.
 pub(crate) fn listed() -> String {
     let lines = BUILT_IN.iter().map(|study| format!("\n{}: {}", study.name, study.title()));
     format!("Built-in studies, taken by name:{}", lines.collect::<String>())
 }
 
-/// Reads and checks a study: the file at `path`, or, where `path` is a plain name and nothing of that name is there, the
-/// built-in study of this name.
+/// Reads and checks a study: the file at `path`, or, where `path` is a plain name and no such file exists,
+/// the built-in study of this name.
 ///
 /// # Errors
-/// As [`Study::read`]; for a name that neither a file nor a built-in study has; for a built-in study that reads files
-/// that lie beside it in the repository.
+/// As [`Study::read`]; for a name that is neither a file nor a built-in study; for a built-in study that
+/// reads files beside it in the repository.
 pub fn read(path: &Path) -> Result<Study> {
     let name = path.to_str().filter(|name| {
         !name.contains(['/', MAIN_SEPARATOR]) && !name.ends_with(".toml") && !path.exists()

@@ -1,4 +1,4 @@
-//! Sizes and σ that the data chooses (docs/refinement.md).
+//! Sizes and σ chosen by the data (docs/refinement.md).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,32 +13,32 @@ use serde::Serialize;
 use crate::recipe::criterion::Criterion;
 use crate::trial::division::Division;
 
-/// Sizes are tried from this many points up.
+/// The smallest size tried, in points.
 const SMALLEST_SIZE: f64 = 2.0;
-/// σ is looked for between these (m).
+/// Range of the search for σ (m).
 pub const SIGMA_RANGE: [f64; 2] = [0.005, 5.0];
 
-/// A number that was chosen, and what it was chosen from.
+/// A chosen number, and the values that were tried.
 #[derive(Debug, Clone, Serialize)]
 pub struct Chosen {
-    /// What decided.
+    /// The criterion that decided.
     pub by: Criterion,
     /// The chosen number of points, or σ in metres.
     pub value: f64,
-    /// What was tried (a number of points, or σ in metres), with the score that decided (smaller is better).
+    /// The values tried (a number of points, or σ in metres), with their scores (smaller is better).
     pub tried: Vec<Tried>,
 }
 
-/// Builds a map of some points at a size (`None`: one that the builder does not need to be given) and
-/// σ (m).
+/// Builds a map of some points at a size (`None`: one that the builder does not need) and σ (m).
 pub type Build<'a, const D: usize> =
     &'a (dyn Fn(&PointSet<D>, Option<MapSize>, f64) -> Result<PointMap<D>> + Sync);
 
-/// What maps are built of and rated by.
+/// The data that maps are built from and rated by.
 pub struct Rating<'a, const D: usize> {
     /// All points.
     pub data: &'a PointSet<D>,
-    /// Other points, for [`Criterion::HeldOut`]: what maps are built of, and what rates these.
+    /// Divisions of the points, for [`Criterion::HeldOut`]: points that maps are built from, and points that
+    /// rate these.
     pub folds: &'a [Arc<Division<D>>],
     /// How maps are built.
     pub build: Build<'a, D>,
@@ -85,7 +85,7 @@ impl<const D: usize> Rating<'_, D> {
         }
     }
 
-    /// The number of points by a criterion. `observe` is shown what is tried.
+    /// The number of points chosen by a criterion. `observe` is called with each value tried.
     ///
     /// # Errors
     /// As [`Rating::score`].
@@ -96,7 +96,7 @@ impl<const D: usize> Rating<'_, D> {
         observe: impl Fn(&Tried),
     ) -> Result<Chosen> {
         let largest = self.largest(by);
-        // Sizes that round to the same are built once.
+        // Sizes that round to the same number are built once.
         let mut known: BTreeMap<usize, f64> = BTreeMap::new();
         let score = |value: f64| -> Result<f64> {
             let points = (value.round() as usize).clamp(1, largest);
@@ -113,7 +113,7 @@ impl<const D: usize> Rating<'_, D> {
         Ok(chosen(by, minimize(&search, score)?, f64::round))
     }
 
-    /// σ by a criterion. `observe` is shown what is tried.
+    /// σ (m) chosen by a criterion. `observe` is called with each value tried.
     ///
     /// # Errors
     /// As [`Rating::score`].

@@ -1,9 +1,9 @@
-//! Studies: what is compared, on what data, and how it is counted.
+//! Studies: what is compared, on which data, and how it is measured.
 //!
-//! Everything that is compared is a row of one tidy table. A [`recipe`] says how a map comes
-//! about and how a robot is localized on it; a *trial* is a map and the runs on it; measures ([`measure`])
-//! are what is found out about either. A [`study`] is a file that lists recipes, measures, and
-//! the views that its tables and figures show.
+//! Everything that is compared is a row of one tidy table. A [`recipe`] defines how a map is built and how a
+//! robot is localized on it; a *trial* is a map and the runs on it; measures ([`measure`]) are computed of
+//! either. A [`study`] is a file that lists recipes, measures, and the views that its tables and figures
+//! show.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 

@@ -1,4 +1,4 @@
-//! Running a study on a data set, and going on where an earlier run ended.
+//! Runs a study on a data set, resuming earlier runs.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -35,64 +35,65 @@ use crate::trial::scheduler::run_trials;
 use crate::trial::stopwatch::Stopwatch;
 use crate::trial::tracking::TrackedRun;
 
-/// What happens while a study runs.
+/// Progress of a study.
 pub enum Event<'e> {
     /// Before the first trial.
     Started {
-        /// Trials that an earlier run left done.
+        /// Trials completed by earlier runs.
         done: usize,
-        /// Trials in all.
+        /// Total number of trials.
         asked: usize,
-        /// What was found damaged in the rows of earlier runs.
+        /// Damage found in the rows of earlier runs.
         damage: &'e [String],
     },
-    /// The trials that are missing are about to be run; not told where none is.
+    /// The missing trials are about to be run; not sent when none is missing.
     Begins {
-        /// How many they are.
+        /// Their number.
         trials: usize,
-        /// Threads that they run on.
+        /// Number of threads.
         threads: usize,
-        /// Ordinary time that they will take, as estimated.
+        /// Estimated wall-clock time.
         expected: Duration,
     },
     /// A trial ended.
     Ended {
-        /// Trials that ended in this run, and those to be run.
+        /// Number of trials that ended in this run, and number to be run.
         ended: (usize, usize),
         /// Share of the work of this run that is done, from 0 to 1.
         share: f64,
-        /// Ordinary time until all have ended, from what those took that have.
+        /// Estimated wall-clock time until all have ended, from the times of those that have.
         left: Duration,
         /// The trial, and why it failed, if it did.
         failed: Option<&'e FailedTrial>,
     },
 }
 
-/// How a run ended.
+/// The result of a run.
 pub struct Ran {
-    /// The rows, with those of earlier runs; none of a part, which leaves the tables to the merge.
+    /// The rows, including those of earlier runs; `None` for a part, which leaves the tables to the merge.
     pub results: Option<Results>,
-    /// Trials that this process had to see to, and those of them that have rows.
+    /// Number of trials of this process; `done` of them have rows.
     pub asked: usize,
     /// See `asked`.
     pub done: usize,
-    /// Trials that failed in this run, in the order of the plan; of a merge those that have failed and have no rows.
+    /// Trials that failed in this run, in the order of the plan; for a merge, those that failed and have no
+    /// rows.
     pub failed: Vec<FailedTrial>,
 }
 
-/// A trial that is to be run.
+/// A trial to be run.
 struct Task {
     trial: Trial,
     /// Identities of its rows, one per run.
     identities: Vec<String>,
 }
 
-/// Runs a study, or a share of it, on an open log or point cloud into `folder`, going on where earlier runs ended. The
-/// rows of trials that succeeded are kept whatever happens.
+/// Runs a study, or a share of it, on an open log or point cloud into `folder`, resuming earlier runs. The
+/// rows of completed trials are kept in any case.
 ///
 /// # Errors
-/// When the log has no points, the folder holds rows of other data or of another build, or a file cannot
-/// be written. A trial that fails ends nothing but itself.
+/// When the log has no points, the folder holds rows of other data or of another build, or a file cannot be
+/// written. A failed trial does not stop the others.
 pub fn run_study(
     study: &Study,
     name: &str,
@@ -129,13 +130,13 @@ pub fn run_study(
     };
     let is_mine = |row: &String| mine.as_ref().is_none_or(|mine| mine.contains(row));
     let parts = Parts::read_wanted(folder, &identity, mine.as_ref()).with_context(in_folder)?;
-    // What pictures show may be there without a row, of other data or of another build.
+    // Files of pictures may exist without a row, from other data or another build.
     let before = Manifest::read(folder).ok().flatten();
     if before.is_none_or(|found| identity.check_same(&found.identity).is_err()) {
         forget(folder, &[], &[SHOWN])?;
     }
     let manifest = Manifest { study: name.to_owned(), identity: identity.clone() }.to_text()?;
-    // Parts begin at the same time: what is there and right is left alone.
+    // Parts start at the same time: correct files are left alone.
     let is_there = |file: &str, text: &str| {
         let path = folder.join(file);
         !path.is_symlink() && read_text(&path).is_ok_and(|found| found.as_deref() == Some(text))
@@ -157,7 +158,7 @@ pub fn run_study(
         tasks.retain(|task| task.identities.iter().any(is_mine));
         shown.retain(|identity, _| is_mine(identity));
     }
-    // Read again once there are more.
+    // Read again after new rows were added.
     let parts = tasks.is_empty().then_some(parts);
     let mut part = OwnPart::new(folder, &identity);
     let programs = Programs::new(folder, study.folder.as_deref());
@@ -169,7 +170,7 @@ pub fn run_study(
     };
     programs.end();
 
-    // Somebody may have begun another study there, or the folder anew.
+    // Another process may have started another study there, or recreated the folder.
     if !is_there(MANIFEST, &manifest) || !is_there(STUDY, &study.text) {
         bail!(
             "another run has changed the study in {}; rows are safe, and the same command goes on from \
@@ -178,7 +179,7 @@ pub fn run_study(
         );
     }
     if let Share::Part(_) = share {
-        // What only pictures show is not among the trials asked for.
+        // Maps needed only for pictures are not among the trials of the study.
         let done = asked.saturating_sub(failed.len());
         return Ok(Ran { results: None, asked, done, failed });
     }
@@ -198,7 +199,7 @@ pub fn run_study(
     save_table(&folder.join(TIMINGS), &timings)?;
     save_table(&folder.join(FAILURES), &failures)?;
     if results.table.is_empty() {
-        // Those of rows that the study asked for before.
+        // Tables and figures of rows that the study asked for before.
         forget(folder, &[SUMMARY, TESTS], &[FIGURES])?;
         bail!(
             "{} of {} trials failed, there is nothing to summarize; {FAILURES} has the reasons",
@@ -210,8 +211,9 @@ pub fn run_study(
     Ok(Ran { results: Some(results), asked, done, failed })
 }
 
-/// The part (from 1, of `parts`) that sees to each trial of a plan, and the identities of the rows of each part: those of
-/// its trials, and of its share of the maps that pictures show and no trial has. `folder` is that of the results.
+/// The part (from 1, of `parts`) that runs each trial of a plan, and the identities of the rows of each part:
+/// those of its trials, and of its share of the maps that are needed only for pictures. `folder` is that of
+/// the results.
 ///
 /// # Errors
 /// When recipes cannot be written as JSON.
@@ -242,7 +244,8 @@ pub fn deal_out(
     Ok((dealt[..trials.len()].to_vec(), rows))
 }
 
-/// The trials that failed in some process and have no rows, in the order of the plan, each with its last reason.
+/// The trials that failed in some process and have no rows, in the order of the plan, each with its last
+/// reason.
 fn without_rows(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<FailedTrial>> {
     let reasons: HashMap<&str, &FailedTrial> =
         parts.failed.iter().map(|failed| (failed.trial.as_str(), failed)).collect();
@@ -255,7 +258,7 @@ fn without_rows(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Fa
     Ok(failed)
 }
 
-/// Removes maps and paths that pictures showed before the study was edited.
+/// Removes maps and paths of pictures that the study no longer has.
 fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> {
     let shown = Shown::all(study, folder, dataset)?;
     let wanted: HashSet<&PathBuf> = shown.iter().flatten().flat_map(Shown::files).collect();
@@ -268,7 +271,7 @@ fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> 
     Ok(())
 }
 
-/// The trials of which wanted rows are missing, each with those of its runs whose rows are.
+/// The trials with missing rows, each with the runs whose rows are missing.
 fn pending(
     study: &Study,
     trials: &[Trial],
@@ -290,8 +293,8 @@ fn pending(
     Ok(tasks)
 }
 
-/// Adds the maps that pictures show, as far as their files or rows are not there, and returns these by
-/// the identity of their rows.
+/// Adds the maps of pictures whose files or rows are missing, and returns these by the identity of their
+/// rows.
 fn add_pictured(
     tasks: &mut Vec<Task>,
     pictured: Vec<Vec<Shown>>,
@@ -312,13 +315,13 @@ fn add_pictured(
     missing
 }
 
-/// What is to be run, and what for.
+/// The work to do, with its context.
 struct Work<'w> {
     study: &'w Study,
     data: &'w StudyData,
     tasks: &'w [Task],
     programs: &'w Programs,
-    /// What pictures show, by the identity of its row.
+    /// Maps of pictures, by the identity of the row.
     shown: &'w HashMap<String, Shown>,
     costs: &'w Costs,
 }
@@ -350,13 +353,13 @@ where
         let rows: Vec<(String, Cells)> = task.identities.iter().cloned().zip(rows).collect();
         Ok(Saved::new(task.trial.to_string(), rows, watch.into_laps()))
     };
-    // A trial that fails needs its maps no longer, either.
+    // A failed trial no longer needs its maps, either.
     let run = |task: &Task| {
         let saved = compute(task);
         maps.release(&task.trial.map)?;
         saved
     };
-    // As many as the pool of the whole program has.
+    // As many as in the global thread pool.
     let threads = rayon::current_num_threads();
     let mut pace = Pace::new(tasks.iter().map(|task| costs.parts_of(&task.trial)), threads);
     if !tasks.is_empty() {
@@ -365,7 +368,7 @@ where
     }
     let timed = |task: &Task| {
         let begin = Instant::now();
-        // With the time of a trial that failed, too.
+        // The time of a failed trial counts, too.
         Ok((run(task), begin.elapsed()))
     };
     let mut ended = 0;
@@ -400,7 +403,7 @@ where
             Ok(())
         },
     )?;
-    // In the order of the plan, not in that in which they happened to end.
+    // In the order of the plan, not in the order in which they ended.
     let order = |failure: &FailedTrial| {
         tasks.iter().position(|task| task.trial.to_string() == failure.trial)
     };
@@ -408,8 +411,8 @@ where
     Ok(failed)
 }
 
-/// Seconds that a trial's map and the runs on it took. A program of others has its own processor time, so that its runs
-/// take what is left of the ordinary time.
+/// Seconds for a trial's map and for the runs on it. An external program has its own processor time, so its
+/// runs count with the remaining wall-clock time.
 fn seconds_of(saved: &Saved, trial: &Trial, took: Duration) -> [f64; 2] {
     let is_of_runs = |part: &str| OF_RUNS.contains(&part);
     let sum = |of_runs: bool| -> f64 {
@@ -441,7 +444,7 @@ fn save_paths(
     tracked: &TrackedRun,
 ) -> Result<()> {
     let path = |poses: &mut dyn Iterator<Item = Option<Pose2>>| -> Trajectory {
-        // TUM files need a time for every pose; without stamps the scan's number serves.
+        // TUM files need a time for every pose; without stamps the index of the scan is used.
         let stamp = |scan: usize| {
             let number = Stamp::from_nanoseconds(scan as i64 * 1_000_000_000);
             log.recording.scans[scan].stamp.unwrap_or(number)
@@ -449,7 +452,7 @@ fn save_paths(
         let poses = tracked.scans.iter().zip(poses);
         poses.filter_map(|(&scan, pose)| Some((stamp(scan), pose?))).collect()
     };
-    // Both at the same scans: a program may have no estimate at some.
+    // Both at the same scans: a program may lack an estimate at some.
     let pairs = tracked.reference.iter().zip(&tracked.map_from_laser);
     tum::write_file(reference, &path(&mut pairs.map(|(pose, found)| found.map(|_| *pose))))?;
     tum::write_file(odometry, &path(&mut tracked.odometry.iter().copied().map(Some)))?;
@@ -457,7 +460,7 @@ fn save_paths(
     Ok(tum::write_file(estimate, &path(&mut { estimates }))?)
 }
 
-/// Processor times of the trials of a plan, the last of each.
+/// Processor times of the trials of a plan; the last ones of each trial.
 fn timings(parts: &Parts, trials: &[Trial]) -> Table {
     let planned: HashSet<String> = trials.iter().map(ToString::to_string).collect();
     let mut table = Table::new(["trial", "part", "seconds"]);
@@ -473,7 +476,7 @@ fn timings(parts: &Parts, trials: &[Trial]) -> Table {
     table
 }
 
-/// The trials that failed, and the runs of programs that did not come to a good end, which have rows.
+/// The trials that failed, and the runs of programs that ended abnormally, which have rows.
 fn failures(
     failed: &[FailedTrial],
     study: &Study,
@@ -497,7 +500,7 @@ fn failures(
     Ok(table)
 }
 
-/// Removes files and folders that earlier runs left.
+/// Removes files and folders of earlier runs.
 fn forget(folder: &Path, files: &[&str], subfolders: &[&str]) -> Result<()> {
     for file in files {
         let path = folder.join(file);

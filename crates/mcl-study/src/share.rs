@@ -1,13 +1,14 @@
-//! Which trials of a study a process runs, so that several on one machine or many take parts of it.
+//! The share of a study's trials that a process runs, so that several processes, on one machine or many,
+//! divide the work.
 //!
-//! Trials are dealt out by their estimated costs and identities alone, never by what is done already: every process
-//! comes to the same parts whenever it starts.
+//! Trials are assigned by their estimated costs and identities alone, whatever is done already: every process
+//! computes the same parts whenever it starts.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::fmt;
 
-/// What of a study a process runs.
+/// The share of a study that a process runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Share {
     /// Every trial without rows, and then the tables.
@@ -17,7 +18,7 @@ pub enum Share {
     },
     /// The trials of one part of several without rows, and no tables.
     Part(Part),
-    /// No trial: tables of the rows that are there.
+    /// No trial: only the tables of the existing rows.
     Merge,
 }
 
@@ -58,9 +59,9 @@ impl fmt::Display for Part {
     }
 }
 
-/// The part (from 1) of each trial, given by cost (in any unit) and identity: longest first, each to the part that has
-/// least to do. Trials that cost the same, such as the draws of one kind of map, go to different parts, in the order of
-/// their identities, so that a part that is lost takes no cell of a table with it.
+/// The part (from 1) of each trial, given by cost (in any unit) and identity: longest first, each to the part
+/// with the least work. Trials of equal cost, such as the draws of one kind of map, go to different parts, in
+/// the order of their identities, so that losing a part does not empty a cell of a table.
 pub fn deal(trials: &[(f64, &str)], parts: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..trials.len()).collect();
     order.sort_by(|&a, &b| {
@@ -78,7 +79,7 @@ pub fn deal(trials: &[(f64, &str)], parts: usize) -> Vec<usize> {
     dealt
 }
 
-/// A sum of costs, in order.
+/// A sum of costs, with an order.
 #[derive(PartialEq)]
 struct Load(f64);
 
@@ -128,7 +129,7 @@ mod tests {
     }
 
     proptest! {
-        /// Longest first is never worse than 4/3 of the best (Graham 1969), and no part is without a reason.
+        /// Longest first is at most 4/3 of the optimum (Graham 1969), and no part is empty without a reason.
         #[test]
         fn every_trial_has_a_part_and_loads_are_even(
             costs in prop::collection::vec(0.1..10.0f64, 1..200),
@@ -145,7 +146,7 @@ mod tests {
             let least_possible = (costs.iter().sum::<f64>() / parts as f64)
                 .max(costs.iter().copied().fold(0.0, f64::max));
             prop_assert!(most <= least_possible * 4.0 / 3.0 + 1e-9 + costs.iter().copied().fold(0.0, f64::max) / 3.0);
-            // The order in which they are given does not matter.
+            // The order of the input does not matter.
             let mut reversed = trials.clone();
             reversed.reverse();
             let mut again = deal(&reversed, parts);

@@ -1,4 +1,4 @@
-//! Tables of named columns: the one shape of everything that a study measures.
+//! Tables of named columns: the common form of everything that a study measures.
 
 use std::cmp::Ordering;
 use std::fmt;
@@ -6,7 +6,7 @@ use std::fmt;
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// A cell of a table. What is not known is empty, never zero.
+/// A cell of a table. A value that is not known is empty, never zero.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -22,8 +22,8 @@ pub enum Value {
     Text(String),
 }
 
-/// What the value itself is decides; by trying each kind in its turn, as derived code does, rows were read at half the
-/// speed.
+/// Decided by the type of the JSON value; derived code, which tries each variant in turn, read rows at half
+/// the speed.
 impl<'de> Deserialize<'de> for Value {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Cell;
@@ -67,7 +67,7 @@ impl<'de> Deserialize<'de> for Value {
 }
 
 impl Value {
-    /// The number of a count, a number or a truth value (1 or 0).
+    /// The numeric value of a count, a number or a truth value (1 or 0).
     pub fn number(&self) -> Option<f64> {
         match self {
             Value::Count(count) => Some(*count as f64),
@@ -77,7 +77,7 @@ impl Value {
         }
     }
 
-    /// The text of a text.
+    /// The text, if it is one.
     pub fn text(&self) -> Option<&str> {
         match self {
             Value::Text(text) => Some(text),
@@ -85,12 +85,12 @@ impl Value {
         }
     }
 
-    /// Whether there is nothing.
+    /// Whether it is empty.
     pub fn is_empty(&self) -> bool {
         *self == Value::Empty
     }
 
-    /// An order in which equal values are next to one another: nothing, truth values, numbers, text.
+    /// An order in which equal values are adjacent: empty, truth values, numbers, text.
     pub fn order(&self, other: &Value) -> Ordering {
         let rank = |value: &Value| match value {
             Value::Empty => 0,
@@ -147,7 +147,7 @@ impl From<usize> for Value {
     }
 }
 
-/// A number that is none (NaN or infinite) is not known.
+/// NaN and infinite numbers become empty.
 impl From<f64> for Value {
     fn from(number: f64) -> Self {
         if number.is_finite() { Value::Number(number) } else { Value::Empty }
@@ -188,7 +188,7 @@ impl Table {
         Table { columns: columns.into_iter().map(Into::into).collect(), rows: Vec::new() }
     }
 
-    /// Of rows of cells: the columns are those of all rows, in the order in which they first come.
+    /// From rows of cells: the columns are those of all rows, in order of first occurrence.
     pub fn of_cells(rows: impl IntoIterator<Item = Cells>) -> Self {
         let mut table = Table::default();
         for cells in rows {
@@ -211,7 +211,7 @@ impl Table {
     /// Adds a row.
     ///
     /// # Panics
-    /// When it has not a value per column, which is the program's own error.
+    /// When the number of values differs from that of the columns, which is a bug of the caller.
     pub fn push(&mut self, row: Vec<Value>) {
         assert_eq!(row.len(), self.columns.len(), "a row has a value per column");
         self.rows.push(row);
@@ -222,7 +222,7 @@ impl Table {
         &self.columns
     }
 
-    /// Place of a column.
+    /// Index of a column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column == name)
     }
@@ -242,8 +242,8 @@ impl Table {
         self.rows.iter().map(|values| Row { columns: &self.columns, values })
     }
 
-    /// Sorts rows by their columns, from the first on, so that their order does not depend on that in
-    /// which they were added.
+    /// Sorts rows by their columns, from the first on, so that their order does not depend on the order of
+    /// insertion.
     pub fn sort(&mut self) {
         self.rows.sort_by(|a, b| {
             let mut orders = a.iter().zip(b).map(|(a, b)| a.order(b));
@@ -254,7 +254,7 @@ impl Table {
     /// The table as CSV with a header.
     ///
     /// # Errors
-    /// When there is no memory for it.
+    /// When memory is exhausted.
     pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.columns)?;
@@ -265,8 +265,8 @@ impl Table {
     }
 }
 
-/// Text that a spreadsheet would take for a formula is quoted the way spreadsheets expect: a log may be
-/// named `=1+1.log`. Numbers stay as they are.
+/// Text that a spreadsheet would interpret as a formula is quoted the way spreadsheets expect: a log may be
+/// named `=1+1.log`. Numbers are unchanged.
 fn spreadsheet_safe(value: &Value) -> String {
     match value {
         Value::Text(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => {
@@ -289,7 +289,7 @@ impl<'a> Row<'a> {
         self.at(self.columns.iter().position(|column| column == name))
     }
 
-    /// The value of a column by its place; empty where there is none.
+    /// The value of a column by its index; empty where there is none.
     pub(crate) fn at(&self, column: Option<usize>) -> &'a Value {
         column.map_or(&Value::Empty, |column| &self.values[column])
     }
@@ -344,7 +344,7 @@ mod tests {
         }
     }
 
-    /// Field case: a log named =1+1.log gave cells that a spreadsheet computes.
+    /// Field case: a log named =1+1.log gave cells that a spreadsheet evaluates.
     #[test]
     fn names_are_no_formulas() {
         let table = Table::of_cells([vec![

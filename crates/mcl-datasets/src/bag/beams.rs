@@ -1,4 +1,5 @@
-//! Beams where the laser was when it measured them, and in the plane of the robot.
+//! Places the beams of a scan where the laser was when it measured them, and projects them into the plane of
+//! the robot.
 
 use std::f64::consts::TAU;
 
@@ -9,23 +10,23 @@ use super::messages::ScanMessage;
 use super::moment::Moment;
 use super::track::{Occurrence, Placed, PoseTrack};
 
-/// A scan takes no longer than from one to the next; by this factor, where stamps jitter.
+/// A scan lasts at most as long as the interval to the next one, times this factor where stamps jitter.
 const SWEEP_JITTER: f64 = 1.5;
 const NANOSECONDS: f64 = 1e9;
 
-/// The beams of a scan as seen from above, from where the laser was at its stamp.
+/// The beams of a scan seen from above, in the frame of the laser at the scan's stamp.
 #[derive(Debug, Default)]
 struct Beams {
     ranges: Vec<f64>,
     directions: Vec<f64>,
-    /// Readings that are left out, as nothing tells where they were measured.
+    /// Readings left out because the pose at which they were measured is not known.
     lost: usize,
-    /// The farthest that an endpoint was carried, in metres.
+    /// The largest distance by which the correction moved an endpoint, in metres.
     farthest: f64,
 }
 
-/// Places the beams of a scan. `plane` carries coordinates in the plane of the scan over to the robot's, seen
-/// from above; `moved` says where the laser was at a beam, in the frame of the laser at the stamp.
+/// Places the beams of a scan. `plane` maps coordinates in the plane of the scan to the robot's plane, seen
+/// from above; `moved` gives the pose of the laser at a beam, in the frame of the laser at the stamp.
 fn place(
     geometry: ScanGeometry,
     ranges: &[f64],
@@ -67,8 +68,8 @@ pub(super) fn takes(scan: &ScanMessage) -> f64 {
     scan.time_increment * (scan.ranges.len() - 1) as f64
 }
 
-/// Whether a scan takes, by the time between its beams, more than twice the time or less than half of what it takes by the
-/// time of a turn.
+/// Whether the duration of a scan by `time_increment` is more than twice, or less than half, of its duration
+/// by `scan_time`.
 pub(super) fn contradicts_scan_time(scan: &ScanMessage) -> bool {
     let ScanGeometry { angle_step, beams, .. } = scan.geometry;
     let turned = (angle_step * (beams - 1) as f64).abs() / TAU;
@@ -76,7 +77,7 @@ pub(super) fn contradicts_scan_time(scan: &ScanMessage) -> bool {
     takes > 0.0 && turn > 0.0 && (takes > 2.0 * turn || takes < 0.5 * turn * turned.min(1.0))
 }
 
-/// The longest time (s) that a scan takes; what is in doubt where that cannot be, as the next comes sooner.
+/// The longest duration of a scan (s); a doubt where that is impossible because the next scan comes sooner.
 pub(super) fn longest_sweep(
     takes: impl Iterator<Item = f64>,
     moments: &[Moment],
@@ -100,15 +101,15 @@ pub(super) fn longest_sweep(
     }
 }
 
-/// What became of scans whose beams were not measured at once.
+/// Statistics of scans whose beams were not measured at once.
 #[derive(Default)]
 pub(super) struct Swept {
     scans: usize,
-    /// Those whose beams are where the laser was.
+    /// Scans whose beams were corrected for motion.
     placed: usize,
     lost: usize,
     farthest: f64,
-    /// Time (s) that a scan takes, at most.
+    /// The longest duration of a scan (s).
     longest: f64,
 }
 
@@ -128,7 +129,7 @@ impl Swept {
         })
     }
 
-    /// What of it nothing is known of.
+    /// What is not known about them.
     pub fn assumptions(&self, no_deskew: bool) -> Vec<String> {
         let Swept { scans, placed, lost, longest, .. } = *self;
         let mut told = Vec::new();
@@ -146,7 +147,7 @@ impl Swept {
         told
     }
 
-    /// Readings of a scan, which has none afterwards, and how its beams were measured.
+    /// Takes the readings out of a scan and places its beams; returns them with the sweep.
     pub fn place(
         &mut self,
         scan: &mut ScanMessage,
@@ -180,7 +181,7 @@ impl Swept {
     }
 }
 
-/// Where the laser is during a scan, by a track that tells of its beginning.
+/// The motion of the laser during a scan, by a track that covers the scan's start.
 pub(super) struct Moved<'a> {
     poses: &'a PoseTrack,
     mount: Mount,
@@ -203,7 +204,7 @@ impl<'a> Moved<'a> {
         })
     }
 
-    /// At a beam, in the frame of the laser at the stamp.
+    /// The pose of the laser at a beam, in the frame of the laser at the stamp.
     fn at(&self, beam: usize) -> Option<Pose2> {
         let later = (beam as f64 * self.time_increment * NANOSECONDS).round() as i64;
         if later == 0 {

@@ -1,28 +1,28 @@
-//! Encoded messages, decoded as a schema says: Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1:
-//! XCDR version 1, plain) of ROS 2, and the serialization of ROS 1, which has no head and no alignment,
-//! is little-endian, and ends no text with NUL.
+//! Decodes messages as their schema describes them: Common Data Representation (OMG DDS-XTypes 1.3, 7.4.1:
+//! XCDR version 1, plain) of ROS 2, and the serialization of ROS 1, which has no header and no alignment, is
+//! little-endian, and does not end strings with NUL.
 
 use super::layout::{Count, Definition, ElementType, NumberType, SchemaError};
 use super::schema::MessageSchema;
 
-/// A decoded message, or a part of one. Texts and arrays stay in the message's bytes.
+/// A decoded message, or a part of one. Strings and arrays borrow the message's bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value<'a> {
     /// A number; integers beyond 2⁵³ are rounded.
     Number(f64),
-    /// A text.
+    /// A string.
     Text(&'a str),
     /// An array of numbers.
     Numbers(Numbers<'a>),
     /// An array of `uint8`: images and point clouds.
     Bytes(&'a [u8]),
-    /// An array of texts or messages.
+    /// An array of strings or messages.
     List(Vec<Value<'a>>),
     /// A message: its fields in order.
     Message(Vec<Value<'a>>),
 }
 
-/// An array of numbers as it is encoded: most bytes of a bag are readings, and not all of them are used.
+/// An array of numbers, still encoded: most bytes of a bag are readings, and not all of them are used.
 #[derive(Debug, Clone, Copy)]
 pub struct Numbers<'a> {
     number: NumberType,
@@ -62,7 +62,7 @@ impl PartialEq for Numbers<'_> {
     }
 }
 
-/// Why bytes are no message of their schema.
+/// Why bytes do not decode as a message of their schema.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CdrError {
@@ -76,30 +76,30 @@ pub enum CdrError {
         /// Bytes that are missing, at least.
         missing: u64,
     },
-    /// An array or text longer than the message.
+    /// An array or string longer than the message.
     #[error(
         "field {field} says that it has {count} elements, but {left} bytes are left of the message"
     )]
     Length {
         /// Field at fault.
         field: String,
-        /// Elements it says.
+        /// Number of elements that the message states.
         count: u64,
         /// Bytes left.
         left: usize,
     },
-    /// A text that is no UTF-8.
+    /// A string that is not UTF-8.
     #[error("field {field} is no UTF-8 text")]
     NotText {
         /// Field at fault.
         field: String,
     },
-    /// Encoded in another way.
+    /// An unsupported representation.
     #[error(
         "its representation is {0:#06x}, expected 0x0000 or 0x0001 (plain CDR, big- or little-endian)"
     )]
     Representation(u16),
-    /// A text of wide characters.
+    /// A string of wide characters.
     #[error("field {field} is a wstring, which is not read")]
     WideText {
         /// Field at fault.
@@ -107,16 +107,15 @@ pub enum CdrError {
     },
 }
 
-/// Decodes a message with its 4-byte head.
+/// Decodes a message with its 4-byte encapsulation header. Bytes after its end (padding) are ignored.
 ///
 /// # Errors
-/// [`CdrError`] when the bytes are no message of this schema. Bytes after its end (padding) are
-/// passed over.
+/// [`CdrError`] when the bytes do not decode as a message of this schema.
 pub fn decode<'a>(schema: &MessageSchema, bytes: &'a [u8]) -> Result<Value<'a>, CdrError> {
     decode_prefix(schema, bytes).map(|(value, _)| value)
 }
 
-/// [`decode`], with the number of bytes that the message takes, its head included.
+/// [`decode`], with the number of bytes that the message takes, header included.
 ///
 /// # Errors
 /// As [`decode`].
@@ -160,7 +159,7 @@ impl Encoding {
     /// Decodes a message.
     ///
     /// # Errors
-    /// [`CdrError`] when the bytes are no message of this schema.
+    /// [`CdrError`] when the bytes do not decode as a message of this schema.
     pub fn decode<'a>(
         self,
         schema: &MessageSchema,
@@ -179,9 +178,9 @@ impl Encoding {
 
 struct Decoder<'s, 'a> {
     schema: &'s MessageSchema,
-    /// After the head; alignment counts from here.
+    /// The bytes after the header; alignment counts from here.
     body: &'a [u8],
-    /// Bytes of the head.
+    /// Length of the header in bytes.
     head: usize,
     at: usize,
     is_little: bool,
@@ -231,7 +230,7 @@ impl<'s, 'a> Decoder<'s, 'a> {
             ElementType::Text | ElementType::WideText => 4,
             ElementType::Message(index) => self.schema.definition(*index).min_bytes,
         };
-        // Before anything is allocated for them.
+        // Checked before anything is allocated for them.
         let left = self.body.len() - self.at;
         if count.saturating_mul(element_bytes) > left as u64 {
             return Err(CdrError::Length { field: field.to_owned(), count, left });
@@ -261,7 +260,7 @@ impl<'s, 'a> Decoder<'s, 'a> {
         self.number(NumberType::Unsigned(4), field).map(|length| length as u32)
     }
 
-    /// Text after its length, which counts the NUL at its end.
+    /// A string after its length, which counts the NUL at its end.
     fn text(&mut self, field: &str) -> Result<&'a str, CdrError> {
         let length = self.length(field)?;
         let left = self.body.len() - self.at;
@@ -292,7 +291,7 @@ impl<'s, 'a> Decoder<'s, 'a> {
     }
 }
 
-/// A number of as many bytes as its type has.
+/// A number from the bytes of its type.
 fn value(number: NumberType, bytes: &[u8], is_little: bool) -> f64 {
     let width = bytes.len();
     let mut wide = [0; 8];
@@ -321,7 +320,7 @@ pub struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// A view of a whole message of this schema, as [`decode`] gives it.
+    /// A view of a whole message of this schema, as returned by [`decode`].
     pub fn new(schema: &'a MessageSchema, value: &'a Value<'a>) -> Self {
         View { schema, definition: schema.root(), values: fields_of(value) }
     }
@@ -357,7 +356,7 @@ impl<'a> View<'a> {
     /// A number.
     ///
     /// # Errors
-    /// When the schema has no such field, or another type for it; so for all these.
+    /// When the schema lacks the field or gives it another type; the same holds for the methods below.
     pub fn number(&self, name: &str) -> Result<f64, SchemaError> {
         match self.field(name)?.1 {
             Value::Number(number) => Ok(*number),
@@ -365,7 +364,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// A text.
+    /// A string.
     ///
     /// # Errors
     /// As [`View::number`].
@@ -530,7 +529,8 @@ mod tests {
             "B[1000000] b\n===\nMSG: p/B\nC[1000000] c\n===\nMSG: p/C\nD[1000000000] d\n===\nMSG: p/D\nuint8 x",
         );
         assert!(matches!(decode(&huge, &[0; 100]), Err(CdrError::Length { .. })));
-        // Found while writing its fuzz target: arrays of no elements took no bytes, and doubled with each level of nesting.
+        // Found by the fuzz target: arrays of empty elements took no bytes, and doubled with each level of
+        // nesting.
         for (language, text) in [
             ("ros2msg", "uint8[0] a"),
             ("ros2idl", "module p { struct A { octet a[0]; }; };"),

@@ -17,7 +17,7 @@ use crate::log::report::ReadReport;
 pub struct CloudOptions {
     /// Topic of the clouds (`sensor_msgs/PointCloud2`), where there are several.
     pub topic: Option<String>,
-    /// Topic of the odometry, where there are several and `/tf` does not tell the same.
+    /// Topic of the odometry, where there are several and `/tf` does not hold the same poses.
     pub odometry: Option<String>,
     /// Only points with `0 < r ≤ max_range` (m) from the origin of their own frame are taken.
     pub max_range: Option<f64>,
@@ -37,17 +37,17 @@ pub struct BagCloud {
     pub points: Vec<Point<3>>,
     /// Points left out because a coordinate was NaN or infinite.
     pub not_finite: usize,
-    /// Points left out for their range.
+    /// Points left out because of their range.
     pub out_of_range: usize,
-    /// What was not used.
+    /// What was skipped.
     pub report: ReadReport,
     /// How the bag was read, a line each.
     pub notes: Vec<String>,
-    /// What the bag left open and how that was settled, a line each.
+    /// What the bag leaves open, and what was assumed, a line each.
     pub assumptions: Vec<String>,
 }
 
-/// Nothing yet of what clouds are joined of.
+/// Empty content, prepared for reading clouds.
 pub(crate) fn content(options: &CloudOptions) -> Content {
     Content::new(Purpose::Clouds, options.topic.as_deref())
 }
@@ -89,10 +89,10 @@ pub(crate) fn join(mut content: Content, options: &CloudOptions) -> Result<BagCl
 }
 
 impl BagCloud {
-    /// Puts the clouds into one frame.
+    /// Transforms the clouds into one frame.
     ///
-    /// Where transforms lead to a frame that the scanner moves in, each cloud is put where the scanner was
-    /// at its stamp. Clouds in a frame that stands still are there already. A single cloud needs no place.
+    /// Where transforms lead to a frame in which the scanner moves, each cloud is placed at the scanner's
+    /// pose at its stamp. Clouds in a fixed frame are left as they are. A single cloud needs no pose.
     fn with(
         mut self,
         clouds: Vec<Logged<CloudMessage>>,
@@ -152,8 +152,8 @@ impl BagCloud {
     }
 }
 
-/// The frames of a bag over time: of `/tf_static` and `/tf`, and of the odometry where `/tf` does not
-/// tell of its frame.
+/// The frames of a bag over time: from `/tf_static` and `/tf`, and from the odometry where `/tf` does not
+/// have its frame.
 fn motion<'a>(
     decoder: &mut Decoder<'a>,
     content: &'a Content,

@@ -1,4 +1,4 @@
-//! The content of a bag: its topics, and the messages of those that could be of use.
+//! The content of a bag: its topics, and the messages of the usable ones.
 
 use std::borrow::Cow;
 use std::cell::OnceCell;
@@ -22,21 +22,22 @@ use crate::packed::ZSTD_MAGIC;
 use crate::room::{HEAP_BYTES, Room};
 use mcl_core::{LaserScan, memory};
 
-/// Memory that the messages kept of a bag may take, in bytes: some 700,000 scans of 720 beams.
+/// Limit on the memory of the messages kept of a bag, in bytes: some 700,000 scans of 720 beams.
 pub const MAX_KEPT_BYTES: u64 = 4 << 30;
 
-/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, a message of the worst
-/// kind takes some fifty times its bytes.
+/// Largest message decoded, in bytes. A scan of 720 beams takes 6 kB; decoded, the worst case takes some
+/// fifty times its encoded size.
 pub const MAX_MESSAGE_BYTES: usize = 4 << 20;
-/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoded, it takes 24 bytes per point
-/// beside them, and a message of nothing but names of fields some fifteen times its bytes.
+/// Largest point cloud decoded, in bytes: two million points of 32 bytes. Decoding takes another 24 bytes per
+/// point; a message of nothing but field names takes some fifteen times its size.
 pub const MAX_CLOUD_BYTES: usize = 64 << 20;
 
-/// Bytes of a topic's first message that are looked at: those of its header.
+/// Bytes kept of a topic's first message: enough for its header.
 const HEAD_BYTES: usize = 512;
-/// Topics named in a message; a file may have 65,535.
+/// Topics listed in an error message; a file may have 65,535.
 const LISTED_TOPICS: usize = 100;
-/// Topics whose messages are decoded as they are read; of more, only those that are used are.
+/// Number of topics up to which all messages are decoded while reading; beyond, only those of the topics
+/// used.
 const DECODED_TOPICS: usize = 64;
 
 const SCAN: &str = "sensor_msgs/LaserScan";
@@ -49,7 +50,7 @@ const MULTI_ECHO: &str = "sensor_msgs/MultiEchoLaserScan";
 const TRANSFORM: &str = "geometry_msgs/TransformStamped";
 const PATH: &str = "nav_msgs/Path";
 const STRING: &str = "std_msgs/String";
-/// Kinds of messages with a pose, and their names.
+/// The kinds of messages that hold a pose, and their type names.
 pub(super) const POSE_KINDS: [Kind; 5] =
     [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry, Kind::Transform, Kind::Path];
 
@@ -65,7 +66,7 @@ pub(super) enum Kind {
     MultiEcho,
     Transform,
     Path,
-    /// What a bag of this suite says of its scans.
+    /// The scan lists that this suite's writer adds to a bag.
     Lists,
 }
 
@@ -85,7 +86,7 @@ impl Kind {
         })
     }
 
-    /// Whether a scan is in it, or can be made of it.
+    /// Whether it is a scan, or a scan can be made of it.
     pub fn is_scan(self) -> bool {
         matches!(self, Kind::Scan | Kind::MultiEcho | Kind::Cloud)
     }
@@ -95,7 +96,7 @@ impl Kind {
     }
 }
 
-/// A topic with one type and description of its messages.
+/// A topic with one message type and one description of it.
 #[derive(Debug)]
 pub(super) struct Topic {
     pub name: String,
@@ -104,9 +105,9 @@ pub(super) struct Topic {
     /// What its messages are used as, if at all.
     pub kind: Option<Kind>,
     pub messages: usize,
-    /// When the first and the last of them were logged, in nanoseconds.
+    /// Log times of its first and last message, in nanoseconds.
     pub logged: Option<(u64, u64)>,
-    /// The first bytes of the first of them.
+    /// The first bytes of its first message.
     pub head: Vec<u8>,
     layout: OnceCell<Result<Layout, NoLayout>>,
 }
@@ -116,7 +117,7 @@ pub(super) struct Topic {
 pub(super) struct Layout {
     encoding: Encoding,
     pub schema: MessageSchema,
-    /// Whether the bag does not describe the type, so that the standard's description is taken.
+    /// Whether the bag lacks a description of the type, so that the standard one is used.
     pub is_standard: bool,
 }
 
@@ -142,7 +143,7 @@ impl Topic {
         Kind::of(&plain_name(self.type_name())) == Some(Kind::Cloud)
     }
 
-    /// How its messages are laid out.
+    /// The layout of its messages.
     pub fn layout(&self) -> Result<&Layout, BagError> {
         let layout = self.layout.get_or_init(|| self.parsed()).as_ref();
         layout.map_err(|error| match error {
@@ -167,7 +168,7 @@ impl Topic {
         Ok(Layout { encoding, schema: schema.map_err(NoLayout::Schema)?, is_standard })
     }
 
-    /// The schema that the bag describes, or else, and whether it is that, the standard's for this type.
+    /// The schema in the bag, or else the standard one for this type; and whether it is the standard one.
     pub fn schema(&self) -> (Result<MessageSchema, SchemaError>, bool) {
         let Some(text) = &self.description else {
             return (Err(SchemaError::NoRoot(String::new())), false);
@@ -183,8 +184,8 @@ impl Topic {
         (MessageSchema::parse(&text.name, &text.encoding, &text.data), false)
     }
 
-    /// What a message says, decoded where that takes no more than its bytes; a message that cannot be read stays
-    /// as it is, and so does what is wrong with it.
+    /// Decodes a message where its value takes no more memory than its bytes. A message that cannot be
+    /// decoded is kept encoded, and its error is reported later.
     fn body(&self, data: &[u8]) -> Option<Body> {
         let layout = self.layout().ok()?;
         let scan = |value: fn(&View<'_>) -> Result<ScanMessage, MessageError>| {
@@ -204,7 +205,7 @@ impl Topic {
 }
 
 impl Layout {
-    /// What `value` makes of an encoded message of at most `limit` bytes.
+    /// Applies `value` to an encoded message of at most `limit` bytes.
     pub fn decode<T>(
         &self,
         limit: usize,
@@ -220,19 +221,19 @@ impl Layout {
     }
 }
 
-/// A message of a topic that could be of use.
+/// A message of a usable topic.
 #[derive(Debug)]
 pub(super) struct Kept {
     /// Index of its topic.
     pub topic: usize,
-    /// Its place among the messages of its topic.
+    /// Its index among the messages of its topic.
     pub number: u32,
     pub log_time: u64,
     pub position: Position,
     pub body: Body,
 }
 
-/// What a message says.
+/// The content of a message, decoded or not.
 #[derive(Debug)]
 pub(super) enum Body {
     Encoded(Vec<u8>),
@@ -241,7 +242,7 @@ pub(super) enum Body {
 }
 
 impl Kept {
-    /// Memory that it takes; empty ones count, too.
+    /// Memory used, in bytes; empty ones count, too.
     fn bytes(&self) -> usize {
         let of_body = match &self.body {
             Body::Encoded(data) => data.len(),
@@ -252,17 +253,17 @@ impl Kept {
     }
 }
 
-/// What a bag is read for: messages of other kinds are counted, but not kept in memory.
+/// What a bag is read for; messages of other kinds are counted, but not kept in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Purpose {
     /// Laser scans and poses.
     #[default]
     Scans,
-    /// Point clouds, of which scans are made, and poses.
+    /// Point clouds to be sliced into scans, and poses.
     Slices,
-    /// Point clouds, and where they were taken.
+    /// Point clouds, and poses to place them.
     Clouds,
-    /// Nothing: to see what is there.
+    /// Only the list of topics.
     Topics,
 }
 
@@ -276,37 +277,37 @@ impl Purpose {
     }
 }
 
-/// The content of a bag, of one file or several.
+/// The content of a bag of one or several files.
 #[derive(Debug, Default)]
 pub(crate) struct Content {
     purpose: Purpose,
-    /// The topic of scans or clouds that is asked for; of others, messages are only counted.
+    /// The requested topic of scans or clouds; messages of other topics of that kind are only counted.
     asked: Option<String>,
     pub(super) topics: Vec<Topic>,
     pub(super) messages: Vec<Kept>,
-    /// Types of messages by topic, where something beside the bag's files says them.
+    /// Message types by topic, where they are stated outside of the bag's files.
     pub types: BTreeMap<String, String>,
     /// Why the bag ends early, if it does.
     pub truncated: Option<String>,
-    /// How it was read, where that is not as usual.
+    /// Remarks on how it was read, where that is unusual.
     pub(super) notes: Vec<String>,
-    /// Rows that were passed over as they are not as they should be.
+    /// Malformed rows that were skipped.
     pub(super) damaged: ReadReport,
-    /// What bags of this suite's writer say of their scans.
+    /// The scan lists of bags written by this suite.
     pub(super) lists: Option<ScanLists>,
-    /// Indices of topics by name, encoding and description: files of a split bag repeat them, and one
+    /// Indices of topics by name, encoding and description: the files of a split bag repeat them, and one
     /// file may have 65,535.
     by_description: HashMap<(String, String, Option<Arc<SchemaText>>), usize>,
     room: Room,
 }
 
 impl Content {
-    /// Nothing yet.
+    /// Empty content.
     pub fn new(purpose: Purpose, asked: Option<&str>) -> Self {
         Content { purpose, asked: asked.map(str::to_owned), ..Content::default() }
     }
 
-    /// Reads one more file; `name` tells it from the others of a split bag.
+    /// Reads one more file; `name` is the file's name where a bag is split into several.
     pub fn add(&mut self, input: Input<'_>, name: Option<&str>) -> Result<(), BagError> {
         let mut by_id: BTreeMap<u32, usize> = BTreeMap::new();
         let truncated = read(input, &mut |item| match item {
@@ -394,7 +395,7 @@ impl Content {
         self.purpose != Purpose::Topics && topic.kind.is_some_and(|kind| !is_other(kind))
     }
 
-    /// The first message of each topic is looked at, and those of topics of use are kept.
+    /// Keeps the head of each topic's first message, and all messages of usable topics.
     fn wanted(&self, topic: usize) -> Wanted {
         let topic = &self.topics[topic];
         match topic.messages == 0 || self.is_kept(topic) {
@@ -435,7 +436,7 @@ impl Content {
             position: message.position,
             body: decoded.unwrap_or_else(|| Body::Encoded(data.into_owned())),
         };
-        // Values of messages become those of a log one by one, but beside them.
+        // Values are converted to those of a log one by one, but both are in memory meanwhile.
         let values = self.messages.len() * (size_of::<ScanMessage>() + size_of::<LaserScan>());
         self.room.take(kept.bytes(), 2 * values)?;
         if self.room.kept() > MAX_KEPT_BYTES {
@@ -451,7 +452,7 @@ impl Content {
         self.topics.iter().all(|topic| topic.messages == 0)
     }
 
-    /// Every topic with its type and number of messages.
+    /// Lists every topic with its type and number of messages.
     pub fn list(&self) -> String {
         list(self.topics.iter())
     }
@@ -475,8 +476,8 @@ impl Content {
     }
 }
 
-/// The bytes of a message, which rosbag2 may have compressed on its own. CDR begins with a NUL, so these
-/// first bytes tell. What does not unpack stays as it is, and is no message of its type.
+/// The bytes of a message, which rosbag2 may have compressed one by one. CDR begins with a NUL, so the first
+/// bytes show whether it is compressed. What does not decompress is kept, and fails to decode later.
 fn unpacked<'a>(message: &Message<'a>) -> Cow<'a, [u8]> {
     if message.channel.message_encoding == "cdr" && message.data.starts_with(ZSTD_MAGIC) {
         let (data, outcome) = inflate(Compression::Zstd, message.data, MAX_CLOUD_BYTES as u64 + 1);

@@ -14,13 +14,13 @@ use super::moment::Stretches;
 use super::motion::Motion;
 use crate::log::report::{Place, ReadReport, SkippedRecord};
 
-/// A message's value with what its record says.
+/// A message's value, with its position and log time.
 pub(super) struct Logged<T> {
     pub value: T,
-    /// Its place among the messages of its topic.
+    /// Its index among the messages of its topic.
     pub number: u32,
     pub log_time: i64,
-    /// Its place among the messages of the bag.
+    /// Its index among the messages of the bag.
     pub place: usize,
 }
 
@@ -35,7 +35,7 @@ impl<T> Logged<T> {
     }
 }
 
-/// A transform, and the topic that told it.
+/// A transform, and the topic it was published on.
 pub(super) struct ToldTransform<'a> {
     pub transform: Logged<TransformMessage>,
     pub topic: &'a str,
@@ -48,7 +48,7 @@ pub(super) struct Decoder<'a> {
     /// Topics whose messages were decoded.
     decoded: BTreeSet<usize>,
     pub report: ReadReport,
-    /// How messages were decoded, where that is not as the bag describes them.
+    /// Remarks on decoding, where it did not follow the bag's own description.
     pub notes: Vec<String>,
 }
 
@@ -66,8 +66,8 @@ impl<'a> Decoder<'a> {
         Decoder { content, messages, decoded: BTreeSet::new(), report, notes }
     }
 
-    /// The values of all messages of a topic and of these kinds; malformed ones are skipped. What is wrong
-    /// with a part of a message, `value` adds to its last argument.
+    /// The values of all messages of a topic of these kinds; malformed ones are skipped. `value` adds errors
+    /// in a part of a message to its last argument.
     pub fn topic<T>(
         &mut self,
         wanted: impl Fn(&str, Kind) -> bool,
@@ -81,7 +81,7 @@ impl<'a> Decoder<'a> {
         })
     }
 
-    /// What an odometry topic says of its two frames.
+    /// The poses of an odometry topic, as transforms between its two frames.
     pub fn odometry(&mut self, topic: &str) -> Result<Vec<Logged<TransformMessage>>, BagError> {
         self.each(
             |name, kind| name == topic && kind == Kind::Odometry,
@@ -156,7 +156,7 @@ impl<'a> Decoder<'a> {
         Ok(values)
     }
 
-    /// The scans of a topic, once; `of_cloud` makes them of point clouds.
+    /// The scans of a topic without repetitions; `of_cloud` converts point clouds to scans.
     pub fn scans(
         &mut self,
         topic: &str,
@@ -191,7 +191,7 @@ impl<'a> Decoder<'a> {
         Ok(scans)
     }
 
-    /// The poses of a topic, of a kind that has one pose or several.
+    /// The poses of a topic whose messages hold one pose or several.
     pub fn poses(&mut self, topic: &str) -> Result<Vec<Logged<PoseMessage>>, BagError> {
         let (mut frame, mut child) = (None, None);
         let messages = self.each(
@@ -224,7 +224,7 @@ impl<'a> Decoder<'a> {
             },
         )?;
         let mut poses: Vec<Logged<PoseMessage>> = Vec::new();
-        // A path repeats what it said before, and may have corrected it: the last one counts.
+        // A path repeats earlier poses, perhaps corrected: the last one of a stamp counts.
         let mut of_paths: BTreeMap<i64, Logged<PoseMessage>> = BTreeMap::new();
         for message in messages {
             let (message, (kind, several)) = message.split();
@@ -245,7 +245,7 @@ impl<'a> Decoder<'a> {
         Ok(poses)
     }
 
-    /// The frame whose poses the bag's only odometry topic holds.
+    /// The child frame of the bag's only odometry topic.
     pub fn odometry_frame(&mut self) -> Result<Option<String>, BagError> {
         let content = self.content;
         let &[only] = content.names(&[Kind::Odometry]).as_slice() else { return Ok(None) };
@@ -281,7 +281,7 @@ impl<'a> Decoder<'a> {
     }
 }
 
-/// The tree of frames that transforms tell; to be sorted.
+/// The tree of frames that these transforms form; not sorted yet.
 pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> Motion {
     let mut motion = Motion::default();
     for ToldTransform { transform, topic, is_static } in transforms {
@@ -292,7 +292,7 @@ pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> M
     motion
 }
 
-/// A message that was decoded as one of another type than its topic's, which none is.
+/// The error for a message decoded as another type than its topic's, which does not happen.
 fn decoded_before() -> MessageError {
     malformed("the message", "decoded as another type", "one of its topic's type")
 }
@@ -302,7 +302,7 @@ fn limit(kind: Kind) -> usize {
     if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES }
 }
 
-/// Poses in different frames cannot be compared: those in another frame than the first are malformed.
+/// Poses in different frames cannot be compared: those in another frame than the first count as malformed.
 pub(super) fn same_frame(
     field: &str,
     known: &mut Option<String>,
@@ -321,7 +321,7 @@ pub(super) fn same_frame(
     }
 }
 
-/// When a message was: its stamp, or when it was logged, where the stamp is 0 or before 1970.
+/// Time of a message (ns): its stamp, or its log time where the stamp is 0 or before 1970.
 pub(super) fn time(stamp: i64, log_time: i64) -> i64 {
     if stamp > 0 { stamp } else { log_time }
 }

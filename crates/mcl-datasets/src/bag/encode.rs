@@ -1,4 +1,4 @@
-//! Encoding messages: plain little-endian CDR, field by field.
+//! Encodes messages as plain little-endian CDR, field by field.
 
 use mcl_core::{Pose2, Stamp, math};
 
@@ -8,7 +8,7 @@ pub struct Encoder {
     bytes: Vec<u8>,
 }
 
-/// Bytes of the head before the message; alignment counts from there.
+/// The encapsulation header before the message; alignment counts from its end.
 const HEAD: [u8; 4] = [0, 1, 0, 0];
 
 impl Default for Encoder {
@@ -30,7 +30,7 @@ impl Encoder {
         self
     }
 
-    /// Bytes as they are: elements of a `uint8[]` after its length.
+    /// Raw bytes: the elements of a `uint8[]` after its length.
     pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
         self.bytes.extend(bytes);
         self
@@ -51,7 +51,7 @@ impl Encoder {
         self.aligned(value.to_le_bytes())
     }
 
-    /// `float64`s one after the other, without a length.
+    /// `float64`s in sequence, without a length.
     pub fn f64s(&mut self, values: &[f64]) -> &mut Self {
         for value in values {
             self.aligned(value.to_le_bytes());
@@ -67,7 +67,7 @@ impl Encoder {
         self
     }
 
-    /// A `std_msgs/Header`. Times are 32-bit seconds: a stamp beyond them is cut, so check before.
+    /// A `std_msgs/Header`. Times are 32-bit seconds: a larger stamp is truncated, so check before.
     pub fn header(&mut self, stamp: Stamp, frame: &str) -> &mut Self {
         const NANOSECONDS: i64 = 1_000_000_000;
         let sec = stamp.nanoseconds().div_euclid(NANOSECONDS) as i32;

@@ -10,10 +10,10 @@ use crate::container::problem::StreamError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BagError {
-    /// The bytes are no container, or damaged.
+    /// The container is malformed or damaged.
     #[error(transparent)]
     Stream(#[from] StreamError),
-    /// The scans take more memory than there is.
+    /// The scans need more memory than is available.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
     /// There is no scan.
@@ -25,7 +25,7 @@ pub enum BagError {
     NoScan {
         /// The topics of the bag with their types.
         topics: String,
-        /// What else is to be said, such as how many messages were malformed.
+        /// Further details, such as how many messages were malformed.
         because: Option<String>,
     },
     /// There is no point cloud.
@@ -33,89 +33,89 @@ pub enum BagError {
     NoCloud {
         /// The topics of the bag with their types.
         topics: String,
-        /// What else is to be said, such as how many messages were malformed.
+        /// Further details, such as how many messages were malformed.
         because: Option<String>,
     },
-    /// Several clouds of a scanner that nothing tells the place of.
+    /// Several clouds of a scanner whose poses are not known.
     #[error(
         "topic {topic} has {clouds} clouds in frame {frame:?}, and {why}; expected transforms on /tf or an Odometry topic that lead from a fixed frame to {frame:?} over the time of the clouds; without them, cut the bag to one cloud"
     )]
     NoPlace {
         /// The topic.
         topic: String,
-        /// Its clouds.
+        /// Number of its clouds.
         clouds: usize,
         /// Their frame.
         frame: String,
         /// What is missing.
         why: String,
     },
-    /// Several topics could be meant.
+    /// Several topics match.
     #[error("several topics of {what}: {candidates}; choose one with {option}")]
     Ambiguous {
         /// What was looked for.
         what: &'static str,
         /// The topics.
         candidates: String,
-        /// The option that chooses.
+        /// The option that selects one.
         option: &'static str,
     },
-    /// A topic asked for is not there.
+    /// The requested topic does not exist.
     #[error("no topic {topic} in the bag ({option}); topics: {topics}")]
     NoTopic {
-        /// The topic asked for.
+        /// The requested topic.
         topic: String,
-        /// The option that asked.
+        /// The option that requested it.
         option: &'static str,
         /// The topics of the bag with their types.
         topics: String,
     },
-    /// A topic asked for has messages of another type.
+    /// The requested topic has messages of another type.
     #[error("topic {topic} ({option}) has messages of type {found}, expected {expected}")]
     WrongType {
-        /// The topic asked for.
+        /// The requested topic.
         topic: String,
-        /// The option that asked.
+        /// The option that requested it.
         option: &'static str,
         /// The type found.
         found: String,
-        /// The types that would do.
+        /// The accepted types.
         expected: &'static str,
     },
-    /// A frame asked for is not there.
+    /// The requested frame does not exist.
     #[error("no frame {frame:?} in the bag ({option}); frames: {frames}")]
     NoFrame {
-        /// The frame asked for.
+        /// The requested frame.
         frame: String,
-        /// The option that asked.
+        /// The option that requested it.
         option: &'static str,
         /// The frames of the bag.
         frames: String,
     },
-    /// Two frames asked for that do not move in each other.
+    /// The two requested frames do not move relative to each other.
     #[error(
         "{topic}: no transforms that change lead from one of the two frames to the other; frames: {frames}"
     )]
     NoPair {
-        /// What was asked for.
+        /// What was requested.
         topic: String,
         /// The frames of the bag.
         frames: String,
     },
-    /// Transforms that do not tell which frames are meant.
+    /// The transforms leave open which pair of frames is meant.
     #[error(
         "{topic}: the transforms do not say which pose is meant; expected two frames as /tf:map.base_link{}; frames: {frames}",
         match pairs.as_str() { "" => String::new(), pairs => format!(", one of {pairs}") }
     )]
     WhichPair {
-        /// What was asked for.
+        /// What was requested.
         topic: String,
-        /// What could be meant.
+        /// The candidate pairs.
         pairs: String,
         /// The frames of the bag.
         frames: String,
     },
-    /// Messages of a topic are encoded in a way that is not read.
+    /// Messages of a topic have an unsupported encoding.
     #[error(
         "topic {topic}: messages are encoded as {encoding:?}, expected \"cdr\" (ROS 2) or \"ros1\"; convert the bag first"
     )]
@@ -135,7 +135,7 @@ pub enum BagError {
         /// What is wrong with it.
         error: Box<SchemaError>,
     },
-    /// A reference was asked for, and the bag has none.
+    /// A reference was requested, and the bag has none.
     #[error(
         "no reference poses in the bag: no topic of geometry_msgs/msg/PoseStamped or PoseWithCovarianceStamped, expected one (--reference recorded); name an Odometry topic with --reference-topic; topics: {topics}"
     )]
@@ -143,7 +143,7 @@ pub enum BagError {
         /// The topics of the bag with their types.
         topics: String,
     },
-    /// Poses were wanted, and the bag has none.
+    /// Poses were requested, and the bag has none.
     #[error(
         "no such poses in the bag: no topic of geometry_msgs/msg/PoseStamped or PoseWithCovarianceStamped; an Odometry topic, a reference or a goal must be named (--reference-topic for the reference, --topic for an estimate); topics: {topics}"
     )]
@@ -178,10 +178,10 @@ pub enum BagError {
         laser_frame: String,
         /// Frame of the robot.
         base_frame: String,
-        /// Angle between the two z axes or their opposites.
+        /// Angle between the z axes of the two frames, or between one and the opposite of the other.
         degrees: f64,
     },
-    /// The laser moves on the robot.
+    /// The laser moves relative to the robot.
     #[error(
         "the mount of the laser is not fixed: the transform from {parent} to {child} on /tf changes during the bag"
     )]
@@ -191,12 +191,12 @@ pub enum BagError {
         /// The child frame.
         child: String,
     },
-    /// The folder of a split bag is not one.
+    /// The folder is not a split bag.
     #[error(transparent)]
     Folder(#[from] FolderError),
 }
 
-/// What helps where there is no scan, by the types of the topics there are.
+/// Advice where there is no scan, by the topic types that are present.
 fn advice(topics: &str) -> &'static str {
     if topics.contains("sensor_msgs/msg/PointCloud2") || topics.contains("sensor_msgs/PointCloud2")
     {

@@ -1,5 +1,5 @@
 //! The part of OMG IDL 4.2 that ROS 2 generates for messages: modules, structures, constants, type
-//! definitions and enumerations; annotations and comments are passed over.
+//! definitions and enumerations; annotations and comments are skipped.
 
 use std::collections::BTreeMap;
 
@@ -25,8 +25,8 @@ struct Token {
     text: String,
 }
 
-/// Words (with `::` inside), numbers, texts and single characters. Lines that part the files of a
-/// bundle (`====`, `IDL: package/msg/Name`) and preprocessor lines are left out.
+/// Splits the text into words (with `::` inside), numbers, strings and single characters. Lines that separate
+/// the files of a bundle (`====`, `IDL: package/msg/Name`) and preprocessor lines are left out.
 fn tokens(text: &str) -> Result<Vec<Token>, SchemaError> {
     let mut tokens = Vec::new();
     let mut rest = text;
@@ -86,7 +86,7 @@ fn syntax(line: usize, found: &str, expected: &'static str) -> SchemaError {
 #[derive(Default)]
 struct Known {
     structures: Vec<Described>,
-    /// Names given to types.
+    /// Type aliases by name.
     aliases: BTreeMap<String, (Element, Count)>,
     constants: BTreeMap<String, u64>,
 }
@@ -97,7 +97,7 @@ struct Parser<'a> {
     known: Known,
 }
 
-/// Modules accepted within modules; ROS has two or three.
+/// Nesting depth of modules accepted; ROS has two or three.
 const MAX_MODULES: usize = 16;
 
 impl<'a> Parser<'a> {
@@ -137,7 +137,7 @@ impl<'a> Parser<'a> {
         Ok(self.next())
     }
 
-    /// The name as it is known outside of its module.
+    /// The fully qualified name.
     fn full(&self, name: &str) -> String {
         let mut parts: Vec<&str> = self.scope.iter().map(String::as_str).collect();
         parts.push(name);
@@ -246,7 +246,7 @@ impl<'a> Parser<'a> {
             }
             self.expect(";", "; after a field")?;
         }
-        // What the generator puts into a message without fields; it is one byte either way.
+        // The placeholder that the generator adds to a message without fields; it takes one byte either way.
         fields.retain(|field| field.name != "structure_needs_at_least_one_member");
         self.known.structures.push(Described { name, fields });
         Ok(())
@@ -261,7 +261,7 @@ impl<'a> Parser<'a> {
             let found = self.tokens;
             let number = self.number()?;
             if number == 0 {
-                // Messages of no bytes could nest without end; IDL knows no empty arrays either.
+                // Empty messages could nest without end; IDL has no empty arrays either.
                 self.tokens = found;
                 return Err(self.wrong("the size of an array, at least 1"));
             }
@@ -283,7 +283,7 @@ impl<'a> Parser<'a> {
         Ok(value)
     }
 
-    /// What a name stands for, from the innermost module outwards.
+    /// Resolves a name, from the innermost module outwards.
     fn find<'k, T>(&self, known: &'k BTreeMap<String, T>, name: &str) -> Option<&'k T> {
         let name = name.trim_start_matches("::");
         (0..=self.scope.len()).rev().find_map(|depth| {
@@ -434,7 +434,7 @@ module q { module msg { struct B { uint8 structure_needs_at_least_one_member; };
             assert!(parse(text).is_err(), "{text}");
         }
         assert!(parse(&"module a { ".repeat(100_000)).is_err());
-        // Found while writing its fuzz target: each structure repeats the names of the modules around it.
+        // Found by the fuzz target: each structure repeats the names of the modules around it.
         let long =
             format!("module {} {{ {} }};", "a".repeat(100_000), "struct b { };".repeat(1_000));
         assert!(parse(&long).unwrap_err().to_string().contains("at most 255 bytes"));

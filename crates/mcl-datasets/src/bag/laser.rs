@@ -1,4 +1,4 @@
-//! How the laser sits on the robot.
+//! The mount of the laser on the robot.
 
 use mcl_core::{Pose2, ScanGeometry, math};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -7,29 +7,29 @@ use super::error::BagError;
 use super::messages::planar;
 use crate::log::options::LaserPose;
 
-/// Tilt accepted between the plane of the scan and that of the robot, in degrees. Lasers are mounted
-/// slightly tilted by accident; one that looks down on purpose does not scan the plane.
+/// Largest tilt accepted between the scan plane and the robot's plane, in degrees. A laser may be tilted
+/// slightly by accident; one that looks down on purpose does not scan the plane.
 const MAX_TILT_DEGREES: f64 = 30.0;
-/// Tilt (degrees) from which on endpoints are projected into the plane: points would be off by more than a per
-/// mille of their range.
+/// Tilt (degrees) from which endpoints are projected into the plane: below it, the error is at most about a
+/// per mille of the range.
 const PROJECTED_TILT: f64 = 3.0;
 
-/// The mount that is asked for, at a height.
+/// The requested mount, at height `z` (m).
 pub(super) fn in_space(laser: LaserPose, z: f64) -> Isometry3<f64> {
     let LaserPose { robot_from_laser: Pose2 { x, y, theta }, roll } = laser;
     let rotation = UnitQuaternion::from_euler_angles(roll, 0.0, theta);
     Isometry3::from_parts(Translation3::new(x, y, z), rotation)
 }
 
-/// How the laser sits on the robot.
+/// The mount of the laser on the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Mount {
     pub robot_from_laser: Pose2,
-    /// Mounted head down, so that its beams turn the other way.
+    /// Mounted upside down, so that its beams turn the other way.
     pub is_upside_down: bool,
-    /// Angle between the plane of the scan and that of the robot.
+    /// Angle between the scan plane and the robot's plane.
     pub tilt_degrees: f64,
-    /// Carries coordinates in the plane of the scan over to the laser's frame seen from above.
+    /// Maps coordinates in the scan plane to the laser's frame seen from above.
     pub plane: [[f64; 2]; 2],
 }
 
@@ -41,7 +41,7 @@ impl Mount {
         plane: [[1.0, 0.0], [0.0, 1.0]],
     };
 
-    /// That of a transform in space.
+    /// The mount given by a transform in space.
     pub fn of(robot_from_laser: &Isometry3<f64>) -> Self {
         let up = (robot_from_laser.rotation * Vector3::z()).z;
         let seen = planar(robot_from_laser);
@@ -64,13 +64,13 @@ impl Mount {
         Mount { robot_from_laser: seen, is_upside_down, tilt_degrees, plane }
     }
 
-    /// The one that is asked for.
+    /// The requested mount.
     pub fn asked(laser: LaserPose) -> Self {
         let mount = Mount::of(&in_space(laser, 0.0));
         Mount { robot_from_laser: laser.robot_from_laser, ..mount }
     }
 
-    /// The same, unless the laser is tilted so far that it does not scan the plane.
+    /// Returns it unless the laser is tilted too far to scan the plane.
     pub fn checked(self, base: &str, laser: &str) -> Result<Self, BagError> {
         if self.tilt_degrees > MAX_TILT_DEGREES {
             return Err(BagError::Tilted {
@@ -82,12 +82,12 @@ impl Mount {
         Ok(self)
     }
 
-    /// That of scans that are level and seen from above already.
+    /// The mount for scans that are level and seen from above already.
     pub fn level(self) -> Self {
         Mount { robot_from_laser: self.robot_from_laser, ..Mount::IDENTITY }
     }
 
-    /// The pose of the laser on a robot.
+    /// The pose of the laser for a pose of the robot, both in the same frame.
     pub fn laser(&self, robot: Pose2) -> Pose2 {
         match self.robot_from_laser == Pose2::IDENTITY {
             true => robot,

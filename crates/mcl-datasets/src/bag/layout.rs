@@ -1,26 +1,26 @@
-//! What a description of a message says: fields, their types and their numbers.
+//! The description of a message type: its fields with their types and element counts.
 
-/// Nesting accepted. Messages of sensors and poses nest five deep.
+/// Nesting depth accepted. Messages of sensors and poses nest five deep.
 pub(super) const MAX_DEPTH: usize = 32;
-/// Longest name of a module, message or field accepted, in bytes. Names of messages are made of those of
-/// the modules around them, so that without a limit a long one would be repeated many times.
+/// Longest name of a module, message or field accepted, in bytes. A message's name repeats those of the
+/// modules around it, so that a long one could otherwise be repeated many times.
 pub(super) const MAX_NAME_BYTES: usize = 255;
 /// Why a description cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SchemaError {
-    /// Not in a language that is read.
+    /// The description language is not supported.
     #[error("is written in {0:?}, expected ros2msg, ros2idl or ros1msg")]
     Language(String),
     /// Not text.
     #[error("is not UTF-8")]
     NotText,
-    /// A line that says nothing known.
+    /// A line that cannot be parsed.
     #[error("line {line}: {found:?} is not {expected}")]
     Syntax {
         /// Line, from 1.
         line: usize,
-        /// What stands there.
+        /// What was found.
         found: String,
         /// What was expected.
         expected: &'static str,
@@ -35,13 +35,13 @@ pub enum SchemaError {
         /// Its type.
         found: String,
     },
-    /// Types that hold themselves, or nest without end.
+    /// Types that contain themselves, or nest too deep.
     #[error("{0} holds itself or nests more than {MAX_DEPTH} deep")]
     Nesting(String),
     /// The message's own type is not described.
     #[error("no description of {0} in it")]
     NoRoot(String),
-    /// A field that is needed is not there.
+    /// A required field is missing.
     #[error("{definition} has no field {field}, which is needed")]
     MissingField {
         /// The message that should have it.
@@ -49,16 +49,16 @@ pub enum SchemaError {
         /// The field.
         field: String,
     },
-    /// A field that is needed is of another type.
+    /// A required field has another type.
     #[error("field {field} of {definition} is {found}, expected {expected}")]
     FieldType {
         /// The message that has the field.
         definition: String,
         /// The field.
         field: String,
-        /// What it is.
+        /// The type found.
         found: &'static str,
-        /// What it should be.
+        /// The type expected.
         expected: &'static str,
     },
 }
@@ -93,9 +93,9 @@ impl NumberType {
 pub enum ElementType<M> {
     /// A number.
     Number(NumberType),
-    /// A text.
+    /// A string.
     Text,
-    /// A text of wide characters; its layout depends on the middleware, so it is not read.
+    /// A string of wide characters; not supported, as its layout depends on the middleware.
     WideText,
     /// A message.
     Message(M),
@@ -104,15 +104,15 @@ pub enum ElementType<M> {
 /// How many elements a field has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Count {
-    /// One, not an array.
+    /// One element, not an array.
     One,
-    /// As many as the description says.
+    /// A fixed number of elements.
     Fixed(u64),
-    /// As many as the message says.
+    /// A variable number of elements, stated in the message.
     Sequence,
 }
 
-/// A field: name, element and number of elements. `M` names the message of the element.
+/// A field: name, element type and number of elements. `M` identifies the message type of the elements.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Field<M> {
     /// Its name.
@@ -123,7 +123,7 @@ pub struct Field<M> {
     pub count: Count,
 }
 
-/// A message as its text describes it: types of fields are still names.
+/// A message as parsed from its text: types of fields are still names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Described {
     /// `package/Name`.
@@ -136,9 +136,9 @@ pub(super) struct Described {
 pub struct Definition {
     /// `package/Name`.
     pub name: String,
-    /// Fields in the order they are encoded in.
+    /// Fields in the order of their encoding.
     pub fields: Vec<Field<usize>>,
-    /// Bytes that any encoded message of it takes at least.
+    /// Smallest size of an encoded message, in bytes.
     pub min_bytes: u64,
 }
 

@@ -1,9 +1,9 @@
-//! What a bag of this suite says of its scans beside its messages: which of them have no stamp, odometry or
-//! reference pose where others about them have. Without it, readers take a stamp of 0 for none, the time of logging
-//! in its place, and fill gaps by interpolation.
+//! What this suite's writer records about the scans of a bag beside its messages: which of them lack a stamp,
+//! odometry or a reference pose where their neighbours have one. Without it, a reader would take a stamp of 0
+//! as missing, use the log time instead, and fill gaps by interpolation.
 //!
-//! In MCAP it is a metadata record; formats that have none hold it as the text of a message, `key: value` in each
-//! line.
+//! In MCAP it is a metadata record; in formats without metadata it is the text of a message, with `key:
+//! value` in each line.
 
 use std::collections::BTreeSet;
 
@@ -13,20 +13,20 @@ use mcl_core::text::counted;
 pub(super) const NAME: &str = "mcl-eval";
 /// Topic of the message.
 pub(super) const TOPIC: &str = "/mcl_eval";
-/// Key of the number of scans on `/scan`: where it differs, another program cut or merged the bag, so that the numbers
-/// of the lists are those of other scans.
+/// Key of the number of scans on `/scan`: where it differs, another program cut or merged the bag, so that
+/// the indices in the lists refer to other scans.
 pub(super) const SCANS: &str = "scans";
-/// Key of the scans on `/scan` that have no stamp: their numbers from 0, parted by blanks. In a bag that has the
-/// record, a stamp of 0 of any other scan is a time, and scans are in their order, whatever their stamps.
+/// Key of the scans on `/scan` that have no stamp: their indices from 0, separated by blanks. In a bag that
+/// has the record, a stamp of 0 of any other scan is valid, and scans are in order, whatever their stamps.
 pub(super) const UNSTAMPED: &str = "scans_without_stamp";
-/// Keys of the scans that have no odometry, or no reference pose, where others about them have.
+/// Keys of the scans that lack odometry, or a reference pose, where their neighbours have one.
 pub(super) const NO_ODOMETRY: &str = "scans_without_odometry";
 pub(super) const NO_REFERENCE: &str = "scans_without_reference";
 
-/// What is said.
+/// The recorded lists.
 #[derive(Debug, Default)]
 pub(super) struct ScanLists {
-    /// The number of scans, if that is said.
+    /// The number of scans, where recorded.
     pub scans: Option<usize>,
     pub unstamped: BTreeSet<u32>,
     pub without_odometry: BTreeSet<u32>,
@@ -51,12 +51,12 @@ impl ScanLists {
         }
     }
 
-    /// Whether the lists are of other scans than the bag's, of which so many messages were found.
+    /// Whether the lists refer to other scans than those of the bag, which has `found` messages.
     pub fn are_of_others(&self, found: usize, is_cut: bool) -> bool {
         self.scans.is_some_and(|said| found > said || found < said && !is_cut)
     }
 
-    /// That they are.
+    /// The remark that says so.
     pub fn told(&self, topic: &str, found: usize) -> String {
         format!(
             "{topic}: {TOPIC} or the metadata of the bag tells of {}, found {found}: another program cut or merged the bag, so which scans have no stamp, odometry or reference pose is not known",

@@ -1,4 +1,4 @@
-//! The messages that are used, as values: scans, odometry, poses and transforms.
+//! The supported messages, as values: scans, odometry, poses and transforms.
 
 use std::f64::consts::TAU;
 
@@ -14,10 +14,10 @@ use crate::log::plane::PoseInSpace;
 pub(super) const MAX_POSITION: f64 = 1e9;
 const NANOSECONDS: i64 = 1_000_000_000;
 
-/// Why a message gives no value.
+/// Why a message cannot be converted.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum MessageError {
-    /// The schema lacks what is needed: no message of the topic can be read.
+    /// The schema lacks a required field: no message of the topic can be read.
     Schema(SchemaError),
     /// This message is malformed.
     Malformed { field: String, found: String, expected: String },
@@ -50,9 +50,9 @@ pub(super) fn malformed(
 /// `std_msgs/Header`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Header {
-    /// Nanoseconds; 0 means that the writer knew no time.
+    /// Nanoseconds; 0 means that the writer did not set it.
     pub stamp: i64,
-    /// Without the slash that older writers put before it.
+    /// Without the leading slash that older writers add.
     pub frame: String,
 }
 
@@ -73,25 +73,26 @@ fn frame(name: &str) -> String {
     name.trim_start_matches('/').to_owned()
 }
 
-/// A reading so close to `range_max` (as a part of it) is equal to it, but for the rounding of floats.
+/// A reading within this relative distance of `range_max` is equal to it, but for the rounding of floats.
 const RANGE_MAX_ROUNDING: f64 = 1e-6;
 /// Largest angle that a scan may cover, in turns.
 const MAX_TURNS: f64 = 1.01;
 
-/// `sensor_msgs/LaserScan`, or another message made into one.
+/// `sensor_msgs/LaserScan`, or another message converted to one.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ScanMessage {
     pub header: Header,
     pub geometry: ScanGeometry,
-    /// Readings nearer than `range_min` are −∞, beyond `range_max` +∞ (REP 117).
+    /// Ranges in metres; below `range_min` they are −∞, beyond `range_max` +∞ (REP 117).
     pub ranges: Vec<f64>,
-    /// Readings equal to `range_max`, which are +∞ as well: drivers write it where nothing came back.
+    /// Number of readings equal to `range_max`, which are +∞ as well: drivers write it where nothing was
+    /// detected.
     pub at_max: usize,
-    /// Direction of the last beam as the message says it.
+    /// Direction of the last beam according to the message (rad).
     pub last_angle: f64,
     /// Time from one beam to the next, in seconds.
     pub time_increment: f64,
-    /// Time of a turn of the scanner, in seconds; 0 where it is not said.
+    /// Time of a turn of the scanner, in seconds; 0 where not stated.
     pub scan_time: f64,
 }
 
@@ -120,7 +121,7 @@ impl ScanMessage {
                 return Err(malformed(name, angle.to_string(), "an angle in radians"));
             }
         }
-        // In descriptions with 64-bit angles, the sum may not be a number.
+        // In descriptions with 64-bit angles, the sum may be NaN or infinite.
         let geometry = ScanGeometry { start_angle, angle_step, beams: ranges.len() };
         let last = geometry.angle(ranges.len() - 1);
         if !last.is_finite() {
@@ -151,14 +152,14 @@ impl ScanMessage {
                 }
             }
         }
-        // Descriptions that lack these two are read all the same.
+        // These two fields are optional in a description.
         let last_angle = view.number("angle_max").unwrap_or(last);
         let time_increment = view.number("time_increment").unwrap_or(0.0);
         let scan_time = view.number("scan_time").unwrap_or(0.0);
         Ok(ScanMessage { header, geometry, ranges, at_max, last_angle, time_increment, scan_time })
     }
 
-    /// SHA-256 of what it says of its beams.
+    /// SHA-256 of its beams.
     pub fn digest(&self) -> [u8; 32] {
         let mut hash = Sha256::new();
         let ScanGeometry { start_angle, angle_step, .. } = self.geometry;
@@ -169,9 +170,9 @@ impl ScanMessage {
         hash.finalize().into()
     }
 
-    /// How far the direction of the last beam that follows from the others is from the one that the message
-    /// says, in steps between two beams and beyond the rounding of the message's single precision; 0 where that is
-    /// not said.
+    /// Difference between the direction of the last beam that follows from the others and the one that the
+    /// message states, in steps between two beams and beyond the rounding of single precision; 0 where it is
+    /// not stated.
     pub fn steps_off(&self) -> f64 {
         let ScanGeometry { start_angle, angle_step, beams } = self.geometry;
         let follows = self.geometry.angle(beams - 1);
@@ -187,17 +188,18 @@ impl ScanMessage {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PoseMessage {
     pub header: Header,
-    /// Frame whose pose it is, where the message says so (`Odometry`).
+    /// Child frame, where the message has one (`Odometry`).
     pub child: Option<String>,
     /// Projected onto the plane.
     pub pose: Pose2,
-    /// What that leaves out.
+    /// What the projection drops.
     pub in_space: PoseInSpace,
-    /// Of x, y and heading, along the axes of the header's frame; `None` where the message has none, or zeros.
+    /// Covariance of x, y and heading, along the axes of the header's frame; `None` where the message has
+    /// none, or zeros.
     pub covariance: Option<Covariance>,
 }
 
-/// Of x, y (m) and heading (rad).
+/// Covariance of x, y (m) and heading (rad), row by row.
 pub(super) type Covariance = [[f64; 3]; 3];
 
 impl PoseMessage {
@@ -206,7 +208,7 @@ impl PoseMessage {
         PoseMessage { header, child: None, pose: planar(pose), in_space, covariance: None }
     }
 
-    /// The pose of the one frame of a transform in the other: `geometry_msgs/TransformStamped`.
+    /// The pose of the child frame in the parent: `geometry_msgs/TransformStamped`.
     pub fn of(transform: TransformMessage) -> Self {
         let TransformMessage { header, child, parent_from_child } = transform;
         PoseMessage { child: Some(child), ..PoseMessage::at(header, &parent_from_child) }
@@ -229,7 +231,7 @@ impl PoseMessage {
     }
 }
 
-/// A `nav_msgs/Odometry`: what it says of its two frames, and how sure that is.
+/// A `nav_msgs/Odometry`: the transform between its two frames, and the covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct OdometryMessage {
     pub transform: TransformMessage,
@@ -246,7 +248,7 @@ impl OdometryMessage {
     }
 }
 
-/// The part of a 6 × 6 covariance that is of the plane. Writers that know none leave zeros, or a first element of −1.
+/// The planar part of a 6 × 6 covariance. Writers that do not know it leave zeros, or a first element of −1.
 fn covariance(view: &View<'_>) -> Option<Covariance> {
     const PLANE: [usize; 3] = [0, 1, 5];
     let numbers = view.numbers("covariance").ok()?.to_vec();
@@ -268,7 +270,7 @@ pub(super) struct TransformMessage {
 }
 
 impl TransformMessage {
-    /// All transforms of a message; malformed ones are added to `faults`.
+    /// All transforms of a message; errors of malformed ones are added to `faults`.
     pub fn all(view: &View<'_>, faults: &mut Vec<MessageError>) -> Result<Vec<Self>, MessageError> {
         let mut transforms = Vec::new();
         for (index, view) in view.messages("transforms")?.iter().enumerate() {
@@ -295,7 +297,7 @@ impl TransformMessage {
     }
 }
 
-/// The poses of a `nav_msgs/Path`, each with its stamp; malformed ones are added to `faults`.
+/// The poses of a `nav_msgs/Path`, each with its stamp; errors of malformed ones are added to `faults`.
 pub(super) fn path_poses(
     view: &View<'_>,
     faults: &mut Vec<MessageError>,
@@ -343,7 +345,7 @@ fn isometry(
     let [i, j, k, w] = [view.number("x")?, view.number("y")?, view.number("z")?, view.number("w")?];
     let quaternion = Quaternion::new(w, i, j, k);
     let norm = quaternion.norm();
-    // Writers round; one that did not set the orientation leaves it at 0.
+    // Writers round; an orientation that was not set is 0.
     if !(0.9..1.1).contains(&norm) {
         return Err(malformed(rotation, format!("({i}, {j}, {k}, {w})"), "a quaternion of norm 1"));
     }
@@ -353,14 +355,14 @@ fn isometry(
     ))
 }
 
-/// What is lost of a pose that is seen from above.
+/// What the projection of a pose onto the plane drops.
 pub(super) fn in_space_of(pose: &Isometry3<f64>) -> PoseInSpace {
     let up = (pose.rotation * Vector3::z()).z;
     let tilt_degrees = math::acos(up.clamp(-1.0, 1.0)).to_degrees();
     PoseInSpace { position: pose.translation.vector.into(), tilt_degrees }
 }
 
-/// The pose seen from above: position and yaw, the direction of the x axis.
+/// The pose seen from above: position and yaw, which is the direction of the x axis.
 pub(super) fn planar(pose: &Isometry3<f64>) -> Pose2 {
     let q = pose.rotation.quaternion();
     let yaw = math::atan2(2.0 * (q.w * q.k + q.i * q.j), 1.0 - 2.0 * (q.j * q.j + q.k * q.k));
@@ -374,7 +376,7 @@ mod tests {
     use crate::bag::{cdr, schema::MessageSchema};
     use mcl_core::Stamp;
 
-    /// Found while writing its fuzz target: where a bag describes angles of 64 bits, the last beam looked to infinity.
+    /// Found by the fuzz target: with 64-bit angles, the direction of the last beam was infinite.
     #[test]
     fn directions_that_are_no_numbers_are_malformed() {
         let text = "std_msgs/Header header\nfloat64 angle_min\nfloat64 angle_increment\n\

@@ -1,7 +1,7 @@
-//! When something was: the stretch of time that it belongs to, and its time in it.
+//! Time of an event: the time stretch that it belongs to, and the time within it.
 //!
-//! A bag that is recorded while another is played in a loop, or while a simulator is reset, goes over the
-//! same time again. What lies before such a jump and what lies after it are taken apart.
+//! A bag recorded while another is played in a loop, or while a simulator is reset, covers the same time more
+//! than once. What lies before such a jump and what lies after it are kept apart.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -9,12 +9,12 @@ use std::ops::RangeInclusive;
 use mcl_core::Stamp;
 use mcl_core::text::counted;
 
-/// A jump back by more (ns) begins a new stretch. One by less does where messages of one sender follow each other
-/// evenly, if it is longer than their usual interval and leads to where there were some before: messages that are
-/// out of order fill a hole, or stand alone.
+/// A jump back by more than this (ns) begins a new stretch. A shorter one does so where the messages of one
+/// sender follow each other evenly, if the jump is longer than their usual interval and leads to a time at
+/// which there were messages before: messages that are merely out of order fill a hole, or stand alone.
 const RESET: i64 = 1_000_000_000;
 
-/// A time in a stretch; in the order of stretches, then of time.
+/// A time within a stretch; ordered by stretch, then by time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Moment {
     pub stretch: usize,
@@ -23,31 +23,32 @@ pub(crate) struct Moment {
 }
 
 impl Moment {
-    /// A time of a log of one stretch.
+    /// A time in a log with a single stretch.
     pub const fn only(stamp: Stamp) -> Self {
         Moment { stretch: 0, at: stamp.nanoseconds() }
     }
 }
 
-/// When a message was.
+/// The time of a message.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Told<'a> {
-    /// Its place in the bag.
+    /// Its index in the bag.
     pub place: usize,
-    /// What it tells of: its stamps alone follow each other.
+    /// What it is about (a topic or a frame): only stamps of the same one are compared.
     pub of: &'a str,
     pub at: i64,
-    /// Whether such messages follow each other evenly, as those of one sender.
+    /// Whether such messages follow each other evenly, as from a single sender.
     pub is_even: bool,
 }
 
-/// Where a message was if there was one at about a time: those that fill a hole are an interval away from all others.
+/// The times at which a message counts as being near `at`: one that fills a hole is an interval away from all
+/// others.
 pub(super) fn near(at: i64, usual: i64) -> RangeInclusive<i64> {
     let reach = usual / 4 * 3;
     at.saturating_sub(reach)..=at.saturating_add(reach)
 }
 
-/// The median of the steps forward; the largest number where there are none.
+/// The median of the steps forward; the largest integer without any.
 pub(super) fn usual_interval(times: &[i64]) -> i64 {
     let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let mut steps: Vec<i64> = steps.filter(|&step| step > 0).collect();
@@ -61,14 +62,14 @@ pub(super) fn usual_interval(times: &[i64]) -> i64 {
 /// Where in the bag's order its stretches begin.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Stretches {
-    /// Places of the first messages of all but the first stretch.
+    /// Indices of the first messages of all but the first stretch.
     starts: Vec<usize>,
-    /// The largest jump: from which time to which, and what jumped.
+    /// The largest jump: from time, to time, and what jumped.
     largest: Option<(i64, i64, String)>,
 }
 
 impl Stretches {
-    /// Finds the jumps among messages.
+    /// Finds the jumps in a sequence of messages.
     pub fn of<'a>(messages: impl Iterator<Item = Told<'a>>) -> Self {
         let mut messages: Vec<Told<'a>> = messages.collect();
         messages.sort_by_key(|told| told.place);
@@ -114,7 +115,7 @@ impl Stretches {
         Moment { stretch: self.starts.partition_point(|&start| start <= place), at }
     }
 
-    /// What is to be said of the jumps.
+    /// The doubt to report about the jumps.
     pub fn doubt(&self) -> Option<String> {
         let (from, to, of) = self.largest.as_ref()?;
         let (from, to) = (Stamp::from_nanoseconds(*from), Stamp::from_nanoseconds(*to));

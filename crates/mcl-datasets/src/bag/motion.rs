@@ -1,4 +1,4 @@
-//! Where frames were at a time, in space, by `/tf_static`, `/tf` and odometry.
+//! Poses of frames in space over time, from `/tf_static`, `/tf` and odometry.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,13 +11,13 @@ use super::messages::{TransformMessage, planar};
 use super::moment::Moment;
 use super::track::longest_interval;
 
-/// Frames that stand still in the world (REP 105), and the usual names of a map's.
+/// Frames that are fixed in the world (REP 105), and the usual names of map frames.
 const FIXED_FRAMES: [&str; 5] = ["map", "odom", "earth", "world", "camera_init"];
-/// Frames that robots call their own.
+/// The usual names of the robot's frame.
 const BASE_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
-/// A transform on `/tf` that varies by less (metres, parts of a quaternion) is fixed.
+/// A transform on `/tf` that varies by less than this (metres, quaternion components) is fixed.
 const FIXED: f64 = 1e-6;
-/// One that varies by less (metres, degrees) sways: a base that follows the IMU, a soft suspension.
+/// One that varies by less than this (metres, degrees) sways: a base that follows the IMU, a soft suspension.
 const SWAY: (f64, f64) = (0.05, 3.0);
 /// A frame in its parent, over time.
 #[derive(Debug)]
@@ -26,11 +26,11 @@ struct Edge {
     /// In order of time once sorted; a static one has a single sample.
     samples: Vec<(Moment, Isometry3<f64>)>,
     is_static: bool,
-    /// The topic that tells it.
+    /// The topic that it was published on.
     topic: String,
     /// The longest time interpolated over, in nanoseconds.
     longest: i64,
-    /// How far it is from its first sample, at most: metres and degrees.
+    /// Largest deviation from its first sample: metres and degrees.
     spread: (f64, f64),
 }
 
@@ -38,18 +38,18 @@ struct Edge {
 #[derive(Debug, Default)]
 pub(super) struct Motion {
     edges: BTreeMap<String, Edge>,
-    /// Those of frames that move in several parents, by the child: all but the one in `edges`.
+    /// Edges of frames that move in several parents, by child: all but the one in `edges`.
     others: Vec<(String, Edge)>,
-    /// Children that two topics tell different things of.
+    /// Children for which two topics disagree.
     conflicts: BTreeMap<String, Conflict>,
 }
 
-/// What two topics tell differently of a frame.
+/// How two topics disagree about a frame.
 #[derive(Debug)]
 struct Conflict {
     topics: [String; 2],
     parents: [String; 2],
-    /// In one parent, how far they are apart: metres and degrees.
+    /// Where both have the same parent, how far they are apart: metres and degrees.
     apart: (f64, f64),
 }
 
@@ -62,14 +62,14 @@ pub(super) struct Chain<'a> {
 
 /// Two frames with a common ancestor.
 pub(super) struct Link<'a> {
-    /// From either frame up to the ancestor.
+    /// The frames from each of the two up to the ancestor.
     parent: Vec<(&'a str, &'a Edge)>,
     child: Vec<(&'a str, &'a Edge)>,
 }
 
 impl Motion {
-    /// Adds a transform at a time. One on `/tf_static` stands above those on `/tf`, and the last one of a
-    /// frame counts; a frame that moves in several parents has a track in each.
+    /// Adds a transform at a time. One on `/tf_static` takes precedence over those on `/tf`, and the last one
+    /// of a frame counts; a frame that moves in several parents has a track in each.
     pub fn insert(&mut self, message: TransformMessage, at: Moment, is_static: bool, topic: &str) {
         let TransformMessage { header, child, parent_from_child } = message;
         let sample = (at, parent_from_child);
@@ -118,7 +118,7 @@ impl Motion {
         }
     }
 
-    /// The transforms by their children, all parents of a frame.
+    /// The transforms by child, with all parents of a frame.
     fn all(&self) -> impl Iterator<Item = (&str, &Edge)> {
         let others = self.others.iter().map(|(child, edge)| (child.as_str(), edge));
         self.edges.iter().map(|(child, edge)| (child.as_str(), edge)).chain(others)
@@ -128,12 +128,12 @@ impl Motion {
         self.edges.contains_key(child)
     }
 
-    /// Whether a frame is one of the tree.
+    /// Whether a frame is part of the tree.
     pub fn knows(&self, frame: &str) -> bool {
         self.contains(frame) || self.all().any(|(_, edge)| edge.parent == frame)
     }
 
-    /// What contradicts itself.
+    /// The contradictions found.
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
         let told: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
@@ -158,14 +158,14 @@ impl Motion {
         doubts
     }
 
-    /// What is to be known of frames that move in several parents.
+    /// Remarks on frames that move in several parents.
     pub fn notes(&self) -> Vec<String> {
         self.several_parents(Edge::is_of_odometry)
             .map(|told| format!("transforms: {told}"))
             .collect()
     }
 
-    /// Frames that move in several parents, of those whose track that is taken is wanted.
+    /// Frames that move in several parents, restricted to those whose chosen track is `wanted`.
     fn several_parents(&self, wanted: impl Fn(&Edge) -> bool) -> impl Iterator<Item = String> {
         let mut parents: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (child, edge) in self.others.iter().filter(|(_, edge)| edge.is_moving()) {
@@ -183,10 +183,10 @@ impl Motion {
         parents.into_iter().filter_map(told).take(10).collect::<Vec<_>>().into_iter()
     }
 
-    /// Puts all samples in order of time; before anything is asked. `longest` is the longest time to be
-    /// interpolated over (ns), where it is asked for.
+    /// Sorts all samples by time; to be called before any query. `longest` is the longest time to interpolate
+    /// over (ns), where requested.
     pub fn sort(&mut self, longest: Option<i64>) {
-        // Of several parents, the odometry is what a robot moves in.
+        // Of several parents, prefer the odometry: it is what a robot moves in.
         for (child, other) in &mut self.others {
             if let Some(edge) = self.edges.get_mut(child)
                 && !edge.is_static
@@ -209,12 +209,12 @@ impl Motion {
         }
     }
 
-    /// The frames above `frame`.
+    /// The chain of frames above `frame`.
     pub fn chain<'a>(&'a self, frame: &'a str) -> Chain<'a> {
         self.chain_by(frame, None)
     }
 
-    /// [`Motion::chain`], by this transform of a child in place of the one that is taken.
+    /// [`Motion::chain`] with this transform of a child instead of the chosen one.
     fn chain_by<'a>(&'a self, frame: &'a str, by: Option<&'a (String, Edge)>) -> Chain<'a> {
         let mut chain = Chain { edges: Vec::new(), root: frame };
         let mut seen = BTreeSet::new();
@@ -231,13 +231,13 @@ impl Motion {
         chain
     }
 
-    /// Whether a frame stands still in the world: by its name, or because others move in it.
+    /// Whether a frame is fixed in the world: by its name, or because others move in it.
     pub fn is_fixed(&self, frame: &str) -> bool {
         FIXED_FRAMES.contains(&frame)
             || self.all().any(|(_, edge)| !edge.is_static && edge.parent == frame)
     }
 
-    /// How two frames hang together; `None` when no transforms lead from one to the other.
+    /// The link between two frames; `None` when no transforms lead from one to the other.
     pub fn link<'a>(&'a self, parent: &'a str, child: &'a str) -> Option<Link<'a>> {
         let by_others = || self.others.iter().find_map(|by| self.link_by(parent, child, Some(by)));
         self.link_by(parent, child, None).or_else(by_others)
@@ -264,9 +264,9 @@ impl Motion {
         Some(Link { parent: up_parent.edges, child: up_child.edges })
     }
 
-    /// The frames of the robot and of its odometry, by how the laser moves: of the transforms above it
-    /// that change, the one from a frame named after odometry, else the lowest. Where no transform tells of
-    /// the laser, the only one from a frame named after odometry.
+    /// The frames of the robot and of its odometry, by how the laser moves: of the changing transforms above
+    /// it, the one from a frame named after odometry, else the lowest. Where no transform leads to the laser,
+    /// the only one from a frame named after odometry.
     pub fn robot(&self, laser: &str) -> Option<(String, String)> {
         let mut chain = self.chain(laser);
         if chain.edges.is_empty() {
@@ -278,7 +278,7 @@ impl Motion {
         }
         let moving = || chain.edges.iter().filter(|(_, edge)| edge.is_moving());
         let is_odometry = |(_, edge): &&(&str, &Edge)| edge.is_of_odometry();
-        // A robot that stands still all the time has an odometry, too.
+        // A robot that stands still all the time has odometry, too.
         let still = || chain.edges.iter().filter(|(_, edge)| !edge.is_static);
         let (child, edge) = moving()
             .find(is_odometry)
@@ -287,13 +287,13 @@ impl Motion {
         Some(((*child).to_owned(), edge.parent.clone()))
     }
 
-    /// The first of the usual names of the robot's frame that the laser is fixed to.
+    /// The first of the usual robot frames that the laser is fixed to.
     pub fn base_of(&self, laser: &str) -> Option<&'static str> {
         BASE_FRAMES.into_iter().find(|base| matches!(self.mount(base, laser), Ok(Some(_))))
     }
 
-    /// How `laser` sits on `base`; `None` when no transforms lead from one to the other. Where it sways,
-    /// as it is at first.
+    /// The mount of `laser` on `base`; `None` when no transforms lead from one to the other. Where it sways,
+    /// the first one.
     ///
     /// # Errors
     /// When the transforms between them change, or tilt the laser out of the plane.
@@ -302,7 +302,7 @@ impl Motion {
         mount.map(|mount| mount.checked(base, laser)).transpose()
     }
 
-    /// [`Motion::mount`], however far it is tilted.
+    /// [`Motion::mount`] with any tilt.
     ///
     /// # Errors
     /// When the transforms between them change.
@@ -318,12 +318,12 @@ impl Motion {
         Ok(link.first().map(|first| Mount::of(&first)))
     }
 
-    /// How a frame sits on the robot in space, at first; the identity where that is not known.
+    /// The first pose of a frame on the robot in space; the identity where it is not known.
     pub fn mount_in_space(&self, base: &str, frame: &str) -> Isometry3<f64> {
         self.link(base, frame).and_then(|link| link.first()).unwrap_or_else(Isometry3::identity)
     }
 
-    /// Mounts of all frames that are fixed to a frame, seen from above, by name.
+    /// Mounts of all frames that are fixed to `base`, seen from above, by name.
     pub fn mounts(&self, base: &str) -> BTreeMap<String, Pose2> {
         let parents = self.all().map(|(_, edge)| edge.parent.as_str());
         let names: BTreeSet<&str> = self.edges.keys().map(String::as_str).chain(parents).collect();
@@ -343,8 +343,8 @@ impl Motion {
         names.into_iter().take(100).collect::<Vec<_>>().join(", ")
     }
 
-    /// The planar poses of `child` in `parent` over time; `None` when no transforms that change lead from
-    /// one to the other.
+    /// The planar poses of `child` in `parent` over time; `None` when no changing transforms lead from one to
+    /// the other.
     pub fn poses(&self, parent: &str, child: &str) -> Option<Vec<(Moment, Pose2)>> {
         let poses = self.poses_in_space(parent, child)?;
         Some(poses.iter().map(|(at, pose)| (*at, planar(pose))).collect())
@@ -361,7 +361,7 @@ impl Motion {
         let mut moments: Vec<Moment> =
             changing.flat_map(|(_, edge)| edge.samples.iter().map(|&(at, _)| at)).collect();
         if let ([], [(_, only)]) = (link.parent.as_slice(), link.child.as_slice()) {
-            // As they are, several of one time too.
+            // Unchanged, including several of the same time.
             return (!only.is_static).then(|| only.samples.clone());
         }
         moments.sort_unstable();
@@ -370,7 +370,7 @@ impl Motion {
         (!poses.is_empty()).then_some(poses)
     }
 
-    /// [`Motion::pairs`] of the frames that move and that no other moves in.
+    /// [`Motion::pairs`] of the frames that move and in which no other moves.
     pub fn moving_pairs(&self) -> Vec<String> {
         let moving = || self.all().filter(|(_, edge)| !edge.is_static);
         let is_lowest = |child: &str| moving().all(|(_, edge)| edge.parent != child);
@@ -383,7 +383,7 @@ impl Motion {
             .collect()
     }
 
-    /// Pairs of frames above `frame`, and `frame`, that could be asked for as a topic.
+    /// Pairs of frames above `frame`, with `frame`, that can be requested as a topic.
     pub fn pairs(&self, frame: &str) -> Vec<String> {
         let chain = self.chain(frame);
         let moves = chain.edges.iter().skip_while(|(_, edge)| edge.is_static);
@@ -399,19 +399,19 @@ impl Motion {
 }
 
 impl Chain<'_> {
-    /// Whether the frame at its foot can move in its root.
+    /// Whether the lowest frame can move relative to the root.
     pub fn moves(&self) -> bool {
         self.edges.iter().any(|(_, edge)| !edge.is_static)
     }
 
-    /// Carries coordinates of the frame at its foot into its root's, at a time; `None` where a part of it is
-    /// not known: nothing is extrapolated.
+    /// Maps coordinates of the lowest frame to the root at a time; `None` where part of the chain is not
+    /// known: nothing is extrapolated.
     pub fn root_from_frame(&self, at: Moment) -> Option<Isometry3<f64>> {
         product(&self.edges, |edge| edge.at(at))
     }
 }
 
-/// Carries coordinates of the lowest frame into the parent of the highest.
+/// Maps coordinates of the lowest frame to the parent of the highest.
 fn product(
     edges: &[(&str, &Edge)],
     transform: impl Fn(&Edge) -> Option<Isometry3<f64>>,
@@ -432,12 +432,12 @@ impl Link<'_> {
         self.parent.iter().chain(&self.child)
     }
 
-    /// Whether it changes, within the bounds of what sways.
+    /// Whether it changes, within the bounds of swaying.
     pub fn sways(&self) -> bool {
         self.edges().any(|(_, edge)| edge.varies())
     }
 
-    /// Carries coordinates of the child into the parent's by these transforms.
+    /// Maps coordinates of the child to the parent by these transforms.
     fn by(&self, edge: impl Fn(&Edge) -> Option<Isometry3<f64>>) -> Option<Isometry3<f64>> {
         let ancestor_from_child = product(&self.child, &edge)?;
         Some(match self.parent.is_empty() {
@@ -447,11 +447,11 @@ impl Link<'_> {
     }
 
     fn first(&self) -> Option<Isometry3<f64>> {
-        // Of one that is static, the last counts; it has only that.
+        // Of a static one, only the last sample is kept.
         self.by(|edge| edge.samples.first().map(|&(_, transform)| transform))
     }
 
-    /// Carries coordinates of the child into the parent's, at a time; `None` where that is not known.
+    /// Maps coordinates of the child to the parent at a time; `None` where it is not known.
     pub fn at(&self, at: Moment) -> Option<Isometry3<f64>> {
         self.by(|edge| edge.at(at))
     }
@@ -463,7 +463,7 @@ impl Link<'_> {
 }
 
 impl Edge {
-    /// What another topic tells differently of its child.
+    /// How another topic disagrees about its child.
     fn conflict(
         &self,
         parent: &str,
@@ -501,8 +501,7 @@ impl Edge {
         self.spread.0 > SWAY.0 || self.spread.1 > SWAY.1
     }
 
-    /// Between the two neighbours: on the line between the positions, on the shorter arc between the
-    /// orientations.
+    /// Interpolated between the two neighbours: positions linearly, orientations along the shorter arc.
     fn at(&self, moment: Moment) -> Option<Isometry3<f64>> {
         if self.is_static {
             return self.samples.last().map(|&(_, transform)| transform);
@@ -519,7 +518,7 @@ impl Edge {
         }
         let part = (i128::from(moment.at) - i128::from(before.at)) as f64 / gap as f64;
         let line = from.translation.vector.lerp(&to.translation.vector, part);
-        // Half a turn has no shorter arc: the nearer neighbour's.
+        // Half a turn has no shorter arc: take the nearer neighbour's orientation.
         let nearer = if part < 0.5 { from.rotation } else { to.rotation };
         let rotation = from.rotation.try_slerp(&to.rotation, part, 1e-9).unwrap_or(nearer);
         Some(Isometry3::from_parts(Translation3::from(line), rotation))
@@ -562,7 +561,7 @@ mod tests {
     #[test]
     fn a_scanner_on_a_moving_robot() {
         let mut motion = Motion::default();
-        // Out of order, as topics are merged.
+        // Out of order, as when topics are merged.
         insert(&mut motion, edge("odom", "base", 2.0, FRAC_PI_2), 100, false);
         insert(&mut motion, edge("odom", "base", 0.0, 0.0), 0, false);
         insert(&mut motion, edge("base", "lidar", 0.5, 0.0), 7, true);
@@ -629,7 +628,7 @@ mod tests {
 
     #[test]
     fn upside_down_and_tilted_lasers() {
-        // Roll by π: x stays ahead, y and z are turned over.
+        // Roll by π: x still points ahead, y and z are reversed.
         let down = tree(&[spatial("base_link", "laser", [0.0; 3], [PI, 0.0, 0.25])]);
         let mount = down.mount("base_link", "laser").unwrap().unwrap();
         assert!(mount.is_upside_down);

@@ -1,8 +1,8 @@
-//! The `.msg` language: a field per line, further messages after lines of `=` and `MSG: package/Name`.
+//! The `.msg` language: one field per line; further messages follow lines of `=` and `MSG: package/Name`.
 
 use super::layout::{Count, Described, ElementType, Field, NumberType, SchemaError, plain_name};
 
-/// The message `root` and those it depends on, as the text describes them.
+/// Parses the message `root` and those it depends on.
 pub(super) fn parse(root: &str, text: &str) -> Result<Vec<Described>, SchemaError> {
     let mut definitions = vec![Described { name: root.to_owned(), fields: Vec::new() }];
     let mut is_after_rule = false;
@@ -26,7 +26,7 @@ pub(super) fn parse(root: &str, text: &str) -> Result<Vec<Described>, SchemaErro
     Ok(definitions)
 }
 
-/// The field that a line describes; `None` for comments, blank lines and constants.
+/// The field described by a line; `None` for comments, blank lines and constants.
 fn field(line: &str) -> Result<Option<Field<String>>, &'static str> {
     const FIELD: &str = "a field: its type and its name";
     if line.is_empty() || line.starts_with('#') {
@@ -53,7 +53,7 @@ fn field(line: &str) -> Result<Option<Field<String>>, &'static str> {
             let count = match size {
                 "" => Count::Sequence,
                 bound if bound.starts_with("<=") => Count::Sequence,
-                // Messages of no bytes could nest without end; ROS knows no empty arrays either.
+                // Empty messages could nest without end; ROS has no empty arrays either.
                 fixed => match fixed.parse() {
                     Ok(size @ 1..) => Count::Fixed(size),
                     _ => return Err("the size of an array, at least 1"),

@@ -1,4 +1,4 @@
-//! Which pose of a track belongs to which scan, and what is to be said of scans that have none.
+//! Which pose of a track belongs to which scan, and the remarks on scans that have none.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,15 +9,15 @@ use super::moment::{Moment, near, usual_interval};
 use super::track::{Occurrence, Placed, PoseTrack};
 
 const NANOSECONDS: f64 = 1e9;
-/// Stamps that tell more than this part of the scans apart wrongly are of no use for any of them.
+/// Stamps are not used for any scan when they are ambiguous for more than this part of the scans.
 const MANY: f64 = 0.1;
-/// Scans at the ends of a log that lie outside of its poses, as a part of all, that are no loss: recorders do not
-/// start all topics at once.
+/// Scans at the ends of a log that lie outside of its poses, as a part of all, that need no remark: recorders
+/// do not start all topics at once.
 const ENDS: f64 = 0.05;
-/// And as a number.
+/// The same as a number of scans.
 const FEW: f64 = 2.0;
 
-/// Which of the scans of one time each is.
+/// Which of the scans with the same time each one is.
 pub(crate) fn occurrences(times: &[Moment]) -> Vec<Occurrence> {
     let mut seen: BTreeMap<Moment, usize> = BTreeMap::new();
     let index = |time: &Moment| {
@@ -33,7 +33,7 @@ pub(crate) fn occurrences(times: &[Moment]) -> Vec<Occurrence> {
         .collect()
 }
 
-/// What is to be said of scans that share their stamps, and whether these are many.
+/// The remark on scans that share their stamps, and whether these are many.
 pub(crate) fn shared_stamps(moments: impl Iterator<Item = Moment>) -> Option<(String, bool)> {
     let mut counts: BTreeMap<Moment, usize> = BTreeMap::new();
     moments.for_each(|moment| *counts.entry(moment).or_default() += 1);
@@ -52,15 +52,15 @@ pub(crate) fn shared_stamps(moments: impl Iterator<Item = Moment>) -> Option<(St
     })
 }
 
-/// Poses over time, and what they are called.
+/// Poses over time, with a name for remarks.
 pub(crate) struct Track {
     poses: PoseTrack,
     pub what: &'static str,
     scans: usize,
-    /// Whether stamps tell so little that no pose is taken by them.
+    /// Whether stamps are too ambiguous to take any pose by them.
     is_void: bool,
-    /// Scans whose stamps do not say which pose is theirs, those outside of the track and in gaps of it, and
-    /// the longest of these (ns).
+    /// Scans whose stamps leave open which pose is theirs, scans outside of the track and in its gaps, and
+    /// the longest of these gaps (ns).
     unclear: usize,
     outside: usize,
     in_gaps: usize,
@@ -75,8 +75,8 @@ impl Track {
         moments: &[Moment],
         occurrences: &[Occurrence],
     ) -> Self {
-        // Where as many poses as scans share a stamp, they belong together in their order; where none do, those
-        // that stand alone were cut off as well.
+        // Where as many poses as scans share a stamp, they are paired in order; where that never happens, the
+        // stamps were truncated, and those of scans that stand alone are ambiguous as well.
         let is_shared = |(moment, occurrence): (&Moment, &Occurrence)| {
             occurrence.of > 1 && poses.count(*moment) == occurrence.of
         };
@@ -106,7 +106,7 @@ impl Track {
         None
     }
 
-    /// Its poses, where stamps tell whose they are.
+    /// Its poses, unless the stamps are too ambiguous.
     pub fn poses(&self) -> Option<&PoseTrack> {
         Some(&self.poses).filter(|_| !self.is_void)
     }
@@ -116,7 +116,7 @@ impl Track {
         self.poses.span()
     }
 
-    /// What is in doubt or lost of scans at these times, and what else is to be known.
+    /// Doubts, losses and notes for scans at these times.
     pub fn told(&self, moments: &[Moment]) -> Told {
         let Track { what, scans, unclear, outside, in_gaps, longest_gap, .. } = *self;
         let mut told = Told::default();
@@ -171,19 +171,19 @@ impl Track {
     }
 }
 
-/// What is to be said of a track.
+/// Remarks on a track.
 #[derive(Default)]
 pub(crate) struct Told {
     pub doubts: Vec<String>,
     pub assumptions: Vec<String>,
 }
 
-/// What of a file of poses goes over the same time again, and in how many stretches: the stretch of each.
+/// The time stretch of each pose in a file that covers the same time more than once.
 pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
     let forward = times.windows(2).filter(|pair| pair[0] <= pair[1]).count();
     let usual = match forward as f64 >= (1.0 - MANY) * times.len().saturating_sub(1) as f64 {
         true => usual_interval(times),
-        // In no order.
+        // Not ordered at all.
         false => {
             let mut sorted = times.to_vec();
             sorted.sort_unstable();
@@ -207,7 +207,7 @@ pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
     of
 }
 
-/// That a file of poses cannot be used, as it tells of more stretches of time than there are.
+/// The error that a file of poses covers more time stretches than the log and cannot be used.
 pub(crate) fn goes_over_again(name: &str, in_file: usize, in_log: usize) -> String {
     format!(
         "reference: in {name} time jumps back {} and goes over the same time again, in the scans {}, so nothing says which belongs to which and it is not used: cut it where its time jumps",
@@ -225,7 +225,7 @@ mod tests {
         let stretches = |times: &[i64]| stretches_of_file(times).pop();
         let twice: Vec<i64> = (0..20).map(|k| 10 * (k % 10)).collect();
         assert_eq!(stretches_of_file(&twice), [[0; 10], [1; 10]].concat());
-        // Half an interval off.
+        // Shifted by half an interval.
         let off: Vec<i64> =
             twice.iter().enumerate().map(|(k, at)| at + if k < 10 { 5 } else { 0 }).collect();
         assert_eq!(stretches_of_file(&off), [[0; 10], [1; 10]].concat());

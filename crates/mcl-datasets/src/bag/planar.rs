@@ -1,7 +1,6 @@
-//! The ROS 2 messages that tell of a robot in the plane, encoded for a
-//! [`BagWriter`](super::BagWriter).
+//! The ROS 2 messages of a robot in the plane, encoded for a [`BagWriter`](super::BagWriter).
 //!
-//! Stamps must be from 0 to 2³¹ s, the times of ROS; [`check_scans`](super::check_scans) sees to that.
+//! Stamps must be from 0 to 2³¹ s, the range of ROS times; [`check_scans`](super::check_scans) ensures it.
 
 use std::borrow::Cow;
 
@@ -14,7 +13,7 @@ use super::encode::Encoder;
 const FLOAT32: u8 = 7;
 const POINT_BYTES: u32 = 12;
 
-/// `tf2_msgs/msg/TFMessage`: poses of child frames in their parents, `(parent, child, pose)`.
+/// `tf2_msgs/msg/TFMessage`: poses of child frames in their parents, as `(parent, child, pose)`.
 pub fn transforms(stamp: Stamp, edges: &[(&str, &str, Pose2)]) -> Encoder {
     let mut message = Encoder::default();
     message.u32(edges.len() as u32);
@@ -24,8 +23,8 @@ pub fn transforms(stamp: Stamp, edges: &[(&str, &str, Pose2)]) -> Encoder {
     message
 }
 
-/// `sensor_msgs/msg/LaserScan` with the limits `range_min` and `range_max` in metres, without
-/// intensities. Readings and angles become 32-bit floats; beams with directions of their own go to the nearest
+/// `sensor_msgs/msg/LaserScan` with the limits `range_min` and `range_max` in metres, without intensities.
+/// Readings and angles become 32-bit floats; beams with individual directions are assigned to the nearest
 /// even ones.
 pub fn laser_scan(
     scan: &LaserScan,
@@ -53,14 +52,14 @@ pub fn laser_scan(
     message
 }
 
-/// The readings at the even steps of the scan's geometry: of beams with directions of their own, the nearest at
-/// each step.
+/// The readings at the even steps of the scan's geometry: for beams with individual directions, the nearest
+/// at each step.
 fn even(scan: &LaserScan) -> Cow<'_, [f64]> {
     let Some(directions) = &scan.sweep.directions else { return Cow::Borrowed(&scan.ranges) };
     let ScanGeometry { start_angle, angle_step, beams } = scan.geometry;
     let mut nearest = vec![f64::INFINITY; beams];
     for (&range, direction) in scan.ranges.iter().zip(directions) {
-        // Turned into the half turns about the middle of the scan.
+        // Wrapped to half a turn on either side of the middle of the scan.
         let middle = 0.5 * angle_step * (beams - 1) as f64;
         let beam = ((wrap_angle(direction - start_angle - middle) + middle) / angle_step).round();
         if range.is_finite() && range > 0.0 && (0.0..beams as f64).contains(&beam) {
@@ -78,15 +77,15 @@ pub fn pose_stamped(stamp: Stamp, frame: &str, pose: Pose2) -> Encoder {
     message
 }
 
-/// `geometry_msgs/msg/PoseWithCovarianceStamped`, from the covariance of (x, y, θ) in m², m·rad and
-/// rad². What does not move in the plane (z, and the rotations about x and y) has none.
+/// `sensor_msgs/msg/PoseWithCovarianceStamped`, from the covariance of (x, y, θ) in m², m·rad and rad². z and
+/// the rotations about x and y have none.
 pub fn pose_with_covariance(
     stamp: Stamp,
     frame: &str,
     pose: Pose2,
     covariance: &Matrix3<f64>,
 ) -> Encoder {
-    // Where x, y and θ stand among x, y, z and the rotations about x, y and z.
+    // Indices of x, y and θ among x, y, z and the rotations about x, y and z.
     const PLACES: [usize; 3] = [0, 1, 5];
     let mut all = [0.0; 36];
     for (i, row) in PLACES.iter().enumerate() {
@@ -127,7 +126,7 @@ pub fn point_cloud(stamp: Stamp, frame: &str, points: &[Point<2>]) -> Encoder {
             message.bytes(&value.to_le_bytes());
         }
     }
-    // Dense: every point is one.
+    // Dense: every point is valid.
     message.u8(1);
     message
 }
@@ -149,7 +148,7 @@ mod tests {
     const STAMP: Stamp = Stamp::from_nanoseconds(3_000_000_004);
     const POSE: Pose2 = Pose2::new(1.0, -2.0, 0.5);
 
-    /// Decodes a message by its description, and shows it to `look`; no byte may be left.
+    /// Decodes a message by its description and passes it to `look`; no byte may be left.
     fn decoded(kind: &MessageType, message: Encoder, look: impl FnOnce(View<'_>)) {
         let text = kind.description();
         let schema = MessageSchema::parse(kind.name, "ros2msg", text.as_bytes()).unwrap();

@@ -5,10 +5,10 @@ use mcl_core::{Point, math};
 use super::cdr::View;
 use super::messages::{Header, MessageError, header, malformed};
 
-/// `sensor_msgs/PointField`'s codes of the types that coordinates have.
+/// Type codes of `sensor_msgs/PointField` supported for coordinates.
 const FLOAT32: u8 = 7;
 const FLOAT64: u8 = 8;
-/// Names of its codes, from 1.
+/// Names of the type codes, from 1.
 const TYPES: [&str; 8] =
     ["INT8", "UINT8", "INT16", "UINT16", "INT32", "UINT32", "FLOAT32", "FLOAT64"];
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -17,16 +17,16 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CloudMessage {
     pub header: Header,
-    /// Metres, row by row.
+    /// In metres, row by row.
     pub points: Vec<Point<3>>,
-    /// Points with a coordinate that is NaN or infinite: nothing came back there. Drivers write them into
-    /// clouds that they call dense, too.
+    /// Points with a coordinate that is NaN or infinite, where nothing was detected. Drivers write them into
+    /// clouds marked as dense, too.
     pub not_finite: usize,
     /// Points at the origin, where the scanner itself is, or beyond the largest range.
     pub out_of_range: usize,
 }
 
-/// Where a coordinate stands in a point, and how it is written.
+/// Offset and type of a coordinate within a point.
 #[derive(Debug, Clone, Copy)]
 struct Coordinate {
     offset: usize,
@@ -34,8 +34,8 @@ struct Coordinate {
 }
 
 impl CloudMessage {
-    /// With a largest range (m), only points with `0 < r ≤ max_range` from the origin of the cloud's frame
-    /// are taken.
+    /// Converts a message. With a largest range (m), only points with `0 < r ≤ max_range` from the origin of
+    /// the cloud's frame are taken.
     pub fn new(view: &View<'_>, max_range: Option<f64>) -> Result<Self, MessageError> {
         let header = header(view)?;
         let size = |name: &str| view.number(name).map(|value| value as u64);
@@ -44,7 +44,7 @@ impl CloudMessage {
         let is_big_endian = view.number("is_bigendian")? != 0.0;
         let data = view.bytes("data")?;
         let coordinates = coordinates(view, point_step)?;
-        // All are 32-bit numbers, so that no product overflows.
+        // All are 32-bit numbers, so no product overflows.
         if row_step < width * point_step {
             return Err(malformed(
                 "row_step",
@@ -60,7 +60,7 @@ impl CloudMessage {
             ));
         }
         let mut cloud = CloudMessage { header, points: Vec::new(), not_finite: 0, out_of_range: 0 };
-        // An empty row or point would be no length to cut data into; without points there is nothing to cut.
+        // An empty row or point has no length to split data by; without points there is nothing to split.
         if height == 0 || width == 0 {
             return Ok(cloud);
         }
@@ -91,7 +91,7 @@ pub fn is_in_range(point: &Point<3>, max_range: f64) -> bool {
 }
 
 impl Coordinate {
-    /// Its value in the bytes of a point, which are long enough.
+    /// Its value from the bytes of a point, which are long enough.
     fn of(self, point: &[u8], is_big_endian: bool) -> f64 {
         let mut wide = [0; 8];
         wide[..self.width].copy_from_slice(&point[self.offset..self.offset + self.width]);
@@ -106,7 +106,7 @@ impl Coordinate {
     }
 }
 
-/// Finds x, y and z among the fields, and sees that they lie in a point of `point_step` bytes.
+/// Finds x, y and z among the fields, and checks that they lie within a point of `point_step` bytes.
 fn coordinates(view: &View<'_>, point_step: u64) -> Result<[Coordinate; 3], MessageError> {
     let fields = view.messages("fields")?;
     let mut found: [Option<Coordinate>; 3] = [None; 3];
@@ -151,7 +151,7 @@ fn coordinates(view: &View<'_>, point_step: u64) -> Result<[Coordinate; 3], Mess
     let [Some(x), Some(y), Some(z)] = found else {
         return Err(malformed("fields", names(), "x, y and z among them"));
     };
-    // Overlapping coordinates are a mistake, and would let a small message hold a great many points.
+    // Overlapping coordinates are a mistake, and would let a small message hold a huge number of points.
     let overlap = |a: Coordinate, b: Coordinate| {
         a.offset < b.offset + b.width && b.offset < a.offset + a.width
     };

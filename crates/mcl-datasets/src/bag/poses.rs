@@ -14,21 +14,22 @@ use super::topics::{Pair, PoseRole, PosesAt, pose_topic, transform_topics};
 use crate::log::plane::out_of_plane;
 use crate::log::report::ReadReport;
 
-/// Which poses of a bag are wanted.
+/// A request for poses of a bag.
 #[derive(Debug, Clone, Copy)]
 pub struct PoseRequest<'a> {
-    /// The topic, a pair of frames (`/tf:map.base_link`), or the topic of the transforms; without, what types and
-    /// names tell.
+    /// The topic, a pair of frames (`/tf:map.base_link`), or the topic of the transforms; `None` selects it
+    /// by types and names.
     pub topic: Option<&'a str>,
     /// What the poses are wanted for.
     pub role: PoseRole,
-    /// The frame that the poses shall be in, if the bag's transforms lead there. Poses of a pair of frames stay in
-    /// its first, and odometry in its own frame: carried into the map's, it would be what a localizer made of it.
+    /// The frame to transform the poses into, if the bag's transforms lead there. Poses of a pair of frames
+    /// stay in its first, and odometry in its own frame: transformed to the map, it would include a
+    /// localizer's correction.
     pub into: Option<&'a str>,
 }
 
 impl PoseRequest<'_> {
-    /// The poses that types and names tell, in the frame of their messages.
+    /// A request for the poses selected by types and names, in the frame of their messages.
     pub fn of(role: PoseRole) -> Self {
         PoseRequest { topic: None, role, into: None }
     }
@@ -39,15 +40,15 @@ impl PoseRequest<'_> {
 pub struct PoseTopic {
     /// Its name.
     pub name: String,
-    /// Its poses in the frame of its messages, or the one wanted, seen from above, in the order of the bag; at the
-    /// stamps of the headers, or of logging where a header's is zero.
+    /// Its poses in the frame of its messages or the requested one, seen from above, in the order of the bag;
+    /// at the stamps of the headers, or the log times where a header's stamp is zero.
     pub trajectory: Trajectory,
     /// The covariance of each pose, along the axes of the frame that the poses are in (x and y in m, heading in
     /// rad); empty where no message has one.
     pub covariances: Vec<Option<Covariance>>,
     /// The frame that the poses are in; `None` where the messages leave it empty.
     pub parent: Option<String>,
-    /// The frame of the messages, where the bag's transforms carried the poses from there into `parent`.
+    /// The frame of the messages, where the poses were transformed from there into `parent`.
     pub carried_from: Option<String>,
     /// The frame whose poses they are: of an Odometry topic its `child_frame_id`, else that of the
     /// bag's odometry, else the first of `base_link` and `base_footprint` that the laser is fixed to.
@@ -57,13 +58,13 @@ pub struct PoseTopic {
     pub frame_from_laser: Option<Pose2>,
     /// Mounts of all frames that are fixed to `frame`, by name.
     pub mounts: BTreeMap<String, Pose2>,
-    /// What is to be said of poses that do not lie in the plane; of a topic of poses.
+    /// Remark on poses that do not lie in the plane; only for a topic of poses.
     pub out_of_plane: Option<String>,
-    /// What was not used.
+    /// What was skipped.
     pub report: ReadReport,
 }
 
-/// A pose, and how sure it is.
+/// A pose and its covariance.
 struct Sample {
     stamp: i64,
     pose: Pose2,
@@ -93,7 +94,7 @@ pub(crate) fn poses(
     let mut parent = first.and_then(|pose| named(&pose.header.frame));
     let mut child = first.and_then(|pose| named(pose.child.as_deref()?));
     let mut report = decoder.report.clone();
-    // What follows only asks where the laser is; what it loses is not of this topic.
+    // The rest only needs the mount of the laser; losses on scan topics do not concern this topic.
     let scan_topics = content.names(&[Kind::Scan, Kind::MultiEcho]);
     let laser = match scan_topics.as_slice() {
         &[only] => {
@@ -126,7 +127,7 @@ pub(crate) fn poses(
     };
     let mut carried_from = None;
     let is_odometry = |name: &str| content.names(&[Kind::Odometry]).contains(&name);
-    // In a namespace of its own, the frame has the same name there.
+    // In a namespace of its own, the frame has the same name within it.
     let own = |into: &str| {
         let (namespace, _) = parent.as_deref()?.rsplit_once('/')?;
         Some(format!("{namespace}/{into}")).filter(|name| tree.knows(name))
@@ -191,8 +192,8 @@ pub(crate) fn poses(
 /// A name for a pair of frames, the pair, and the poses of the second in the first.
 type OfTransforms = (String, [String; 2], Vec<(Moment, Pose2)>);
 
-/// The pair that is asked for; of the transforms the only one that says where in a fixed frame, other than that of the
-/// odometry, a frame moves that no other moves in.
+/// The requested pair; by default the only pair of transforms in which a frame that no other moves in moves
+/// in a fixed frame, other than that of the odometry.
 fn of_transforms(
     place: PosesAt<'_>,
     asked: Option<&str>,
@@ -222,7 +223,7 @@ fn of_transforms(
     }
 }
 
-/// The covariance of a pose that is carried into another frame.
+/// The covariance of a pose that is transformed into another frame.
 fn turned(covariance: &Covariance, angle: f64) -> Covariance {
     let (sin, cos) = math::sin_cos(angle);
     let carry = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];

@@ -1,4 +1,4 @@
-//! From the messages of a bag to a recording.
+//! Converts the messages of a bag to a recording.
 
 use std::collections::BTreeSet;
 
@@ -27,7 +27,7 @@ use crate::log::report::ReadReport;
 
 const NANOSECONDS: f64 = 1e9;
 
-/// Nothing yet of what a recording is made of.
+/// Empty content, prepared for reading a recording.
 pub(crate) fn content(options: &ReadOptions) -> Content {
     let purpose = if options.slice.is_some() { Purpose::Slices } else { Purpose::Scans };
     Content::new(purpose, options.topics.scan.as_deref())
@@ -77,7 +77,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
                 let base = robot_frame(&motion, child.as_deref(), lidar, options).0;
                 let found = motion.mount_in_space(&base, lidar);
                 match options.laser_pose {
-                    // Nothing else says how high the scanner is.
+                    // The height of the scanner is not known from anything else.
                     Some(asked) => in_space(asked, found.translation.z),
                     None => found,
                 }
@@ -95,7 +95,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         lists => (lists, None),
     };
     let repeated = if lists.is_none() { drop_repeated(&mut scans) } else { 0 };
-    // A recording that was written as a bag is in the order of its scans, whatever their stamps.
+    // A recording written as a bag is in the order of its scans, whatever their stamps.
     let stretches = match lists {
         Some(_) => Stretches::default(),
         None => {
@@ -149,9 +149,9 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
 }
 
-/// The robot's frame, and what had to be guessed about it: the one asked for; that of the odometry, if the
-/// laser hangs together with it; the one that the laser moves with; one of the usual names that the laser
-/// is fixed to; else the laser's own.
+/// The robot's frame, and what was assumed about it: the requested one; that of the odometry, if transforms
+/// connect it to the laser; the one that the laser moves with; one of the usual names that the laser is fixed
+/// to; else the laser's own.
 fn robot_frame(
     motion: &Motion,
     odometry_child: Option<&str>,
@@ -187,12 +187,12 @@ struct Assembly<'a> {
     options: &'a ReadOptions,
     scan_topic: &'a str,
     scans: Vec<Logged<ScanMessage>>,
-    /// What a bag of this suite says of its scans.
+    /// The scan lists of a bag written by this suite.
     lists: Option<ScanLists>,
     stretches: Stretches,
     motion: Motion,
     longest: Option<i64>,
-    /// When the scans were, and which of several of one time each is.
+    /// Times of the scans, and which of several with the same time each one is.
     moments: Vec<Moment>,
     occurrences: Vec<Occurrence>,
     report: ReadReport,
@@ -342,8 +342,8 @@ impl Assembly<'_> {
         Track::new(poses, what, &self.moments, &self.occurrences)
     }
 
-    /// The robot's poses in the odometry's frame: of the odometry's topic, and before and after that of
-    /// `/tf`, which tells the same.
+    /// The robot's poses in the odometry's frame: from the odometry's topic, and before and after it from
+    /// `/tf`, which has the same poses.
     fn odometry(
         &mut self,
         topic: Option<(&str, Vec<Logged<PoseMessage>>)>,
@@ -370,7 +370,7 @@ impl Assembly<'_> {
             return Some(self.track(track, WHAT));
         }
         let asked = self.options.odometry_frame.clone();
-        // What moves in the map is where a localizer or a reference has it.
+        // A pose in the map comes from a localizer or a reference.
         let is_map = |frame: &str| frame.rsplit('/').next() == Some("map");
         let found = self.motion.robot(laser);
         let found = found.filter(|(robot, frame)| robot == base && !is_map(frame));
@@ -390,7 +390,7 @@ impl Assembly<'_> {
         PoseTrack::new(samples, self.longest).map(|track| self.track(track, WHAT))
     }
 
-    /// In bags of this suite's writer, stamps of 0 are times.
+    /// In bags written by this suite, stamps of 0 are valid.
     fn say_unstamped(&mut self, what: &str, poses: &[Logged<PoseMessage>]) {
         let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
         if without > 0 && self.lists.is_none() {
@@ -437,7 +437,7 @@ impl Assembly<'_> {
         Ok(mount)
     }
 
-    /// A slice is level, however its scanner is mounted; else the laser must scan the plane.
+    /// A slice is level, however its scanner is mounted; otherwise the laser must scan the plane.
     fn of_scans(&self, mount: Mount, base: &str, laser: &str) -> Result<Mount, BagError> {
         match self.options.slice {
             Some(_) => Ok(mount.level()),
@@ -454,7 +454,7 @@ impl Assembly<'_> {
         }
     }
 
-    /// Whether the times between beams can be right; else they are in doubt, and not used.
+    /// Whether the times between beams are plausible; otherwise they are reported as a doubt, and not used.
     fn sweeps(&mut self, moments: &[Moment]) -> bool {
         let takes = self.scans.iter().map(|scan| beams::takes(&scan.value));
         match beams::longest_sweep(takes, moments) {
@@ -474,7 +474,7 @@ impl Assembly<'_> {
         self.assumptions.extend(assumptions.into_iter().map(told));
     }
 
-    /// The reference poses, what they are called, and the frame they are of where that is said.
+    /// The reference poses, their name, and their child frame where it is stated.
     fn reference(
         &mut self,
         topic: Option<&str>,
@@ -495,7 +495,7 @@ impl Assembly<'_> {
             let in_stretch =
                 |stretch: usize, &(at, pose): &(i64, Pose2)| (Moment { stretch, at }, pose);
             let samples: Vec<(Moment, Pose2)> = match in_file {
-                // It may tell of any.
+                // It may be about any frame.
                 0 | 1 => there
                     .iter()
                     .flat_map(|&stretch| poses.iter().map(move |pose| in_stretch(stretch, pose)))
@@ -558,7 +558,7 @@ impl Assembly<'_> {
         })
     }
 
-    /// A frame that is asked for has to be there: in the tree, or `elsewhere`.
+    /// A requested frame must exist: in the tree, or `elsewhere`.
     fn check_frame(
         &self,
         asked: Option<&str>,
@@ -579,8 +579,8 @@ impl Assembly<'_> {
         BagError::NoPair { topic: topic.to_owned(), frames: self.motion.frames() }
     }
 
-    /// Mount of the laser on the frame that the reference is of, `None` where that is the robot's; and
-    /// whose poses they are.
+    /// Mount of the laser on the child frame of the reference, `None` where that is the robot's; and the
+    /// frame's name.
     fn reference_mount(
         &mut self,
         child: Option<String>,
@@ -611,7 +611,7 @@ impl Assembly<'_> {
         Ok((found, frame))
     }
 
-    /// Poses that were recorded at another time than the scans.
+    /// The error for poses that were recorded at another time than the scans.
     fn check_overlap(
         &self,
         track: &Track,

@@ -1,4 +1,4 @@
-//! What of the scans of a bag contradicts itself, is there twice, or goes over the same time again.
+//! Contradictions and repetitions among the scans of a bag, and time that is covered more than once.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,11 +10,11 @@ use super::messages::{PoseMessage, ScanMessage};
 use super::moment::{Moment, Stretches, Told};
 use super::pairing::shared_stamps;
 
-/// Steps between two beams by which the last direction may be off: scanners of a full turn count the first
-/// beam twice or not.
+/// Steps between two beams by which the last direction may be off: scanners of a full turn may count the
+/// first beam twice.
 const STEPS_OFF: f64 = 1.5;
 
-/// Leaves out the scans that say again what another of the same stamp says, and returns their number.
+/// Removes the scans that repeat another of the same stamp, and returns their number.
 pub(super) fn drop_repeated(scans: &mut Vec<Logged<ScanMessage>>) -> usize {
     let before = scans.len();
     let mut counts: HashMap<i64, usize> = HashMap::new();
@@ -40,7 +40,7 @@ pub(super) fn stretches(
         at: time(scan.value.header.stamp, scan.log_time),
         is_even: true,
     });
-    // The poses of a path are all of one place, and repeat earlier ones.
+    // The poses of a path share one place in the bag, and repeat earlier ones.
     let is_path =
         |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
     let of_poses =
@@ -61,12 +61,12 @@ pub(super) fn stretches(
     Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
 }
 
-/// When a scan was.
+/// The time of a scan.
 pub(super) fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
     time(scan.value.header.stamp, scan.log_time)
 }
 
-/// What is to be said of scans, a line each.
+/// Remarks on scans, a line each.
 #[derive(Default)]
 pub(super) struct Said {
     pub doubts: Vec<String>,
@@ -74,8 +74,8 @@ pub(super) struct Said {
     pub notes: Vec<String>,
 }
 
-/// What of the scans of a topic, which were at these times, contradicts itself or is left out; `is_ours` says that
-/// their stamps are those of the log that was written as a bag.
+/// What contradicts itself or is left out among the scans of a topic at these times; `is_ours` means that the
+/// bag was written by this suite, with the stamps of the original log.
 pub(super) fn contradictions(
     topic: &str,
     scans: &[Logged<ScanMessage>],
@@ -117,7 +117,7 @@ pub(super) fn contradictions(
             scan.scan_time
         ));
     }
-    // The stamps of a recording that was written as a bag are those of its log.
+    // The stamps of a recording written as a bag are those of its log.
     if let Some((told, are_many)) = shared_stamps(moments.iter().copied()) {
         let list = if is_ours && !are_many { &mut said.assumptions } else { &mut said.doubts };
         list.push(format!("{topic}: {told}"));

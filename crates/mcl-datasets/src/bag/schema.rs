@@ -1,4 +1,4 @@
-//! How a message is laid out: the description that a bag carries, resolved so that it can be followed.
+//! The layout of a message: the description in a bag, with its types resolved.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ pub use super::layout::{Count, Definition, ElementType, Field, NumberType, Schem
 use super::layout::{Described, MAX_DEPTH, plain_name};
 use super::{idl_text, msg_text};
 
-/// The two types that every `.msg` may use without its bag describing them.
+/// The two types that every `.msg` may use without a description in the bag.
 const BUILTIN: [&str; 2] = ["builtin_interfaces/Time", "builtin_interfaces/Duration"];
 
-/// A message type with all types it holds.
+/// A message type with all types that it contains.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MessageSchema {
     definitions: Vec<Definition>,
@@ -17,11 +17,11 @@ pub struct MessageSchema {
 }
 
 impl MessageSchema {
-    /// Parses a description as a bag holds it: `encoding` is `ros2msg`, `ros2idl` or `ros1msg`, `name` the
-    /// message's type (`sensor_msgs/msg/LaserScan`).
+    /// Parses a description in a bag: `encoding` is `ros2msg`, `ros2idl` or `ros1msg`, `name` the message's
+    /// type (`sensor_msgs/msg/LaserScan`).
     ///
     /// # Errors
-    /// [`SchemaError`] says where the text is wrong or what it lacks.
+    /// [`SchemaError`] with the line that is wrong, or what is missing.
     pub fn parse(name: &str, encoding: &str, text: &[u8]) -> Result<Self, SchemaError> {
         if !matches!(encoding, "ros2msg" | "ros2idl" | "ros1msg") {
             return Err(SchemaError::Language(encoding.to_owned()));
@@ -32,7 +32,7 @@ impl MessageSchema {
             "ros2idl" => idl_text::parse(text)?,
             _ => msg_text::parse(&root, text)?,
         };
-        // Seconds of ROS 1 have no sign.
+        // Seconds of ROS 1 are unsigned.
         let time = match encoding {
             "ros1msg" => "uint32 sec\nuint32 nanosec\n",
             _ => "int32 sec\nuint32 nanosec\n",
@@ -45,7 +45,7 @@ impl MessageSchema {
         &self.definitions[self.root]
     }
 
-    /// A message that a field holds.
+    /// The message type of a field, by index.
     pub fn definition(&self, index: usize) -> &Definition {
         &self.definitions[index]
     }
@@ -81,7 +81,7 @@ struct Resolver {
 }
 
 impl Resolver {
-    /// Index of the resolved definition of `name`, which is described.
+    /// Index of the resolved definition of `name`, which must be described.
     fn resolve(&mut self, name: &str, depth: usize) -> Result<usize, SchemaError> {
         if let Some(&index) = self.done.get(name) {
             return Ok(index);
@@ -118,7 +118,7 @@ impl Resolver {
         Ok(index)
     }
 
-    /// The full name of a type used in `definition`: of its package, where it names none.
+    /// The full name of a type used in `definition`: of the same package, where it names none.
     fn find(&self, definition: &str, field: &str, found: &str) -> Result<String, SchemaError> {
         let name = plain_name(found);
         let package = definition.split('/').next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What topics and messages of a bag are written into, in any format.
+//! Where topics and messages of a bag are written, in any format.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -37,7 +37,7 @@ pub enum WriteBagError {
         /// Number of beams of its geometry.
         beams: usize,
     },
-    /// A stamp that ROS cannot hold.
+    /// A stamp outside the range of ROS times.
     #[error(
         "scan {scan} has the stamp {stamp} s, expected one from 0 to 2147483647 s (ROS times are 32-bit seconds)"
     )]
@@ -55,7 +55,7 @@ pub enum WriteBagError {
         /// What is not finite.
         what: &'static str,
     },
-    /// Readers of bags would not accept it: a pose beyond 10⁹ m from the origin, directions of beams that
+    /// Values that readers of bags would reject: a pose beyond 10⁹ m from the origin, or beam directions that
     /// 32-bit floats cannot hold.
     #[error("scan {scan}: the {what}, expected {expected}")]
     OutOfRange {
@@ -66,7 +66,7 @@ pub enum WriteBagError {
         /// What is accepted.
         expected: &'static str,
     },
-    /// Directions of beams that do not follow each other by even steps.
+    /// Beam directions that are not evenly spaced.
     #[error(
         "scan {scan}: its beams were placed by the motion or the tilt of the laser, so their directions are not even, as scans of a bag have them; read the log with --no-deskew, and a tilted laser as level with --laser-pose"
     )]
@@ -76,12 +76,12 @@ pub enum WriteBagError {
     },
 }
 
-/// How a topic offers its messages.
+/// The delivery of a topic's messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// To those who listen.
+    /// To current subscribers only.
     Live,
-    /// The last ones also to those who listen later, as `/tf_static` must.
+    /// The last messages also to later subscribers, as `/tf_static` requires.
     Latched,
 }
 
@@ -89,10 +89,10 @@ pub enum Delivery {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicId(pub(super) u16);
 
-/// Numbers of scans by key.
+/// Lists of scan indices by key.
 pub(super) type Lists = BTreeMap<String, String>;
 
-/// What writes topics and messages.
+/// A writer of topics and messages.
 pub(super) trait Sink {
     fn topic(
         &mut self,
@@ -108,7 +108,7 @@ pub(super) trait Sink {
         message: Encoder,
     ) -> Result<(), WriteBagError>;
 
-    /// Says of the scans what no message of theirs can.
+    /// Writes what the messages cannot express about the scans.
     fn lists(&mut self, log_time: u64, lists: Lists) -> Result<(), WriteBagError> {
         write_lists(self, log_time, lists)
     }

@@ -1,4 +1,4 @@
-//! A planar scan from a point cloud: the nearest point in each direction, of those between two heights.
+//! A planar scan from a point cloud: the nearest point in each direction, among those between two heights.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,12 +9,12 @@ use super::cdr::View;
 use super::messages::{MessageError, ScanMessage, planar};
 use super::point_cloud::CloudMessage;
 
-/// Directions of a turn, a quarter of a degree apart.
+/// Directions per turn, a quarter of a degree apart.
 const BEAMS: usize = 1440;
 
-/// Makes a scan of a `sensor_msgs/PointCloud2`: of the points whose height in the robot's frame lies in
-/// `heights` (m), as seen from the scanner's place, above or below them. `robot_from_frame` says how the
-/// cloud's frame sits on the robot.
+/// Makes a scan of a `sensor_msgs/PointCloud2` from the points whose height in the robot's frame lies in
+/// `heights` (m), seen from the scanner's position in the plane. `robot_from_frame` is the pose of the
+/// cloud's frame on the robot.
 pub(super) fn scan(
     view: &View<'_>,
     robot_from_frame: impl Fn(&str) -> Isometry3<f64>,

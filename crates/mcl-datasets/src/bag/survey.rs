@@ -1,4 +1,4 @@
-//! What is in a bag, whether or not it can be read as a log.
+//! The contents of a bag, whether or not it can be read as a log.
 
 use mcl_core::Stamp;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use super::layout::ElementType;
 use super::topics::{choose, possible_references};
 use crate::log::options::ReadOptions;
 
-/// Topics whose frames are looked for; a file may have 65,535.
+/// Number of topics whose frames are looked up; a file may have 65,535.
 const FRAMES: usize = 1000;
 
 /// A topic of a bag.
@@ -16,38 +16,38 @@ const FRAMES: usize = 1000;
 pub struct TopicFacts {
     /// Its name.
     pub name: String,
-    /// The type of its messages, as the bag names it; empty where it does not.
+    /// Its message type as named in the bag; empty where it is not.
     pub type_name: String,
     /// Number of messages.
     pub messages: usize,
-    /// When the first and the last of them were logged.
+    /// Log times of the first and the last message.
     pub logged: Option<(Stamp, Stamp)>,
     /// `frame_id` of the first message, where it has a header.
     pub frame: Option<String>,
 }
 
-/// Something that a log is read from.
+/// The choice of a topic for one input of a log.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Choice {
-    /// What it is: scans, odometry, reference.
+    /// Which input: scans, odometry, reference.
     pub what: &'static str,
-    /// The topic that is taken.
+    /// The topic chosen.
     pub taken: Option<String>,
-    /// Others that could be.
+    /// The other candidates.
     pub others: Vec<String>,
-    /// Whether it is left to the user which is meant.
+    /// Whether the user has to choose.
     pub is_open: bool,
-    /// The options that say otherwise.
+    /// The options that choose another.
     pub options: &'static str,
 }
 
-/// What is in a bag.
+/// The contents of a bag.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Survey {
     /// Its topics, by name.
     pub topics: Vec<TopicFacts>,
-    /// What scans, odometry and reference are read from.
+    /// The topics that scans, odometry and reference are read from.
     pub choices: Vec<Choice>,
     /// Why the bag ends early, if it does.
     pub truncated: Option<String>,
@@ -76,7 +76,7 @@ impl Survey {
 }
 
 impl Survey {
-    /// With pairs of frames that could be the reference.
+    /// Adds pairs of frames that could be the reference.
     pub(crate) fn with_pairs(mut self, mut pairs: Vec<String>) -> Self {
         for choice in self.choices.iter_mut().filter(|choice| choice.what == "reference") {
             pairs.retain(|pair| choice.taken.as_ref() != Some(pair));
@@ -113,7 +113,7 @@ fn choices(content: &Content, options: &ReadOptions) -> Vec<Choice> {
     let scan = taken(|chosen| Some(chosen.scan.to_owned()));
     let is_scan_open = scan.is_none() && content.names(scan_kinds).len() > 1;
     let references = possible_references(content, odometry.as_deref());
-    // What is named as an estimate has to be asked for, so nothing is open where there is no more.
+    // Topics named as estimates are only used on request, so they leave nothing open.
     let plain = references.iter().filter(|name| !name.contains(' ')).count();
     let reference = taken(|chosen| chosen.reference.map(str::to_owned));
     let is_reference_open = reference.is_none() && plain > 1;
@@ -144,7 +144,7 @@ fn frame(topic: &Topic) -> Option<String> {
         ElementType::Message(index) => schema.definition(index).name == "std_msgs/Header",
         _ => false,
     };
-    // Both encodings have eight bytes of time, and before them a head or a number of four.
+    // Both encodings have eight bytes of time, preceded by a four-byte header or number.
     let length: [u8; 4] = *topic.head.get(12..)?.first_chunk()?;
     let is_big = topic.encoding == "cdr" && topic.head[1] == 0;
     let length = if is_big { u32::from_be_bytes(length) } else { u32::from_le_bytes(length) };

@@ -1,17 +1,17 @@
-//! Which topics of a bag are meant.
+//! Selects the topics of a bag.
 
 use super::content::{Content, Kind, POSE_KINDS, Topic, list};
 use super::error::BagError;
 use crate::log::options::{ReadOptions, ReferencePoses};
 
 const SCAN_TYPES: &str = "sensor_msgs/msg/LaserScan or sensor_msgs/msg/MultiEchoLaserScan";
-/// Last part of the names of pose topics that say where the robot should be, or was told it is.
+/// Last part of the names of pose topics that hold goals or initial poses.
 const GOALS: [&str; 6] =
     ["goal_pose", "goal", "current_goal", "initialpose", "clicked_pose", "target_pose"];
-/// Last part of the names of pose topics that hold what another program takes to be the robot's pose.
+/// Last part of the names of pose topics that hold another program's estimate.
 const ESTIMATES: [&str; 7] =
     ["pose", "robot_pose", "current_pose", "global_pose", "mcl_pose", "tracked_pose", "poseupdate"];
-/// What is in the names of programs that estimate poses, and of their topics.
+/// Parts of the names of programs that estimate poses, and of their topics.
 const ESTIMATORS: [&str; 13] = [
     "amcl",
     "mcl2",
@@ -27,7 +27,7 @@ const ESTIMATORS: [&str; 13] = [
     "rtabmap",
     "cartographer",
 ];
-/// What is in the names of ground truths however they are written, and of systems that watch a robot from outside.
+/// Parts of the names of ground truth in any spelling, and of systems that track a robot from outside.
 const WATCHERS: [&str; 9] = [
     "groundtruth",
     "ground_truth",
@@ -56,7 +56,7 @@ const REFERENCE: [&str; 10] = [
 const POSE_TYPES: &str = "geometry_msgs/msg/PoseStamped, PoseWithCovarianceStamped or TransformStamped, nav_msgs/msg/Odometry or Path, or two frames of transforms (/tf:map.base_link)";
 
 impl Content {
-    /// The topic asked for, if its messages are of one of these kinds.
+    /// The requested topic, if its messages are of one of these kinds.
     fn asked<'a>(
         &self,
         topic: &'a str,
@@ -75,7 +75,7 @@ impl Content {
         Err(BagError::WrongType { topic: topic.to_owned(), option, found, expected })
     }
 
-    /// The topic of poses asked for, or the pair of frames.
+    /// The requested topic of poses, or pair of frames.
     fn asked_poses<'a>(&self, topic: &'a str, option: &'static str) -> Result<&'a str, BagError> {
         match Pair::of(topic).filter(|_| !self.topics.iter().any(|found| found.name == topic)) {
             Some(pair) => self
@@ -85,7 +85,7 @@ impl Content {
         }
     }
 
-    /// The error for several `names` (sorted, as [`Content::names`] gives them) that could be meant.
+    /// The error for several candidate `names` (sorted, as returned by [`Content::names`]).
     fn ambiguous(&self, what: &'static str, names: &[&str], option: &'static str) -> BagError {
         let is_named = |topic: &&Topic| names.binary_search(&&*topic.name).is_ok();
         let candidates = list(self.topics.iter().filter(is_named));
@@ -100,22 +100,22 @@ pub(super) struct Chosen<'a> {
     pub odometry: Option<&'a str>,
     /// A topic of poses, or a pair of frames ([`Pair`]).
     pub reference: Option<&'a str>,
-    /// What could be meant by several topics, and was left out.
+    /// Inputs with several candidate topics, which were left out.
     pub doubts: Vec<String>,
-    /// What was taken without being told by a name.
+    /// Topics chosen although no name confirms the choice.
     pub assumptions: Vec<String>,
 }
 
-/// Chooses the topics. A topic that is asked for must be there with messages of the right type. Else:
+/// Chooses the topics. A requested topic must exist with messages of the right type. By default:
 ///
-/// * scans: the only topic of its type, or among several the one named `/scan`;
-/// * odometry: the only topic of its type, or among several the one named `/odom`; topics with the
-///   name of a ground truth do not count;
-/// * reference: the only topic of poses, or among several the one with the name of a ground truth;
-///   goals, initial poses and what has the name of an estimate do not count. Without any such topic, one
-///   of odometry, transforms or paths with the name of a ground truth.
+/// - scans: the only topic of its type, or among several the one named `/scan`;
+/// - odometry: the only topic of its type, or among several the one named `/odom`; topics with the name of
+///   ground truth do not count;
+/// - reference: the only topic of poses, or among several the one with the name of ground truth; goals,
+///   initial poses and estimates by name do not count. Without any such topic, one of odometry, transforms or
+///   paths with the name of ground truth.
 ///
-/// Where several could be the odometry or the reference, none is.
+/// Where several could be the odometry or the reference, none is used.
 pub(super) fn choose<'a>(
     content: &'a Content,
     options: &'a ReadOptions,
@@ -194,7 +194,7 @@ impl<'a> Pair<'a> {
         frames.contains('.').then_some(Pair { topic, frames })
     }
 
-    /// Parent and child, both named in the tree: names of frames may have dots, too.
+    /// Parent and child, both names in the tree: names of frames may contain dots, too.
     pub fn frames(self, knows: impl Fn(&str) -> bool) -> Option<(&'a str, &'a str)> {
         let dots = self.frames.match_indices('.');
         let plain = |frame: &'a str| frame.trim_start_matches('/');
@@ -204,8 +204,8 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// The topics of transforms that go with a topic: of the namespace that is the longest beginning of its
-/// name, for those on `/tf_static` and others alike; all, where none is a beginning.
+/// The topics of transforms that belong to a topic: those in the namespace that is the longest prefix of its
+/// name, for `/tf_static` and the others alike; all of them, where none is a prefix.
 pub(super) fn transform_topics<'a>(content: &'a Content, of: Option<&str>) -> Vec<&'a str> {
     let names = content.names(&[Kind::Transforms]);
     let Some(of) = of else { return names };
@@ -222,8 +222,8 @@ pub(super) fn transform_topics<'a>(content: &'a Content, of: Option<&str>) -> Ve
     names.iter().copied().filter(is_chosen).collect()
 }
 
-/// The topic of the point clouds: the one asked for, else the only one of its type, or among several
-/// the one named `/points`.
+/// The topic of the point clouds: the requested one, else the only one of its type, or among several the one
+/// named `/points`.
 pub(super) fn cloud_topic<'a>(
     content: &'a Content,
     asked: Option<&'a str>,
@@ -241,8 +241,8 @@ pub(super) fn cloud_topic<'a>(
         })
 }
 
-/// The topic of the robot's odometry among those of its type, where there is one: the one asked for, the
-/// only one, or `/odom`.
+/// The topic of the robot's odometry among those of its type, if any: the requested one, the only one, or
+/// `/odom`.
 pub(super) fn odometry_topic<'a>(
     content: &'a Content,
     asked: Option<&'a str>,
@@ -256,7 +256,7 @@ pub(super) fn odometry_topic<'a>(
     }
 }
 
-/// The topic of the reference poses, as [`choose`] says; `None` if there is none.
+/// The topic of the reference poses, by the rules of [`choose`]; `None` if there is none.
 fn reference_topic<'a>(
     content: &'a Content,
     asked: Option<&'a str>,
@@ -283,12 +283,12 @@ fn reference_topic<'a>(
     }
 }
 
-/// Whether a topic has the name of a ground truth, or that of a system that watches a robot from outside.
+/// Whether a topic has the name of ground truth, or of a system that tracks a robot from outside.
 fn is_truth(name: &str) -> bool {
     is_named(name, &REFERENCE) || contains(name, &WATCHERS)
 }
 
-/// Whether a topic has the name of poses that another program estimated.
+/// Whether a topic has the name of an estimate by another program.
 fn is_estimate(name: &str) -> bool {
     !is_truth(name) && (is_named(name, &ESTIMATES) || contains(name, &ESTIMATORS))
 }
@@ -298,7 +298,7 @@ fn contains(name: &str, parts: &[&str]) -> bool {
     parts.iter().any(|part| name.contains(part))
 }
 
-/// Topics of poses that could serve as a reference if asked for, but the odometry.
+/// Topics of poses that could serve as a reference on request, except the odometry.
 pub(super) fn possible_references(content: &Content, odometry: Option<&str>) -> Vec<String> {
     let names = content.names(&POSE_KINDS).into_iter();
     let possible = names.filter(|name| Some(*name) != odometry && !is_named(name, &GOALS));
@@ -309,12 +309,12 @@ pub(super) fn possible_references(content: &Content, odometry: Option<&str>) -> 
     possible.map(told).collect()
 }
 
-/// What the poses of a topic are wanted for.
+/// What the poses of a topic are used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PoseRole {
     /// Ground truth.
     Reference,
-    /// Poses to be held against it.
+    /// Poses to compare with the ground truth.
     Estimate,
 }
 
@@ -323,13 +323,13 @@ pub enum PoseRole {
 pub(super) enum PosesAt<'a> {
     Topic(&'a str),
     Pair(Pair<'a>),
-    /// In transforms, for which frames the tree has to say.
+    /// In transforms; the frames have to be found in the tree.
     Transforms,
 }
 
-/// The topic of poses that is asked for; else, for a reference, the one that a recording would take, and for an
-/// estimate the only one that is neither ground truth, goal nor initial pose: of poses or odometry, without such of
-/// paths or single transforms, without these the transforms.
+/// The requested topic of poses. By default, for a reference the one that a recording would use, and for an
+/// estimate the only one that is neither ground truth, goal nor initial pose: of poses or odometry, else of
+/// paths or single transforms, else the transforms.
 pub(super) fn pose_topic<'a>(
     content: &'a Content,
     asked: Option<&'a str>,
@@ -376,7 +376,7 @@ pub(super) fn pose_topic<'a>(
     }
 }
 
-/// The only name, or among several `obvious`; all of them, when that decides nothing.
+/// The only name, or among several `obvious`; all of them when neither applies.
 fn only_or_named<'a>(names: &[&'a str], obvious: &str) -> Result<Option<&'a str>, Vec<&'a str>> {
     match names {
         [] => Ok(None),

@@ -1,47 +1,48 @@
-//! Poses over time, and where between them a scan was taken.
+//! Poses over time, interpolated at the times of scans.
 
 use mcl_core::{Pose2, math};
 
 use super::moment::Moment;
 
-/// Interpolated over at most so many usual intervals, and any this short (ns).
+/// Gaps up to this many usual intervals are interpolated over, and any gap up to this length (ns).
 const USUAL_INTERVALS: i64 = 5;
 const SHORT: i64 = 200_000_000;
 
-/// Poses of one stamp that are closer (metres, radians) are one, but for the noise of who wrote them.
+/// Poses of the same stamp closer than this (metres, radians) are the same but for noise.
 const ALIKE: (f64, f64) = (0.01, 0.01);
 
-/// Which of several of one time.
+/// Which of several with the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Occurrence {
-    /// From 0.
+    /// Index, from 0.
     pub index: usize,
-    /// How many there are.
+    /// Their number.
     pub of: usize,
 }
 
 impl Occurrence {
-    /// The only one.
+    /// A single one.
     pub const ONLY: Occurrence = Occurrence { index: 0, of: 1 };
 }
 
-/// Stamped poses in order of time; those of one time in the order of the log.
+/// Stamped poses in order of time; those of the same time in the order of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PoseTrack {
     samples: Vec<(Moment, Pose2)>,
-    /// Samples of times that others tell different poses of, and how far these are apart: metres and radians.
+    /// Number of samples whose time has several different poses, and how far these are apart: metres and
+    /// radians.
     shared: usize,
     apart: (f64, f64),
     /// The longest time between two samples that is interpolated over, in nanoseconds.
     longest: i64,
 }
 
-/// What a track says of a moment.
+/// The result of looking up a time in a track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Placed {
-    /// The pose there.
+    /// The pose at that time.
     At(Pose2),
-    /// Several poses have this stamp, or that of a neighbour, or several ask for that of one stamp.
+    /// Several poses have this stamp or that of a neighbour, or several scans share one stamp.
     Unclear,
     /// Before the first or after the last sample of its stretch.
     Outside,
@@ -49,7 +50,7 @@ pub(crate) enum Placed {
     InGap(i64),
 }
 
-/// The longest time interpolated over: that which is asked for (ns), or a few times the usual interval.
+/// The longest time interpolated over (ns): the requested one, or a few times the usual interval.
 pub(super) fn longest_interval(times: impl Iterator<Item = Moment>, asked: Option<i64>) -> i64 {
     if let Some(asked) = asked {
         return asked;
@@ -74,7 +75,7 @@ pub(super) fn longest_interval(times: impl Iterator<Item = Moment>, asked: Optio
 
 impl PoseTrack {
     /// A track of samples in the order of the log; `None` without any. `longest` is the longest time to
-    /// be interpolated over (ns), where it is asked for.
+    /// interpolate over (ns), where requested.
     pub fn new(mut samples: Vec<(Moment, Pose2)>, longest: Option<i64>) -> Option<Self> {
         samples.sort_by_key(|&(moment, _)| moment);
         let longest = longest_interval(samples.iter().map(|&(moment, _)| moment), longest);
@@ -96,17 +97,17 @@ impl PoseTrack {
         self.samples.len()
     }
 
-    /// How many of them have a stamp that others tell different poses of.
+    /// Number of poses whose stamp has several different poses.
     pub fn shared(&self) -> usize {
         self.shared
     }
 
-    /// How far poses of one stamp are apart, in metres and degrees.
+    /// How far poses of the same stamp are apart, in metres and degrees.
     pub fn apart(&self) -> (f64, f64) {
         (self.apart.0, self.apart.1.to_degrees())
     }
 
-    /// How many have this time.
+    /// Number of poses with this time.
     pub fn count(&self, moment: Moment) -> usize {
         self.group(moment).len()
     }
@@ -142,8 +143,8 @@ impl PoseTrack {
         PoseTrack::of(samples, self.longest)
     }
 
-    /// The pose at a time: that of the sample with this very stamp, else between the two neighbours
-    /// (on the line between the positions, on the shorter arc between the headings). Several of one time that ask
+    /// The pose at a time: that of the sample with exactly this stamp, else interpolated between the two
+    /// neighbours (positions linearly, headings along the shorter arc). Several queries with the same time
     /// get its samples one after the other, if there are as many.
     pub fn at(&self, moment: Moment, occurrence: Occurrence) -> Placed {
         let group = self.group(moment);
@@ -175,7 +176,7 @@ impl PoseTrack {
     }
 }
 
-/// How far poses are from the first, at most: metres and radians.
+/// Largest deviation from the first pose: metres and radians.
 fn spread(samples: &[(Moment, Pose2)]) -> [f64; 2] {
     let mut spread = [0.0_f64; 2];
     for (_, pose) in samples {
@@ -241,7 +242,7 @@ mod tests {
             assert_eq!(track.at(at(5), Occurrence { index: 0, of }), Placed::Unclear);
         }
         assert_eq!(track.at(at(9), Occurrence { index: 1, of: 2 }), Placed::Unclear);
-        // Nor between two of which one is not clear.
+        // Nor between two of which one is ambiguous.
         assert_eq!(track.at(at(7), Occurrence::ONLY), Placed::Unclear);
         let noise = vec![(at(5), x(1.0)), (at(5), x(1.005)), (at(9), x(2.0))];
         let track = PoseTrack::new(noise, None).unwrap();

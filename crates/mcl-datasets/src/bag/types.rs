@@ -1,10 +1,10 @@
-//! Descriptions of the messages that are written, and of those that are read from bags that do not
-//! describe them, as `.msg` texts without their comments.
+//! Descriptions of the messages that are written, and of those read from bags without descriptions, as `.msg`
+//! texts without comments.
 //!
 //! The fields are those of the packages `builtin_interfaces`, `std_msgs`, `geometry_msgs`,
 //! `sensor_msgs`, `nav_msgs` and `tf2_msgs`, the same in every ROS 2 distribution so far.
 
-/// A message type: its name, its fields, and the types these are of.
+/// A message type: its name, its fields, and the types that these use.
 pub struct MessageType {
     /// `package/msg/Name`.
     pub name: &'static str,
@@ -13,7 +13,7 @@ pub struct MessageType {
 }
 
 impl MessageType {
-    /// [`MessageType::description`] for ROS 1, whose headers also have a number.
+    /// [`MessageType::description`] for ROS 1, whose headers also have a sequence number.
     pub fn description_of_ros1(&self) -> String {
         let of_ros1 = |line: &str| match line {
             "builtin_interfaces/Time stamp" => "uint32 seq\ntime stamp\n".to_owned(),
@@ -22,7 +22,7 @@ impl MessageType {
         self.description().lines().map(of_ros1).collect()
     }
 
-    /// The description as bags carry it: the fields, then those of every type they hold, each once.
+    /// The description as stored in bags: the fields, then those of every type used, each once.
     pub fn description(&self) -> String {
         let mut text = self.fields.to_owned();
         let mut told: Vec<&str> = Vec::new();
@@ -40,7 +40,7 @@ impl MessageType {
     }
 }
 
-/// The types that are read, by their names without `msg`.
+/// The supported types, by their names without `msg`.
 pub fn named(plain_name: &str) -> Option<&'static MessageType> {
     if plain_name == "tf/tfMessage" {
         return Some(&TF_MESSAGE);

@@ -1,4 +1,4 @@
-//! Writing databases of rosbag2, as its storage plugin `sqlite3` lays them out.
+//! Writes databases of rosbag2 in the layout of its storage plugin `sqlite3`.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -11,7 +11,7 @@ use super::sink::{Delivery, Sink, TopicId, WriteBagError, qos};
 use super::types::MessageType;
 
 const NAME: &str = "bag.db3";
-/// Version 4 of the schema, since 2023. A database that nobody else sees needs no journal.
+/// Version 4 of the schema, since 2023. A database with a single user needs no journal.
 const TABLES: &str = "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; BEGIN;
     CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
     INSERT INTO schema VALUES (4, '');
@@ -26,7 +26,7 @@ const TABLES: &str = "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; BEGIN
         data BLOB NOT NULL);
     CREATE INDEX timestamp_idx ON messages (timestamp ASC);";
 
-/// SQLite writes files only, so this one is of a folder that is removed with it.
+/// Writes a database. SQLite writes to files only, so it is kept in a temporary folder.
 pub(super) struct DatabaseWriter {
     folder: TempDir,
     database: Connection,
@@ -48,7 +48,7 @@ impl DatabaseWriter {
         Ok(DatabaseWriter { folder, database, topics: 0, types: Vec::new() })
     }
 
-    /// Ends the database, and copies it.
+    /// Finishes the database, and copies it to the sink.
     pub fn finish<W: Write>(self, mut sink: W) -> Result<W, WriteBagError> {
         self.database.execute_batch("COMMIT;")?;
         self.database.close().map_err(|(_, error)| error)?;

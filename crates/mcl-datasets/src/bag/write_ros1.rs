@@ -1,4 +1,4 @@
-//! Writing bags of ROS 1, version 2.0: chunks as they are, with an index.
+//! Writes bags of ROS 1, version 2.0: uncompressed chunks with an index.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, SeekFrom, Write};
@@ -11,13 +11,13 @@ use super::sink::{Delivery, Sink, TopicId, WriteBagError};
 use super::types::MessageType;
 use crate::container::ros1::{BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION, INDEX, MAGIC, MESSAGE};
 
-/// Bytes of the first record with its lengths, which is written again at the end.
+/// Size in bytes of the first record with its lengths, which is rewritten at the end.
 const BAG_HEADER_BYTES: usize = 4096;
-/// A chunk is written when its records have so many bytes.
+/// A chunk is written when its records reach this size in bytes.
 const CHUNK_BYTES: usize = 768 << 10;
 const VERSION: [u8; 4] = 1_u32.to_le_bytes();
 
-/// Digests of the definitions, by which ROS 1 tells whether two programs mean the same type.
+/// Digests of the definitions, by which ROS 1 checks that two programs mean the same type.
 fn digest(plain_name: &str) -> &'static str {
     match plain_name {
         "sensor_msgs/LaserScan" => "90c7ef2dc6895d81024acba2ac42f369",
@@ -32,7 +32,7 @@ fn digest(plain_name: &str) -> &'static str {
 struct Connection {
     schema: MessageSchema,
     topic: String,
-    /// Its header, without the number of the connection.
+    /// Its header, without the connection's index.
     described: Vec<u8>,
 }
 
@@ -95,7 +95,7 @@ impl<W: Write + Seek> Ros1Writer<W> {
         Ok(())
     }
 
-    /// Ends the bag, and gives back the sink.
+    /// Finishes the bag, and returns the sink.
     pub fn finish(mut self) -> Result<W, WriteBagError> {
         self.end_chunk()?;
         let index_start = self.sink.stream_position()?;
@@ -234,7 +234,7 @@ fn bag_header(index_start: u64, connections: u32, chunks: u32) -> Vec<u8> {
     out
 }
 
-/// A message in the encoding of ROS 1, whose headers have a number before the stamp.
+/// A message in the encoding of ROS 1, whose headers have a sequence number before the stamp.
 fn encode(schema: &MessageSchema, definition: &Definition, value: &Value<'_>, out: &mut Vec<u8>) {
     let Value::Message(values) = value else { return };
     if definition.name == "std_msgs/Header" {

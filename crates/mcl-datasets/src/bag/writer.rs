@@ -19,7 +19,7 @@ use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
 use crate::mount::Mount;
 
-/// Unpacked bytes of a chunk. Small, because a file that is cut off loses most of its last chunk.
+/// Uncompressed size of a chunk, in bytes. Small, because a truncated file loses most of its last chunk.
 const CHUNK_BYTES: u64 = 64 << 10;
 const ODOMETRY_FRAME: &str = "odom";
 /// The frame of the map, root of all others (REP 105).
@@ -29,8 +29,8 @@ pub const BASE_FRAME: &str = "base_link";
 /// The laser's frame.
 pub const LASER_FRAME: &str = "laser";
 
-/// A bag being written: profile `ros2`, CDR messages with their descriptions, zstd chunks, index and
-/// summary. The same calls give the same bytes.
+/// A bag being written: profile `ros2`, CDR messages with their descriptions, zstd chunks, index and summary.
+/// The output is deterministic.
 pub struct BagWriter<W: Write + Seek> {
     writer: mcap::Writer<W>,
     sequences: BTreeMap<u16, u32>,
@@ -56,7 +56,7 @@ impl<W: Write + Seek> Sink for BagWriter<W> {
     }
 
     fn lists(&mut self, log_time: u64, lists: Lists) -> Result<(), WriteBagError> {
-        // Converters of others keep messages, and drop metadata records.
+        // Other converters keep messages, but drop metadata records.
         if lists.contains_key(lists::NO_ODOMETRY) {
             write_lists(self, log_time, lists.clone())?;
         }
@@ -72,13 +72,14 @@ pub enum Format {
     Mcap,
     /// ROS 1, version 2.0, not compressed, with index.
     Ros1,
-    /// ROS 2: a database of rosbag2 (SQLite) with the descriptions of its messages. Tools of ROS 2 want a
+    /// ROS 2: a database of rosbag2 (SQLite) with the descriptions of its messages. ROS 2 tools expect a
     /// `metadata.yaml` beside it, which `ros2 bag reindex` writes.
     Database,
 }
 
-/// [`write`](fn@write), in any of the formats. Those that have no metadata records say the same by a message on
-/// `/mcl_eval` (`std_msgs/String`), and so does MCAP where scans lack what others have.
+/// [`write`](fn@write) in any of the formats. Those without metadata records hold the same lists in a message
+/// on `/mcl_eval` (`std_msgs/String`), and so does MCAP where scans lack odometry or reference that others
+/// have.
 ///
 /// # Errors
 /// As [`write`](fn@write).
@@ -117,7 +118,7 @@ impl<W: Write + Seek> BagWriter<W> {
     /// Begins a bag.
     ///
     /// # Errors
-    /// When the sink fails; so for all methods.
+    /// When the sink fails; the same holds for all methods.
     pub fn new(sink: W) -> Result<Self, WriteBagError> {
         let writer = mcap::WriteOptions::new()
             .profile("ros2")
@@ -180,7 +181,7 @@ impl<W: Write + Seek> BagWriter<W> {
         Ok(self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: entries })?)
     }
 
-    /// Ends the bag, and gives back the sink.
+    /// Finishes the bag, and returns the sink.
     ///
     /// # Errors
     /// When the sink fails.
@@ -200,22 +201,22 @@ impl<W: Write + Seek> BagWriter<W> {
 /// | `/tf` | `tf2_msgs/msg/TFMessage` | `map` → `odom` (reference less odometry), `odom` → `base_link`; `map` → `base_link` without odometry |
 /// | `/tf_static` | `tf2_msgs/msg/TFMessage` | `base_link` → `laser` |
 ///
-/// All messages about a scan have its stamp. Messages are logged in the order of the scans at times
-/// that never step back, as players go by them: at the scan's stamp, or at the latest one before it
-/// where stamps step back or are missing. A scan without stamp has stamp 0 and is listed in the
-/// metadata record `mcl-eval`, which also says that the scans are in their order, whatever their stamps.
+/// All messages about a scan have its stamp. Messages are logged in the order of the scans at log times that
+/// never decrease, as players require: at the scan's stamp, or at the latest one before it where stamps
+/// decrease or are missing. A scan without stamp has stamp 0 and is listed in the metadata record `mcl-eval`,
+/// which also says that the scans are in order, whatever their stamps.
 ///
-/// Where the odometry says nothing of a step, it begins anew at the origin, and the record lists the scan; so for scans
-/// without reference pose among others that have one. The times between the beams of a scan that no pose follows are
-/// left out: nothing would say where they were measured.
+/// Where the odometry of a step is missing, it restarts at the origin, and the record lists the scan;
+/// likewise scans without reference pose among others that have one. The times between the beams of a scan
+/// are left out where no pose follows the scan: the poses of its beams would not be known.
 ///
-/// What the format cannot hold: readings and directions of beams are 32-bit floats; headings pass
-/// through quaternions (10⁻¹⁵ rad), and odometry through poses in one frame (10⁻¹² m within some
-/// hundred metres of its origin).
+/// What the format cannot hold: readings and directions of beams are 32-bit floats; headings are stored as
+/// quaternions (error 10⁻¹⁵ rad), and odometry as poses in one frame (error 10⁻¹² m within some hundred
+/// metres of its origin).
 ///
 /// # Errors
-/// [`WriteBagError`] when the sink fails, or names the scan that a bag cannot hold. All scans are
-/// checked before the first byte is written.
+/// [`WriteBagError`] when the sink fails, or with the scan that a bag cannot hold. All scans are checked
+/// before the first byte is written.
 pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, WriteBagError> {
     write_as(recording, Format::Mcap, sink)
 }
@@ -223,7 +224,7 @@ pub fn write<W: Write + Seek>(recording: &Recording, sink: W) -> Result<W, Write
 /// A recording that has been checked.
 struct Prepared {
     spans: Spans,
-    /// Whether a scan lacks what those about it have.
+    /// Whether a scan lacks odometry or a reference pose that its neighbours have.
     has_gap: bool,
     placed: Vec<Placed>,
 }
@@ -231,7 +232,7 @@ struct Prepared {
 impl Prepared {
     fn of(recording: &Recording) -> Result<Self, WriteBagError> {
         let mut spans = check(recording)?;
-        // As many poses as scans, so that those of one stamp find each other.
+        // As many poses as scans, so that those of the same stamp are paired.
         let has_gap = spans.have_gap(&recording.scans);
         if !spans.odometry.is_empty() && has_gap {
             spans.odometry = 0..recording.scans.len();
@@ -240,7 +241,7 @@ impl Prepared {
         Ok(Prepared { spans, placed, has_gap })
     }
 
-    /// What the messages cannot say of the scans.
+    /// What the messages cannot express about the scans.
     fn lists(&self, scans: &[LaserScan]) -> Lists {
         let listed = |is_listed: fn(&LaserScan) -> bool| {
             let numbered = scans.iter().enumerate().filter(|(_, scan)| is_listed(scan));
@@ -323,16 +324,16 @@ fn is_followed(scans: &[LaserScan], index: usize) -> bool {
     times.any(|later| later >= takes)
 }
 
-/// Where the robot was at a scan, in all ways that a bag says so.
+/// The poses written for a scan.
 struct Placed {
     odometry: Option<Pose2>,
     reference: Option<Pose2>,
-    /// Of `/tf`: parent, child, pose.
+    /// For `/tf`: parent, child, pose.
     edges: Vec<(&'static str, &'static str, Pose2)>,
 }
 
-/// The poses that are written, which readers must accept, too: sums of many steps, or of a pose and the
-/// mount, may be beyond them.
+/// The poses to write, which must be in the range that readers accept: sums of many steps, or of a pose and
+/// the mount, may exceed it.
 fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagError> {
     let is_readable =
         |pose: &Pose2| pose.is_finite() && pose.x.abs().max(pose.y.abs()) <= MAX_POSITION;
@@ -373,8 +374,8 @@ fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagEr
     Ok(placed)
 }
 
-/// Limits around all readings: 0 or the smallest, and a little more than the largest, as readers take a
-/// reading that is equal to the limit for none.
+/// Limits around all readings (m): 0 or the smallest, and a little more than the largest, as readers treat a
+/// reading equal to the limit as no return.
 fn range_limits(scans: &[LaserScan]) -> (f32, f32) {
     let readings = scans.iter().flat_map(|scan| &scan.ranges).map(|&range| range as f32);
     let (min, max) = readings
@@ -383,16 +384,16 @@ fn range_limits(scans: &[LaserScan]) -> (f32, f32) {
     (min, if max > 0.0 { max * 1.001 + f32::MIN_POSITIVE } else { max })
 }
 
-/// From the first to the last scan with a pose by odometry, and with a reference pose.
+/// The ranges of scans from the first to the last with odometry, and with a reference pose.
 struct Spans {
     odometry: Range<usize>,
     reference: Range<usize>,
 }
 
-/// Whether a bag can hold each of these scans.
+/// Checks that a bag can hold each of these scans.
 ///
 /// # Errors
-/// [`WriteBagError::NoScan`], or what is wrong with the first scan that it cannot.
+/// [`WriteBagError::NoScan`], or what is wrong with the first scan that it cannot hold.
 pub fn check_scans(scans: &[LaserScan]) -> Result<(), WriteBagError> {
     if scans.is_empty() {
         return Err(WriteBagError::NoScan);
@@ -432,14 +433,14 @@ fn check(recording: &Recording) -> Result<Spans, WriteBagError> {
     }
     let steps = span(scans, |index, scan| index > 0 && scan.odometry.is_some());
     let reference = span(scans, |_, scan| scan.map_from_laser.is_some());
-    // A step connects its scan with the one before.
+    // A step connects its scan with the previous one.
     let start = steps.start.saturating_sub(1);
     let odometry = if steps.is_empty() { 0..0 } else { start..steps.end };
     Ok(Spans { odometry, reference })
 }
 
 impl Spans {
-    /// Whether a scan lacks what those about it have, and would have it by interpolation.
+    /// Whether a scan lacks odometry or a reference pose that readers would fill in by interpolation.
     fn have_gap(&self, scans: &[LaserScan]) -> bool {
         let times = times(scans);
         self.odometry.clone().skip(1).any(|scan| scans[scan].odometry.is_none())
@@ -449,7 +450,7 @@ impl Spans {
     }
 }
 
-/// When readers take the scans to be: at their stamps, or when they are logged if those are 0.
+/// The times (ns) that readers assign to the scans: their stamps, or the log times where those are 0.
 fn times(scans: &[LaserScan]) -> Vec<i64> {
     let mut log_time = 0;
     let mut time = |scan: &LaserScan| {
@@ -460,7 +461,7 @@ fn times(scans: &[LaserScan]) -> Vec<i64> {
     scans.iter().map(&mut time).collect()
 }
 
-/// Whether a scan outside of the span lies within its time, as stamps may repeat and step back.
+/// Whether a scan outside of the span lies within its time, which happens as stamps may repeat and decrease.
 fn is_filled(times: &[i64], span: &Range<usize>) -> bool {
     let inside = &times[span.clone()];
     let (Some(&first), Some(&last)) = (inside.iter().min(), inside.iter().max()) else {
@@ -470,7 +471,7 @@ fn is_filled(times: &[i64], span: &Range<usize>) -> bool {
     (0..times.len()).filter(|index| !span.contains(index)).any(|index| is_within(&index))
 }
 
-/// From the first to the last scan that has something.
+/// The range from the first to the last scan for which `has` holds.
 fn span(scans: &[LaserScan], has: impl Fn(usize, &LaserScan) -> bool) -> Range<usize> {
     let mut with = scans.iter().enumerate().filter(|(index, scan)| has(*index, scan));
     let Some((first, _)) = with.next() else { return 0..0 };

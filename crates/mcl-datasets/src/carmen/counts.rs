@@ -1,14 +1,14 @@
-//! How many records of which kinds a log has.
+//! Numbers of records in a log, by kind.
 
 use std::collections::BTreeMap;
 
-/// Kinds of records that are counted by name; a file of any other kind has a new one in each line.
+/// Number of kinds counted by name; a file that is not a log has a new kind in each line.
 pub(super) const COUNTED_KINDS: usize = 100;
-/// Kinds named in a message: those of which there are most.
+/// Kinds named in a message: the most frequent ones.
 const LISTED_KINDS: usize = 20;
 /// Longest name of a kind.
 const KIND_BYTES: usize = 40;
-/// What the records of all other kinds are called together.
+/// The common name of all other kinds.
 const OTHERS: &str = "others";
 
 /// How many records there are of each kind.
@@ -35,7 +35,7 @@ impl Kinds {
         }
     }
 
-    /// Counts some of this kind.
+    /// Adds to the count of a kind.
     pub fn add(&mut self, name: String, count: usize) {
         if self.counts.len() < COUNTED_KINDS || self.counts.contains_key(&name) {
             *self.counts.entry(name).or_default() += count;
@@ -48,13 +48,13 @@ impl Kinds {
         self.counts.contains_key(kind)
     }
 
-    /// All of them with their numbers.
+    /// All kinds with their counts.
     pub fn named(self) -> BTreeMap<String, usize> {
         let others = (self.others > 0).then(|| (OTHERS.to_owned(), self.others));
         self.counts.into_iter().chain(others).collect()
     }
 
-    /// Those of which there are most, with their numbers.
+    /// The most frequent kinds with their counts, as text.
     pub fn list(&self) -> String {
         let mut most: Vec<(&String, &usize)> = self.counts.iter().collect();
         most.sort_by_key(|&(_, count)| std::cmp::Reverse(count));

@@ -7,8 +7,8 @@ use mcl_core::{ParseStampError, Pose2, Stamp};
 
 use crate::log::report::{Place, SkippedRecord};
 
-/// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough
-/// that composing poses keeps them finite.
+/// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough that
+/// composed poses stay finite.
 pub(super) const MAX_POSE_COMPONENT: f64 = 1e9;
 /// Characters of a field quoted in a message.
 const QUOTED_CHARS: usize = 40;
@@ -18,9 +18,9 @@ const QUOTED_CHARS: usize = 40;
 pub enum Field {
     /// A field that occurs once.
     Named(&'static str),
-    /// Reading of a beam: r1 is that of beam 0.
+    /// Reading of a beam: r1 is the reading of beam 0.
     Reading(usize),
-    /// The number of fields of the whole record, its kind included.
+    /// The number of fields of the whole record, including its kind.
     Total,
 }
 
@@ -42,14 +42,14 @@ pub struct Malformed {
     pub record: &'static str,
     /// The field at fault.
     pub field: Field,
-    /// What stands there, cut to a readable length.
+    /// What was found, shortened to a readable length.
     pub found: String,
-    /// What should.
+    /// What was expected.
     pub expected: String,
 }
 
 impl Malformed {
-    /// The same with its place in the log (line from 1).
+    /// Adds the line in the log (from 1).
     pub fn at_line(self, line: usize) -> SkippedRecord {
         SkippedRecord {
             place: Place::Line(line),
@@ -61,7 +61,7 @@ impl Malformed {
     }
 }
 
-/// The fields of a record after its kind, taken one by one.
+/// The fields of a record after its kind, read one by one.
 #[derive(Clone)]
 pub(crate) struct Fields<'a> {
     record: &'static str,
@@ -91,14 +91,14 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// Passes over fields that are not used.
+    /// Skips fields that are not used.
     pub fn pass(&mut self, count: usize) {
         if count > 0 {
             self.tokens.nth(count - 1);
         }
     }
 
-    /// Fields not taken yet.
+    /// Number of fields not read yet.
     pub fn remaining(&self) -> usize {
         self.tokens.clone().count()
     }
@@ -109,7 +109,7 @@ impl<'a> Fields<'a> {
         text.parse().map_err(|_| self.malformed(field, text, EXPECTED))
     }
 
-    /// Any number, `nan` and `inf` included, also as programs of Windows print them.
+    /// Any number, including `nan` and `inf`, also as printed by programs on Windows.
     pub fn number(&mut self, field: Field) -> Result<f64, Malformed> {
         let text = self.text(field, "a number")?;
         let value = text.parse().ok().or_else(|| no_number(text));
@@ -138,7 +138,7 @@ impl<'a> Fields<'a> {
         if self.remaining() == 0 { Ok(None) } else { self.stamp(field) }
     }
 
-    /// A stamp; `None` for a number that is no time (uninitialised), or none that CARMEN writes (negative).
+    /// A stamp; `None` for a number that is not a valid time (uninitialised memory) or is negative.
     pub fn stamp(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
         const EXPECTED: &str = "a decimal number of seconds";
         let text = self.text(field, EXPECTED)?;
@@ -150,7 +150,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// What `1.#INF`, `-1.#IND`, `1.#QNAN` or `-nan(ind)` stands for.
+/// The value of `1.#INF`, `-1.#IND`, `1.#QNAN` or `-nan(ind)`.
 fn no_number(text: &str) -> Option<f64> {
     let text = text.to_ascii_lowercase();
     let (sign, rest) = match text.strip_prefix('-') {
@@ -158,7 +158,7 @@ fn no_number(text: &str) -> Option<f64> {
         None => (1.0, text.strip_prefix('+').unwrap_or(&text)),
     };
     let kind = rest.strip_prefix("1.#").or_else(|| rest.strip_prefix("nan("))?;
-    // Digits are cut off or padded by the format.
+    // The print format cuts off or pads the digits.
     if kind.starts_with("inf") {
         Some(sign * f64::INFINITY)
     } else {

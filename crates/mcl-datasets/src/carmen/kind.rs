@@ -1,4 +1,4 @@
-//! Which poses of a log are ground truth and where its odometry is, told from the whole content.
+//! Decides from the whole content of a log which of its poses are ground truth and where its odometry is.
 
 use mcl_core::{LaserScan, Pose2, Recording, wrap_angle};
 
@@ -12,20 +12,20 @@ pub(super) struct LoggedScan {
     pub scan: LaserScan,
     pub laser: Pose2,
     pub robot: Pose2,
-    /// Whether the two poses are said, in the record or before it.
+    /// Whether the two poses are stated, in the record or before it.
     pub has_pose: bool,
-    /// Where a simulated robot really was, by a `TRUEPOS` record before it.
+    /// The true pose of a simulated robot, by a `TRUEPOS` record before the scan.
     pub truth: Option<Pose2>,
     pub gap: Gap,
 }
 
-/// All that the decision rests on. At least one scan.
+/// The content that the decision is based on. At least one scan.
 pub(super) struct Content {
     pub scans: Vec<LoggedScan>,
     pub evidence: Evidence,
     pub has_neff: bool,
     pub is_named_gfs: bool,
-    /// The mount of the front laser by the parameters.
+    /// The mount of the front laser according to the parameters.
     pub front_laser: Option<Pose2>,
 }
 
@@ -38,8 +38,8 @@ pub(super) fn resolve(content: Content, reference: ReferencePoses) -> (LogKind, 
         && content.scans.iter().any(|scan| scan.truth.is_some());
     let kind = match (detected, reference) {
         (LogKind::Raw, _) if has_truth => LogKind::RawWithTruth,
-        // Ground truth at a fixed offset from the odometry fields makes these ground truth, too:
-        // what odometry there is stands in the ODOM lines.
+        // Laser poses that are ground truth at a fixed offset from the odometry fields make these ground
+        // truth, too: raw odometry can only be in the ODOM lines.
         (LogKind::Raw, ReferencePoses::Recorded) => LogKind::GfsCorrected,
         _ => detected,
     };
@@ -81,9 +81,9 @@ fn detect(content: &Content, is_mount_constant: bool) -> LogKind {
     if content.has_neff || corrected { LogKind::GfsCorrected } else { LogKind::Raw }
 }
 
-/// The transform from the robot's to the laser's pose, if it is the same for all scans up to the
-/// rounding of the text; exactly the identity where the two poses are equal. One scan in a hundred
-/// may differ: a wrong digit must not change what a whole log means.
+/// The transform from the robot's to the laser's pose, if it is the same for all scans up to the rounding of
+/// the text; exactly the identity where the two poses are equal. One scan in a hundred may differ: a wrong
+/// digit must not change the interpretation of a whole log.
 fn constant_mount(scans: &[LoggedScan], parameter: Option<Pose2>) -> Option<Pose2> {
     let mounts: Vec<Pose2> = scans.iter().map(|scan| scan.robot.between(&scan.laser)).collect();
     // Headings relative to one of them, so that the median does not fall between −π and π.
@@ -115,7 +115,7 @@ fn constant_mount(scans: &[LoggedScan], parameter: Option<Pose2>) -> Option<Pose
     Some(parameter.filter(|parameter| !is_equal && is_close(parameter)).unwrap_or(typical))
 }
 
-/// The middle value (the upper of two); 0 of none.
+/// The median (the upper of the two middle values); 0 without values.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;
@@ -125,15 +125,15 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Whether the odometry fields beside the laser poses hold nothing: all are zero, and neither a
-/// laser that stays in place with them nor an `ODOM` line says that the robot stood still there.
+/// Whether the odometry fields beside the laser poses are empty: all are zero, and neither a laser that stays
+/// in place with them nor an `ODOM` line shows that the robot stood still there.
 fn are_odometry_fields_empty(content: &Content, is_mount_constant: bool) -> bool {
     let all_zero =
         content.scans.iter().all(|scan| [scan.robot.x, scan.robot.y, scan.robot.theta] == [0.0; 3]);
     all_zero && !(is_mount_constant && content.evidence.lines > 0)
 }
 
-/// Where increments are taken from.
+/// The source of the increments.
 struct Odometry {
     kind: LogKind,
     restarts: bool,
@@ -142,7 +142,7 @@ struct Odometry {
 }
 
 impl Odometry {
-    /// Pose of the laser at `scan` in its frame at the scan before.
+    /// Pose of the laser at `scan` in its frame at the previous scan.
     fn increment(&self, before: &LoggedScan, scan: &LoggedScan) -> Option<Pose2> {
         if !before.has_pose || !scan.has_pose {
             return None;
@@ -154,7 +154,7 @@ impl Odometry {
             LogKind::Raw | LogKind::RawWithTruth => {
                 return Some(before.laser.between(&scan.laser));
             }
-            // No CARMEN log is detected as a bag.
+            // A CARMEN log is never detected as a bag.
             LogKind::CorrectedWithOdometry | LogKind::Bag => {
                 Some(before.robot.between(&scan.robot))
             }

@@ -2,29 +2,29 @@
 //!
 //! Poses, beams and odometry are read as follows; lengths are metres, angles radians.
 //!
-//! * `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`: beam *i* (from 0) looks to
-//!   −90° + *i*·Δ, Δ = 1° for 180 or 181 beams, 0.5° for 360 or 361. `ROBOTLASER1` says the
+//! * `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`: beam *i* (from 0) points to
+//!   −90° + *i*·Δ, Δ = 1° for 180 or 181 beams, 0.5° for 360 or 361. `ROBOTLASER1` states the
 //!   directions itself. A log that holds both kinds logs each scan twice: the kind of the first
 //!   readable scan is read, the other ignored.
-//! * `x y θ` is the pose of the laser, `ox oy oθ` that of the robot by its odometry. What they mean
-//!   depends on the log, and its content tells ([`LogKind`](crate::log::LogKind)):
+//! * `x y θ` is the pose of the laser, `ox oy oθ` that of the robot by its odometry. Their meaning
+//!   depends on the log, and is decided from its content ([`LogKind`](crate::log::LogKind)):
 //!   - the transform between the two varies: `x y θ` is corrected, `ox oy oθ` raw odometry;
-//!   - it is constant (mostly none at all), and either the log holds `NEFF` records, which only a
+//!   - it is constant (mostly the identity), and either the log holds `NEFF` records, which only a
 //!     Rao-Blackwellized mapper writes, or the `ODOM` lines restart at the poses of the scans: both
 //!     are corrected (`*.gfs.log`). The odometry increment between scan *k* and *k*+1 is
 //!     `P_k⁻¹ ∘ (last ODOM line before scan k+1)`;
-//!   - it is constant and nothing speaks for a correction: a raw log, without reference. The constant
+//!   - it is constant and there is no sign of a correction: a raw log, without reference. The constant
 //!     transform is the mount of the laser.
 //!
-//!   Where the lines do not tell (no `ODOM` line, or a robot that stops for each scan), a name with
+//!   Where the lines are inconclusive (no `ODOM` line, or a robot that stops for each scan), a name with
 //!   `.gfs.` counts as corrected, and any other as raw.
 //!   [`ReferencePoses`](crate::log::ReferencePoses) overrides all this.
-//! * Odometry fields that are zero throughout are no odometry, unless the laser stays in place with
+//! * Odometry fields that are zero throughout do not count as odometry, unless the laser stays in place with
 //!   them and `ODOM` lines confirm it.
-//! * `RLASER` and `ROBOTLASER2`, of a second laser, are read in place of the others where they are asked for
+//! * `RLASER` and `ROBOTLASER2`, of a second laser, are read instead of the others on request
 //!   ([`read_scans`]).
 //! * `NEFF`, `SYNC` and other kinds are ignored and counted. A malformed record of a kind that is
-//!   read is skipped and described; the increment to the next scan then spans the skipped one.
+//!   read is skipped and reported; the increment to the next scan then spans the skipped one.
 //!
 //! # Example
 //! A corrected log: two scans of 180 beams, and odometry that restarts at the first of them.

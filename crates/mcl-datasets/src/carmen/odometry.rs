@@ -1,8 +1,8 @@
 //! Raw odometry from the `ODOM` lines between the scans of a log.
 //!
-//! In a corrected log the `ODOM` line after a scan restarts at the corrected pose just written, and
-//! the lines after it follow raw odometry from there. The restart is told by its position; its
-//! stamp is uninitialised memory.
+//! In a corrected log the `ODOM` line after a scan restarts at the corrected pose just written, and the lines
+//! after it follow raw odometry from there. The restart is recognized by its pose; its stamp is uninitialised
+//! memory.
 
 use mcl_core::Pose2;
 
@@ -10,7 +10,7 @@ use mcl_core::Pose2;
 /// line before it that still counts as the same pose: the last digit of `%f`.
 const SAME_POSE: f64 = 1e-6;
 
-/// What the `ODOM` lines say about the motion from the scan kept before to this one.
+/// What the `ODOM` lines say about the motion from the previous kept scan to this one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Gap {
     /// The robot's motion, if `ODOM` lines restart at the pose of each scan.
@@ -19,32 +19,32 @@ pub(super) struct Gap {
     pub last: Option<Pose2>,
 }
 
-/// Signs, gathered over all pairs of neighbouring scans, that `ODOM` lines restart at each scan.
+/// Statistics over all pairs of neighbouring scans on whether `ODOM` lines restart at each scan.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Evidence {
-    /// `ODOM` lines in the log.
+    /// Number of `ODOM` lines in the log.
     pub lines: usize,
-    /// Pairs of scans with `ODOM` lines between them, and how many of them begin with the pose of
-    /// the scan before.
+    /// Pairs of scans with `ODOM` lines between them, and how many of these gaps begin with the pose of the
+    /// previous scan.
     pub gaps: usize,
     pub restarts: usize,
-    /// The same for the pairs with at least two lines between them. A single line tells nothing:
-    /// a raw log that writes each odometry reading after the scan it belongs to looks like that.
+    /// The same for the pairs with at least two lines between them. A single line is inconclusive: a raw log
+    /// that writes each odometry reading after the scan it belongs to looks the same.
     pub telling_gaps: usize,
     pub telling_restarts: usize,
-    /// Telling gaps after which the scan's pose differs from the line before it.
+    /// Conclusive gaps after which the scan's pose differs from the line before it.
     pub jumps: usize,
 }
 
 impl Evidence {
-    /// At least nine in ten gaps begin with the pose of the scan before.
+    /// Whether at least nine in ten gaps begin with the pose of the previous scan.
     pub fn mostly_restarts(&self) -> bool {
         self.gaps > 0 && self.restarts * 10 >= self.gaps * 9
     }
 
-    /// Whether the log was corrected scan by scan: `ODOM` lines restart at the poses of scans, and
-    /// these poses are not where the odometry led. `None` where the lines do not tell: there are
-    /// too few, or the restarts could be a robot that stops for each scan.
+    /// Whether the log was corrected scan by scan: `ODOM` lines restart at the poses of scans, and these
+    /// poses differ from where the odometry led. `None` where the lines are inconclusive: there are too few,
+    /// or the restarts could be those of a robot that stops for each scan.
     pub fn corrected(&self) -> Option<bool> {
         if self.telling_gaps == 0 {
             return None;
@@ -64,16 +64,16 @@ pub(super) struct OdometryChain {
     scan: Option<Pose2>,
     /// Motion since the last kept scan up to the last unreadable one after it; `None` when unknown.
     before_segment: Option<Pose2>,
-    /// Where the lines since the last scan, readable or not, started.
+    /// The pose at which the lines since the last scan, readable or not, start.
     segment_start: Option<Pose2>,
     segment_last: Option<Pose2>,
-    /// How many there are.
+    /// Number of these lines.
     segment_lines: usize,
-    /// The next line is the restart after an unreadable scan, and gives the pose of that scan.
+    /// Whether the next line is the restart after an unreadable scan, and has the pose of that scan.
     awaiting_restart: bool,
-    /// Whether an unreadable record hides what the lines since the last kept scan begin with.
+    /// Whether an unreadable record hides the start of the lines since the last kept scan.
     is_start_hidden: bool,
-    /// First and last line since the last kept scan, and how many there are.
+    /// First and last line since the last kept scan, and their number.
     first: Option<Pose2>,
     last: Option<Pose2>,
     lines: usize,
@@ -94,8 +94,8 @@ impl OdometryChain {
         self.evidence.lines += 1;
     }
 
-    /// An unreadable `ODOM` line. The lines around it still say where the robot went, unless it was
-    /// the only one to tell the pose of an unreadable scan.
+    /// An unreadable `ODOM` line. The lines around it still give the robot's motion, unless it was the only
+    /// one with the pose of an unreadable scan.
     pub fn unreadable_odom(&mut self) {
         self.is_start_hidden |= self.first.is_none();
         self.awaiting_restart = false;
@@ -116,8 +116,8 @@ impl OdometryChain {
         gap
     }
 
-    /// A scan whose record cannot be read: the odometry restarts, at a pose that only the next
-    /// `ODOM` line tells.
+    /// A scan whose record cannot be read: the odometry restarts, at a pose that is known only from the next
+    /// `ODOM` line.
     pub fn unreadable_scan(&mut self) {
         self.close_segment();
         self.segment_start = None;
@@ -127,7 +127,7 @@ impl OdometryChain {
         self.is_start_hidden = true;
     }
 
-    /// A segment of nothing but the restart says nothing of the motion.
+    /// A segment with only the restart has no information on the motion.
     fn close_segment(&mut self) {
         let is_restart_only =
             |start: &Pose2, last: &Pose2| self.segment_lines == 1 && is_same_pose(start, last);

@@ -1,4 +1,4 @@
-//! From the lines of a log to a recording, in one pass and then a decision on the kind of log.
+//! Reads the lines of a log into a recording: one pass, then a decision on the kind of log.
 
 use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
@@ -18,18 +18,18 @@ use crate::log::report::ReadReport;
 use crate::packed::damage;
 use crate::room::{HEAP_BYTES, Room};
 
-/// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a file
-/// that is no text at all could fill the memory.
+/// Longest line accepted, in bytes. A scan of 361 beams takes about 3 kB; without a limit, a binary file
+/// could fill the memory.
 pub const MAX_LINE_BYTES: usize = 1 << 20;
 
-/// Why a text is no CARMEN log that can be read.
+/// Why a text cannot be read as a CARMEN log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CarmenError {
     /// Reading failed.
     #[error("cannot be read: {0}")]
     Io(io::Error),
-    /// The scans take more memory than there is.
+    /// The scans need more memory than is available.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
     /// A line longer than any record.
@@ -46,15 +46,15 @@ pub enum CarmenError {
     NoScan {
         /// Number of lines.
         lines: usize,
-        /// The kinds of records there are, with their numbers.
+        /// The kinds of records found, with their counts.
         kinds: String,
         /// What was ignored and skipped.
         report: Box<ReadReport>,
     },
 }
 
-/// Reads a log from its text. `file_name` settles only what the content leaves open (see
-/// [`super`]); it may be empty.
+/// Reads a log from its text. `file_name` is used only where the content is inconclusive (see [`super`]); it
+/// may be empty.
 ///
 /// Compressed data that ends early or is damaged ends the log, and [`ReadReport::truncated`] says
 /// so; its last, incomplete line is dropped.
@@ -69,11 +69,11 @@ pub fn read(
     read_scans(input, file_name, reference, None)
 }
 
-/// A kind of scan records that can be asked for.
+/// A kind of scan records that can be requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScanKind {
     name: &'static str,
-    /// The kind that is written in the same way.
+    /// The kind with the same syntax.
     like: &'static str,
 }
 
@@ -100,7 +100,7 @@ impl ScanKind {
     }
 }
 
-/// [`read`], taking the scans of one kind of record alone where one is asked for.
+/// [`read`], restricted to the scans of one kind of record where one is requested.
 ///
 /// # Errors
 /// As [`read`].
@@ -134,23 +134,23 @@ pub fn read_scans(
     pass.finish(file_name, reference)
 }
 
-/// Steps between two beams by which the angle that is said may be off: scanners of a full turn count the first
-/// beam twice or not.
+/// Steps between two beams by which the stated angle may be off: scanners of a full turn may count the first
+/// beam twice.
 const STEPS_OFF: f64 = 1.5;
 
 const SCANS: &str = "scans";
 
-/// What is kept while the lines stream by.
+/// The state kept while the lines are read.
 #[derive(Default)]
 struct Pass {
     lines: usize,
-    /// What the scans take.
+    /// Memory used by the scans.
     room: Room,
-    /// The only kind of scan records that is read.
+    /// The requested kind of scan records, the only one that is read.
     asked: Option<ScanKind>,
     scans: Vec<LoggedScan>,
-    /// `RAWLASER1` scans with the odometry before them; only as long as there are no others, which log the
-    /// same scans again.
+    /// `RAWLASER1` scans with the odometry before them; kept only as long as no other kind occurs, as other
+    /// kinds log the same scans again.
     raw_scans: Vec<LoggedScan>,
     raw_records: usize,
     raw_report: ReadReport,
@@ -162,26 +162,27 @@ struct Pass {
     last_odom: Option<Pose2>,
     last_truth: Option<Pose2>,
     has_neff: bool,
-    /// How the front laser is mounted by the parameters, by [`Part`].
+    /// The mount of the front laser according to the parameters, by [`Part`].
     front_laser: [Option<f64>; 3],
-    /// What was said first of a part that they say two things of, and last.
+    /// The first and the last value of a part for which the parameters contradict each other.
     two_mounts: Option<(f64, f64)>,
-    /// Angle covered and angle between two beams by the parameters.
+    /// Angle covered and angle between two beams according to the parameters.
     fov: Option<f64>,
     resolution: Option<f64>,
-    /// How many of the `FLASER` records have their directions: those before the first parameters get them by these.
+    /// Number of `FLASER` records whose directions are set: records before the first parameters are set by
+    /// these.
     settled: usize,
-    /// Of those, how many got others than their number implies.
+    /// How many of these got other directions than their number of beams implies.
     late: usize,
-    /// Numbers of beams whose directions CARMEN's rule for any number gave, and those that the parameters
-    /// contradict.
+    /// Numbers of beams whose directions are from CARMEN's rule for any number, and those that contradict the
+    /// parameters.
     ruled: BTreeSet<usize>,
     contradicted: BTreeSet<usize>,
-    /// Scans whose fields say different angles that the beams cover, and what is to be said of the worst.
+    /// Scans that contradict the angle stated in their fields, and the remark on the worst.
     off: usize,
     farthest_off: Option<(f64, String)>,
     not_numbers: usize,
-    /// Scans with readings that are words, these readings, and the first of them.
+    /// Scans with readings that are not numbers, the number of such readings, and the first of them.
     scans_with_words: usize,
     words: usize,
     first_word: Option<(usize, Malformed)>,
@@ -231,7 +232,7 @@ impl Pass {
             Ok(Record::Scan(scan)) => {
                 if self.scan_kind.is_none() {
                     self.scan_kind = Some(kind);
-                    // They say again what these say.
+                    // They repeat the same scans.
                     self.raw_scans = Vec::new();
                     let records = std::mem::take(&mut self.raw_records);
                     self.ignore_all("RAWLASER1", records);
@@ -300,7 +301,7 @@ impl Pass {
         self.asked.map_or(Laser::Front, ScanKind::laser)
     }
 
-    /// The mount of the laser by the parameters, if they say it.
+    /// The mount of the laser according to the parameters, if they state it.
     fn mount(&self) -> Option<Pose2> {
         let [x, y, theta] = self.front_laser.map(Option::unwrap_or_default);
         let is_said = self.front_laser.iter().any(Option::is_some);
@@ -358,7 +359,8 @@ impl Pass {
         })
     }
 
-    /// Gives the `FLASER` records that have none yet their directions; the first `before` came before the parameters.
+    /// Sets the directions of the `FLASER` records that have none yet; the first `before` came before the
+    /// parameters.
     fn settle(&mut self, before: usize) {
         while self.scan_kind == Some(RecordKind::Flaser) && self.settled < self.scans.len() {
             let implied = self.scans[self.settled].scan.geometry;
@@ -369,8 +371,8 @@ impl Pass {
         }
     }
 
-    /// Directions of the beams of a `FLASER` record: by the parameters of the log where they are of so many
-    /// beams, else those that its number implies.
+    /// Directions of the beams of a `FLASER` record: by the parameters of the log where they fit the number
+    /// of beams, else those that the number implies.
     fn flaser_geometry(&mut self, implied: ScanGeometry) -> ScanGeometry {
         let beams = implied.beams;
         let by_parameters = record::parameter_geometry(beams, self.fov, self.resolution);
@@ -391,7 +393,7 @@ impl Pass {
             self.contradicted.insert(beams);
         }
         match by_parameters {
-            // Rounded, and so less exact than what the number implies.
+            // Rounded, and so less exact than those implied by the number of beams.
             Some(found) if !is_alike(&found, &implied) => found,
             Some(_) => implied,
             None => {

@@ -9,15 +9,15 @@ use mcl_core::{Pose2, ScanGeometry, Stamp};
 use super::fields::{Field, Fields, Malformed};
 use crate::log::options::ReferencePoses;
 
-/// Parameters that say how the front laser is mounted on the robot: metres ahead of its centre and to the left, and the
-/// angle (radians) that it is turned by.
+/// Parameters with the mount of the front laser on the robot: metres ahead of its centre and to the left, and
+/// the angle of rotation (radians).
 const MOUNT_PARAMS: [(&str, Part); 3] = [
     ("robot_frontlaser_offset", Part::Ahead),
     ("robot_frontlaser_side_offset", Part::Left),
     ("robot_frontlaser_angular_offset", Part::Turned),
 ];
-/// Parameters that say what angle a `FLASER` record covers (radians) and what lies between two of its beams
-/// (degrees), and those of `RLASER`.
+/// Parameters with the angle that a `FLASER` record covers (radians) and the angle between two of its beams
+/// (degrees), and those for `RLASER`.
 const FOV_PARAMS: [(&str, Laser); 2] =
     [("laser_front_laser_fov", Laser::Front), ("laser_rear_laser_fov", Laser::Rear)];
 const RESOLUTION_PARAMS: [(&str, Laser); 2] =
@@ -29,14 +29,14 @@ pub(super) const REFERENCE_PARAM: &str = "mcl_reference_poses";
 /// Largest angle that a scan may cover, in turns.
 const MAX_TURNS: f64 = 1.01;
 
-/// What a line is, by its first word.
+/// The kind of a line, by its first word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecordKind {
     /// A scan of the front laser, with implied directions of its beams.
     Flaser,
     /// A scan with explicit directions of its beams (newer CARMEN).
     RobotLaser1,
-    /// A scan as the scanner itself gives it, without a pose.
+    /// A scan as reported by the scanner, without a pose.
     RawLaser1,
     /// An odometry reading.
     Odom,
@@ -46,12 +46,12 @@ pub enum RecordKind {
     Param,
     /// A comment or a blank line.
     Comment,
-    /// Any other kind; not read.
+    /// Any other kind, which is not read.
     Other,
 }
 
 impl RecordKind {
-    /// Whether it is one of scans.
+    /// Whether it is a kind of scan.
     pub(super) fn is_scan(self) -> bool {
         matches!(self, RecordKind::Flaser | RecordKind::RobotLaser1 | RecordKind::RawLaser1)
     }
@@ -76,20 +76,20 @@ impl RecordKind {
 /// A laser of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Laser {
-    /// That of `FLASER` records.
+    /// The laser of `FLASER` records.
     Front,
-    /// That of `RLASER` records.
+    /// The laser of `RLASER` records.
     Rear,
 }
 
-/// A part of how a laser is mounted.
+/// A component of a laser's mount.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// Metres ahead of the robot's centre.
     Ahead,
     /// Metres to the left.
     Left,
-    /// Radians that it is turned by.
+    /// Rotation in radians.
     Turned,
 }
 
@@ -98,10 +98,10 @@ pub enum Part {
 pub struct ScanRecord {
     /// Directions of the beams.
     pub geometry: ScanGeometry,
-    /// One reading per beam (metres), as written; `nan`, `inf` and negative numbers are kept, and a word that is no
-    /// number is NaN.
+    /// One reading per beam (metres), as written; `nan`, `inf` and negative numbers are kept, and a word that
+    /// is not a number becomes NaN.
     pub ranges: Vec<f64>,
-    /// How many readings are such words.
+    /// Number of readings that are not numbers.
     pub unreadable: usize,
     /// The first of them.
     pub first_unreadable: Option<Malformed>,
@@ -109,22 +109,22 @@ pub struct ScanRecord {
     pub laser: Pose2,
     /// Pose of the robot: `ox oy oθ` of `FLASER`.
     pub robot: Pose2,
-    /// When the scan was taken; `None` for a number that is no time.
+    /// Time of the scan; `None` where the number is not a valid time.
     pub stamp: Option<Stamp>,
-    /// The angle (radians) that its beams cover, as the record says it.
+    /// The angle (radians) that the beams cover, as stated in the record.
     pub fov: Option<f64>,
 }
 
-/// What one line says.
+/// The content of one line.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Record {
     /// `FLASER` or `ROBOTLASER1`.
     Scan(ScanRecord),
     /// `RAWLASER1`; both poses are the origin.
     RawScan(ScanRecord),
-    /// `TRUEPOS`: where the simulated robot really is.
+    /// `TRUEPOS`: the true pose of the simulated robot.
     TruePos(Pose2),
-    /// `PARAM laser_front_laser_fov`: the angle (radians) that a `FLASER` record covers; of the rear laser,
+    /// `PARAM laser_front_laser_fov`: the angle (radians) that a `FLASER` record covers; for the rear laser,
     /// an `RLASER` record.
     LaserFov(Laser, f64),
     /// `PARAM laser_front_laser_resolution`: the angle (radians) between two of its beams.
@@ -141,11 +141,11 @@ pub enum Record {
     Ignored,
 }
 
-/// Parses one line, with or without its line break. Bytes that are no UTF-8 harm only the field
-/// they stand in.
+/// Parses one line, with or without its line break. Bytes that are not UTF-8 invalidate only the field that
+/// contains them.
 ///
 /// # Errors
-/// [`Malformed`] names the field at fault of a record of a known kind.
+/// [`Malformed`] with the field at fault, for a record of a known kind.
 pub fn parse(line: &[u8]) -> Result<Record, Malformed> {
     let kind = RecordKind::of(line);
     match kind {
@@ -187,9 +187,9 @@ fn other_geometry(beams: usize) -> ScanGeometry {
     ScanGeometry { start_angle: -0.5 * fov, angle_step: fov / steps as f64, beams }
 }
 
-/// Directions of the beams of a `FLASER` record by the parameters of the log: the angle it covers and that
-/// between two beams, in radians. `None` where there are none, or they are of another number of beams; one of them
-/// alone tells for numbers that imply no directions themselves.
+/// Directions of the beams of a `FLASER` record by the parameters of the log: the angle covered and the angle
+/// between two beams, in radians. `None` where there are no parameters, or they imply another number of
+/// beams; one of the two suffices where the number of beams implies no directions itself.
 pub(super) fn parameter_geometry(
     beams: usize,
     fov: Option<f64>,
@@ -217,7 +217,7 @@ pub(super) fn parameter_geometry(
     is_angle.then_some(ScanGeometry { start_angle: -0.5 * fov, angle_step, beams })
 }
 
-/// How far the angle that the beams cover is from the one that is said, in steps between two beams.
+/// Difference between the angle that the beams cover and the stated one, in steps between two beams.
 pub(super) fn steps_off(geometry: &ScanGeometry, fov: f64) -> f64 {
     let covered = geometry.beams.saturating_sub(1) as f64 * geometry.angle_step.abs();
     (covered - fov.abs()).abs() / geometry.angle_step.abs()
@@ -231,7 +231,8 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
     if beams == 0 {
         return Err(fields.malformed(Field::Named("n"), "0", "at least 1 beam"));
     }
-    // Counted first: one reading too few would shift every later field, and blame the wrong one.
+    // Counted first: one reading too few would shift every later field, and the error would name the wrong
+    // one.
     let total = beams.saturating_add(11);
     let missing = 3 - fields.remaining().saturating_sub(beams.saturating_add(6)).min(3);
     let complete = fields.clone();
@@ -239,7 +240,7 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
     check(total - missing).or_else(|_| check(total))?;
     let geometry = flaser_geometry(beams).unwrap_or_else(|| other_geometry(beams));
     let readings = Readings::of(&mut fields, beams);
-    // Two readings in one word shift those that follow, and the end that may be missing hides it.
+    // Two readings in one word shift the following fields, which the optional end may hide.
     if let Some(fault) = readings.first_unreadable.as_ref().filter(|_| missing > 0)
         && fault.found.matches('.').count() > 1
     {
@@ -248,7 +249,7 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
     let laser = fields.pose(["x", "y", "theta"])?;
     let robot = fields.pose(["ox", "oy", "otheta"])?;
     let stamp = match fields.stamp_if_any(Field::Named("stamp")) {
-        // What is missing is a reading, then, and not the end.
+        // Then a reading is missing, and not the end.
         Err(_) if missing > 0 => check(total).map(|()| None),
         stamp => stamp,
     }?;
@@ -277,20 +278,20 @@ fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
     Ok(readings.scan(geometry, [laser, robot], stamp, fov))
 }
 
-/// The directions and readings of a record that says its directions, up to its remission values, which are not used;
-/// `after` fields follow them.
+/// The directions and readings of a record with explicit directions, up to its remission values, which are
+/// not used; `after` fields follow them.
 fn explicit_scan(
     fields: &mut Fields<'_>,
     after: usize,
 ) -> Result<(ScanGeometry, Readings, Option<f64>), Malformed> {
     fields.pass(1);
     let start_angle = fields.finite(Field::Named("start_angle"))?;
-    // Of use only to see whether the others are right; 0 where nothing was set.
+    // Used only to check the others; 0 where it was not set.
     let fov = fields.number(Field::Named("fov")).ok().filter(|fov| fov.is_finite() && *fov != 0.0);
     let angle_step = fields.finite(Field::Named("resolution"))?;
     fields.pass(3);
     let beams = fields.count(Field::Named("n"))?;
-    // A count no line can hold is refused before it is computed with or allocated for.
+    // A count that no line can hold is refused before it is used in arithmetic or for an allocation.
     if beams == 0 || beams > fields.remaining() {
         let expected = format!("at least 1 and at most the {} fields left", fields.remaining());
         return Err(fields.malformed(Field::Named("n"), &beams.to_string(), expected));
@@ -306,7 +307,7 @@ fn explicit_scan(
         return Err(fields.malformed(Field::Named("resolution"), &found, expected));
     }
     let readings = Readings::of(fields, beams);
-    // With a reading too many or too few, another field stands here.
+    // With a reading too many or too few, another field is read here.
     let remissions = fields.count(Field::Named("m")).map_err(|error| Malformed {
         expected: format!("a count of remission values after n = {beams} readings"),
         ..error
@@ -318,7 +319,7 @@ fn explicit_scan(
     Ok((ScanGeometry { start_angle, angle_step, beams }, readings, fov))
 }
 
-/// `PARAM name value …`; other parameters than those that are used may have any form.
+/// `PARAM name value …`; parameters that are not used may have any form.
 fn param(line: &str) -> Result<Record, Malformed> {
     let mut fields = Fields::of("PARAM", line);
     let name = fields.text(Field::Named("name"), "a parameter's name")?;
@@ -348,7 +349,7 @@ fn param(line: &str) -> Result<Record, Malformed> {
     }
 }
 
-/// The readings of a record, of which one that is no number costs no other.
+/// The readings of a record; one that is not a number does not affect the others.
 struct Readings {
     ranges: Vec<f64>,
     unreadable: usize,
@@ -356,7 +357,7 @@ struct Readings {
 }
 
 impl Readings {
-    /// The next fields of a record that has so many.
+    /// The next fields of a record with this number of beams.
     fn of(fields: &mut Fields<'_>, beams: usize) -> Self {
         let ranges = Vec::with_capacity(beams);
         let mut readings = Readings { ranges, unreadable: 0, first_unreadable: None };
@@ -383,7 +384,7 @@ impl Readings {
     }
 }
 
-/// Checks the number of fields of the whole record, `read` of which (with the kind) were taken.
+/// Checks the number of fields of the whole record, of which `read` (kind included) have been read.
 fn check_total(
     fields: &Fields<'_>,
     read: usize,

@@ -1,4 +1,4 @@
-//! Writing a recording as a CARMEN log.
+//! Writes a recording as a CARMEN log.
 
 use std::fmt::{self, Write as _};
 use std::io::{self, Write};
@@ -10,18 +10,18 @@ use super::reader::MAX_LINE_BYTES;
 use super::record::{REFERENCE_PARAM, flaser_geometry};
 use crate::mount::Mount;
 
-/// What a reading without return (NaN or infinite) is written as, in metres. CARMEN writes no-return
-/// readings as values beyond the sensor's range, and many of its readers stop at `inf`.
+/// The value written for a reading without return (NaN or infinite), in metres. CARMEN writes such readings
+/// as values beyond the sensor's range, and many of its readers stop at `inf`.
 pub const NO_RETURN: f64 = 10_000.0;
 
-/// Written for a scan without stamp; no reader takes it for a time.
+/// Written for a scan without stamp; no reader accepts it as a time.
 const NO_STAMP: &str = "-1";
 /// Numbers larger than this, or smaller than its inverse, are written with an exponent; 10³⁰⁰ would take
 /// 301 digits.
 const LARGEST_PLAIN: f64 = 1e30;
-/// Most bytes that a number so written takes, with a space: sign, "0.", 30 zeros and 17 digits.
+/// Largest length of a number written this way, with a space: sign, "0.", 30 zeros and 17 digits.
 const LONGEST_NUMBER: usize = 51;
-/// More than the fields of a record besides its readings.
+/// An upper bound on the number of fields of a record besides its readings.
 const OTHER_FIELDS: usize = 32;
 
 /// Why a recording cannot be written as a CARMEN log.
@@ -70,7 +70,7 @@ pub enum WriteError {
         /// Number of beams of its geometry.
         beams: usize,
     },
-    /// Directions of beams that do not follow each other by even steps.
+    /// Beam directions that are not evenly spaced.
     #[error(
         "scan {scan}: its beams were placed by the motion or the tilt of the laser, so their directions are not even, as those of a CARMEN log are; read the log with --no-deskew, and a tilted laser as level with --laser-pose"
     )]
@@ -78,7 +78,7 @@ pub enum WriteError {
         /// Index of the scan, from 0.
         scan: usize,
     },
-    /// A scan of so many beams that readers refuse its line.
+    /// A scan with so many beams that readers refuse its line.
     #[error(
         "scan {scan} with its {beams} beams takes a line of {bytes} bytes, expected at most \
          {MAX_LINE_BYTES}; a bag can hold it"
@@ -91,7 +91,7 @@ pub enum WriteError {
         /// Length of the line.
         bytes: usize,
     },
-    /// A stamp before the epoch, which readers take for uninitialised.
+    /// A stamp before the epoch, which readers treat as uninitialised.
     #[error("scan {scan} has the negative stamp {stamp} s, expected one from 0 on")]
     NegativeStamp {
         /// Index of the scan, from 0.
@@ -108,16 +108,16 @@ pub enum WriteError {
 /// the two where the increment is unknown), and `PARAM mcl_reference_poses recorded` at the head.
 /// Without, it is written as a raw log, with the odometry accumulated from the origin.
 ///
-/// [`super::read`] gives the same scans, stamps, readings and reference poses, bit for bit, and the
-/// same odometry and mount but for the rounding of composed poses (10⁻¹² m within some hundred
-/// metres of the origin). NaN and infinite readings become [`NO_RETURN`]. Scans are `FLASER` records
-/// where those define the same beams for all of them, else `ROBOTLASER1`.
+/// [`super::read`] returns the same scans, stamps, readings and reference poses, bit for bit, and the same
+/// odometry and mount up to the rounding of composed poses (10⁻¹² m within some hundred metres of the
+/// origin). NaN and infinite readings become [`NO_RETURN`]. Scans are `FLASER` records where those define the
+/// same beams for all of them, else `ROBOTLASER1`.
 ///
 /// Each line is written by one call: wrap a file into a [`std::io::BufWriter`].
 ///
 /// # Errors
-/// [`WriteError`] when the sink fails, or names the scan that a CARMEN log cannot hold. All scans are
-/// checked before the first byte is written.
+/// [`WriteError`] when the sink fails, or with the scan that a CARMEN log cannot hold. All scans are checked
+/// before the first byte is written.
 pub fn write(
     recording: &Recording,
     comments: &[&str],
@@ -129,7 +129,7 @@ pub fn write(
     write_lines(recording, &placed, has_reference, comments, &mut sink).map_err(WriteError::Io)
 }
 
-/// Where a scan is written to have been taken.
+/// The poses written for a scan.
 struct Placed {
     /// Raw odometry up to the scan, where it is known.
     odometry: Option<Pose2>,
@@ -137,8 +137,8 @@ struct Placed {
     robot: Pose2,
 }
 
-/// The poses that are written, which readers must accept, too: sums of many steps, or of a pose and the
-/// mount, may be beyond them.
+/// The poses to write, which must be in the range that readers accept: sums of many steps, or of a pose and
+/// the mount, may exceed it.
 fn place(recording: &Recording, has_reference: bool) -> Result<Vec<Placed>, WriteError> {
     let mount = Mount::new(recording.robot_from_laser);
     let mut placed: Vec<Placed> = Vec::with_capacity(recording.scans.len());
@@ -170,7 +170,7 @@ fn check_lengths(scans: &[LaserScan], placed: &[Placed]) -> Result<(), WriteErro
     let mut line = String::new();
     for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
         let beams = scan.ranges.len();
-        // Nearly always short enough without a look at the numbers.
+        // Nearly always short enough without formatting the numbers.
         if beams <= MAX_LINE_BYTES / LONGEST_NUMBER - OTHER_FIELDS {
             continue;
         }
@@ -214,12 +214,12 @@ fn write_lines(
     sink.flush()
 }
 
-/// Whether `FLASER` records say the beams of all scans.
+/// Whether `FLASER` records define the beams of all scans.
 fn are_flaser(scans: &[LaserScan]) -> bool {
     scans.iter().all(|scan| flaser_geometry(scan.ranges.len()) == Some(scan.geometry))
 }
 
-/// Checks that every scan can be written, and says whether the log has reference poses.
+/// Checks that every scan can be written, and returns whether the log has reference poses.
 fn check(recording: &Recording) -> Result<bool, WriteError> {
     let scans = &recording.scans;
     if scans.is_empty() {
@@ -266,8 +266,8 @@ fn is_readable(pose: Pose2) -> bool {
     [pose.x, pose.y, pose.theta].iter().all(|value| value.abs() <= MAX_POSE_COMPONENT)
 }
 
-/// A number as it is written: the shortest decimal that reads back as the same number, with an exponent
-/// where there would be many zeros.
+/// A number as it is written: the shortest decimal that reads back as the same number, with an exponent where
+/// there would be many zeros.
 struct Number(f64);
 
 impl fmt::Display for Number {

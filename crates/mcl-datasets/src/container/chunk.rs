@@ -1,4 +1,4 @@
-//! Chunks: parts of a container that are compressed on their own.
+//! Chunks: parts of a container that are compressed individually.
 
 use std::borrow::Cow;
 use std::io::{self, Read};
@@ -9,8 +9,8 @@ use mcl_core::OutOfMemory;
 
 use super::problem::StreamProblem;
 
-/// Largest chunk accepted, in bytes, packed or unpacked. Recorders write chunks of about 1 MB to 4 MB;
-/// without a limit, a few bytes of compressed zeros could fill the memory.
+/// Largest chunk accepted, in bytes, compressed or decompressed. Recorders write chunks of about 1 MB to 4
+/// MB; without a limit, a few bytes of compressed zeros could fill the memory.
 pub const MAX_CHUNK_BYTES: u64 = 128 << 20;
 
 /// How a chunk is compressed.
@@ -23,8 +23,8 @@ pub(crate) enum Compression {
     Zstd,
 }
 
-/// Unpacks a chunk that says that it unpacks to `size` bytes. Of one that is cut off (`is_cut`), as much
-/// as can be unpacked.
+/// Decompresses a chunk with a stated size of `size` bytes. Of a truncated one (`is_cut`), as much as can be
+/// decompressed.
 pub(super) fn unpack(
     compression: Compression,
     packed: &[u8],
@@ -34,10 +34,10 @@ pub(super) fn unpack(
     if size > MAX_CHUNK_BYTES {
         return Err(StreamProblem::ChunkTooLarge { size, limit: MAX_CHUNK_BYTES });
     }
-    // One byte more than declared, to tell a chunk that holds more.
+    // One byte more than declared, to detect a chunk that holds more.
     let (bytes, outcome) = inflate(compression, packed, size + 1);
     if is_cut {
-        // The end of the input is the cut, and that is told elsewhere.
+        // The end of the input is the truncation, which is reported elsewhere.
         return Ok(bytes);
     }
     outcome.map_err(|error: io::Error| match is_out_of_memory(&error) {
@@ -59,14 +59,14 @@ pub(super) fn unpack(
     Ok(bytes)
 }
 
-/// Whether a decompressor fails because memory was refused: libraries in C have no kind of error for it.
+/// Whether a decompressor failed because an allocation was refused: C libraries have no error kind for it.
 pub(crate) fn is_out_of_memory(error: &io::Error) -> bool {
     let told = || error.to_string().to_ascii_lowercase();
     error.kind() == io::ErrorKind::OutOfMemory
         || ["not enough memory", "out of memory"].iter().any(|part| told().contains(part))
 }
 
-/// Unpacks up to `limit` bytes; what could be unpacked before an error, too.
+/// Decompresses up to `limit` bytes; also returns what was decompressed before an error.
 pub(crate) fn inflate(
     compression: Compression,
     packed: &[u8],
@@ -93,7 +93,7 @@ pub(crate) fn inflate(
 mod tests {
     use super::*;
 
-    /// As libraries say it; `zstd` calls it an allocation error.
+    /// As libraries report it; `zstd` calls it an allocation error.
     #[test]
     fn memory_that_is_refused_is_no_damage() {
         for text in ["Allocation error : not enough memory", "Out of memory"] {

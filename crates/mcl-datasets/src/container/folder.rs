@@ -10,12 +10,12 @@ use serde::Deserialize;
 use super::CONTAINERS;
 
 const METADATA_FILE: &str = "metadata.yaml";
-/// Largest such file, in bytes: far more than thousands of files and topics take.
+/// Largest such file, in bytes: far more than thousands of files and topics need.
 const MAX_METADATA_BYTES: u64 = 1 << 24;
-/// What is appended to the names of compressed files.
+/// Endings appended to the names of compressed files.
 const PACKED: [&str; 6] = [".zstd", ".zst", ".gz", ".bz2", ".xz", ""];
 
-/// Why a folder is not that of a bag.
+/// Why a folder is not a bag.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct FolderError(String);
@@ -23,13 +23,13 @@ pub struct FolderError(String);
 /// The bag in a folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Folder {
-    /// Its files in the order they were written.
+    /// Its files in the order of writing.
     pub files: Vec<PathBuf>,
-    /// Types of the messages by topic, as far as `metadata.yaml` says them.
+    /// Types of the messages by topic, as far as `metadata.yaml` states them.
     pub types: BTreeMap<String, String>,
 }
 
-/// What is read of `metadata.yaml`.
+/// The part of `metadata.yaml` that is read.
 #[derive(Deserialize)]
 struct Metadata {
     rosbag2_bagfile_information: Information,
@@ -58,12 +58,12 @@ struct TopicMetadata {
     type_name: String,
 }
 
-/// Whether a folder looks like that of a bag.
+/// Whether a folder looks like a bag.
 pub fn is_bag(folder: &Path) -> bool {
     folder.join(METADATA_FILE).is_file() || !bags_in(folder).is_empty()
 }
 
-/// Files in the folder that are named like those of a bag, in order of name.
+/// Files in the folder that are named like bags, sorted by name.
 fn bags_in(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
     let is_bag = |path: &PathBuf| {
@@ -80,8 +80,7 @@ fn bags_in(folder: &Path) -> Vec<PathBuf> {
     bags
 }
 
-/// Whether a path leads nowhere but below the folder it is joined to, on any system: a bag may come
-/// from anywhere.
+/// Whether a path stays below the folder it is joined to, on any system: a bag may come from anywhere.
 fn stays_in_folder(path: &str) -> bool {
     let mut parts = Path::new(path).components();
     !path.is_empty()
@@ -89,7 +88,7 @@ fn stays_in_folder(path: &str) -> bool {
         && parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }
 
-/// The text of the file, of at most [`MAX_METADATA_BYTES`].
+/// The text of the file, at most [`MAX_METADATA_BYTES`].
 fn read_metadata(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     fs::File::open(path)?.take(MAX_METADATA_BYTES + 1).read_to_string(&mut text)?;
@@ -102,7 +101,7 @@ fn read_metadata(path: &Path) -> io::Result<String> {
 /// The bag in this folder.
 ///
 /// # Errors
-/// [`FolderError`] says what is wrong with its `metadata.yaml`, or that nothing says which of its files
+/// [`FolderError`] says what is wrong with its `metadata.yaml`, or that it is not known which of its files
 /// belong together.
 pub fn open(folder: &Path) -> Result<Folder, FolderError> {
     let path = folder.join(METADATA_FILE);
@@ -126,8 +125,8 @@ pub fn open(folder: &Path) -> Result<Folder, FolderError> {
     Ok(Folder { files, types: types.collect() })
 }
 
-/// Where a listed file is. Old recorders write the folder's own name before it, and those that compress
-/// files afterwards leave out what that appends to the name.
+/// The path of a listed file. Old recorders write the folder's own name before it, and those that compress
+/// files afterwards leave out the ending that this appends.
 fn found(folder: &Path, name: &str) -> PathBuf {
     let listed = folder.join(name);
     let beside = folder.join(listed.file_name().unwrap_or_default());
@@ -142,11 +141,11 @@ fn found(folder: &Path, name: &str) -> PathBuf {
     candidates.into_iter().flatten().find(|path| path.is_file()).unwrap_or(listed)
 }
 
-/// The files that the text of a `metadata.yaml` lists, in the order they were written.
+/// The files listed in the text of a `metadata.yaml`, in the order of writing.
 ///
 /// # Errors
-/// [`FolderError`] for another text, for files that lie elsewhere or are listed twice, and for an
-/// unknown compression.
+/// [`FolderError`] for other texts, for files that lie elsewhere or are listed twice, and for an unknown
+/// compression.
 pub fn listed_files(text: &str) -> Result<Vec<String>, FolderError> {
     parse(text).map(|information| information.relative_file_paths)
 }

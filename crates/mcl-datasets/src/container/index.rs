@@ -1,6 +1,5 @@
-//! What the index of a file says of its chunks, so that those without any message that is wanted are passed
-//! over. It is believed only where two places of the file say the same: its summary, and the records that
-//! follow each chunk.
+//! The index of a file, by which chunks without any wanted message are skipped. It is trusted only where two
+//! places of the file agree: its summary, and the records that follow each chunk.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -8,11 +7,11 @@ use super::input::Counted;
 use super::item::{Item, Visit};
 use super::problem::StreamProblem;
 
-/// What is told where the index is wrong.
+/// The note where the index is wrong.
 const NOTE: &str = "the index of the bag does not say what is in it, so all of it is read";
 
-/// Goes back to the chunk that begins at `start`, of which the index says something else, and believes the index no
-/// more.
+/// Seeks back to the chunk that begins at `start`, where the index turned out wrong, and stops trusting the
+/// index.
 pub(super) fn distrust(
     input: &mut Counted<'_>,
     chunks: &mut HashMap<u64, Summary>,
@@ -28,27 +27,27 @@ pub(super) fn distrust(
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Span {
     pub count: usize,
-    /// When the first and the last of them were recorded, in nanoseconds.
+    /// Log times of the first and the last of them, in nanoseconds.
     pub log_times: (u64, u64),
-    /// Where one of them stands in the unpacked chunk, and when it was recorded.
+    /// Offset of one of them in the decompressed chunk, and its log time.
     pub sample: (u64, u64),
 }
 
 /// A chunk in the summary of a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Summary {
-    /// When the first and the last of its messages were recorded, in nanoseconds.
+    /// Log times of the first and the last of its messages, in nanoseconds.
     pub log_times: (u64, u64),
-    /// Its channels with the number of messages, where that is said.
+    /// Its channels with the number of messages, where it is stated.
     pub counts: BTreeMap<u32, Option<usize>>,
 }
 
-/// The messages of a chunk by channel, as the records that follow it tell.
+/// The messages of a chunk by channel, according to the records that follow it.
 #[derive(Debug, Default)]
 pub(super) struct Spans(pub BTreeMap<u32, Span>);
 
 impl Spans {
-    /// Adds entries of a channel: when each message was recorded, and where it stands.
+    /// Adds entries of a channel: log time and offset of each message.
     pub fn add(&mut self, channel: u32, entries: impl Iterator<Item = (u64, u64)>) {
         for (time, offset) in entries {
             let one = Span { count: 0, log_times: (time, time), sample: (offset, time) };
@@ -59,7 +58,7 @@ impl Spans {
         }
     }
 
-    /// Whether the summary says the same.
+    /// Whether the summary agrees.
     pub fn agree(&self, summary: &Summary) -> bool {
         let first = self.0.values().map(|span| span.log_times.0).min();
         let last = self.0.values().map(|span| span.log_times.1).max();

@@ -1,4 +1,4 @@
-//! The bytes of a container that stands in order.
+//! The bytes of a container that is read sequentially.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -7,12 +7,12 @@ use super::item::Input;
 use super::problem::StreamProblem;
 use crate::packed::{SNIFFED_BYTES, damage};
 
-/// Counts and sums up what is read.
+/// A reader that tracks offset and checksum.
 pub(super) struct Counted<'a> {
     source: Source<'a>,
-    /// Bytes read or passed over so far.
+    /// Bytes read or skipped so far.
     pub offset: u64,
-    /// Checksum of all of them, while it is of use.
+    /// Checksum of all of them, as long as it is needed.
     pub crc: Option<crc32fast::Hasher>,
     /// Why the compressed file ends early, if it does.
     pub damaged: Option<String>,
@@ -39,7 +39,7 @@ impl<'a> Counted<'a> {
         Counted { source, offset: 0, crc: None, damaged: None }
     }
 
-    /// Length of the file; `None` where nothing can be read out of order.
+    /// Length of the file; `None` where the input cannot be seeked.
     pub fn length(&self) -> Option<u64> {
         match self.source {
             Source::Stream(_) => None,
@@ -61,7 +61,7 @@ impl<'a> Counted<'a> {
         self.ended(outcome.map(|_| ()))
     }
 
-    /// Passes over up to `length` bytes, and says over how many.
+    /// Skips up to `length` bytes, and returns how many.
     pub fn skip(&mut self, length: u64) -> Result<u64, StreamProblem> {
         if let (Some(end), None) = (self.length(), &self.crc) {
             let skipped = length.min(end.saturating_sub(self.offset));
@@ -81,7 +81,7 @@ impl<'a> Counted<'a> {
         Ok(skipped)
     }
 
-    /// Goes to a place of a file; what is not read in order has no checksum.
+    /// Seeks to an offset of a file; bytes that are not read in order have no checksum.
     pub fn seek(&mut self, offset: u64) -> Result<(), StreamProblem> {
         if let Source::File { file, .. } = &mut self.source {
             file.seek_relative(offset as i64 - self.offset as i64)?;
@@ -91,11 +91,11 @@ impl<'a> Counted<'a> {
         Ok(())
     }
 
-    /// Up to `length` bytes from a place of a file on; nothing of another input.
+    /// Up to `length` bytes at an offset of a file; nothing for other inputs.
     pub fn peek(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, StreamProblem> {
         let mut bytes = Vec::new();
         if let Source::File { file, .. } = &mut self.source {
-            // Past the buffer, which stays as it is.
+            // Bypasses the buffer, which stays unchanged.
             let file = file.get_mut();
             let at = file.stream_position()?;
             file.seek(SeekFrom::Start(offset))?;
@@ -105,7 +105,7 @@ impl<'a> Counted<'a> {
         Ok(bytes)
     }
 
-    /// A compressed file that is cut or damaged ends there.
+    /// Treats a truncated or damaged compressed file as ending there.
     fn ended(&mut self, outcome: io::Result<()>) -> Result<(), StreamProblem> {
         match outcome {
             Ok(()) => Ok(()),
@@ -120,7 +120,7 @@ impl<'a> Counted<'a> {
     }
 }
 
-/// A regular file, read from its first byte on: a pipe gives its bytes only once.
+/// A regular file, read from its first byte on: a pipe can be read only once.
 fn seekable<'a>(path: &std::path::Path) -> Option<Source<'a>> {
     let is_file = path.metadata().is_ok_and(|data| data.is_file());
     let file = is_file.then(|| File::open(path).ok()).flatten()?;

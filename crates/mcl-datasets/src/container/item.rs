@@ -1,4 +1,4 @@
-//! What a container yields: topics and their encoded messages.
+//! The items of a container: topics and their encoded messages.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::position::Position;
 use super::problem::{StreamError, StreamProblem};
 
-/// How messages are laid out, as written in the bag.
+/// The description of a message type, as written in the bag.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct SchemaText {
     /// Name of the message type.
@@ -18,116 +18,116 @@ pub struct SchemaText {
     pub data: Vec<u8>,
 }
 
-/// A topic as one file describes it.
+/// A topic as described in one file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
-    /// Number in this file.
+    /// Number within this file.
     pub id: u32,
     /// Name of the topic.
     pub topic: String,
-    /// How messages are encoded: `cdr`, `ros1`, …
+    /// The encoding of its messages: `cdr`, `ros1`, …
     pub message_encoding: String,
-    /// How messages are laid out, if the file says so.
+    /// The description of its messages, if the file has one.
     pub schema: Option<Arc<SchemaText>>,
 }
 
-/// One message, with where it stands.
+/// One message with its position.
 #[derive(Debug, Clone, Copy)]
 pub struct Message<'a> {
     /// Its topic.
     pub channel: &'a Channel,
-    /// Number the writer gave it; where the format has none, its place among those of its topic.
+    /// Sequence number by the writer; where the format has none, the index among those of its topic.
     pub sequence: u32,
-    /// When it was recorded, in nanoseconds.
+    /// Log time, in nanoseconds.
     pub log_time: u64,
-    /// When it was published, in nanoseconds.
+    /// Publish time, in nanoseconds.
     pub publish_time: u64,
     /// The encoded message.
     pub data: &'a [u8],
-    /// Where it stands.
+    /// Its position in the file.
     pub position: Position,
 }
 
-/// Messages of a channel that nobody wants to see, as the file's index tells of them.
+/// Skipped messages of a channel, known from the file's index.
 #[derive(Debug, Clone, Copy)]
 pub struct Passed<'a> {
     /// Their topic.
     pub channel: &'a Channel,
-    /// How many they are.
+    /// Their number.
     pub count: usize,
-    /// When the first and the last of them were recorded, in nanoseconds.
+    /// Log times of the first and the last of them, in nanoseconds.
     pub log_times: (u64, u64),
 }
 
-/// What is wrong with one of many alike.
+/// A malformed row.
 #[derive(Debug, Clone, Copy)]
 pub struct Damaged<'a> {
-    /// What it is part of.
+    /// The table it is part of.
     pub table: &'static str,
-    /// Its place there.
+    /// Its position in the table.
     pub position: Position,
     /// The field at fault.
     pub field: &'static str,
-    /// What stands there.
+    /// What was found.
     pub found: &'a str,
-    /// What should.
+    /// What was expected.
     pub expected: &'static str,
 }
 
-/// What a visitor of a container gets to see.
+/// An item passed to the visitor of a container.
 #[derive(Debug, Clone, Copy)]
 pub enum Item<'a> {
     /// A channel, before its first message.
     Channel(&'a Channel),
     /// A message.
     Message(Message<'a>),
-    /// Messages that were passed over.
+    /// Messages that were skipped.
     Passed(Passed<'a>),
-    /// A row that is not as it should be, which is passed over.
+    /// A malformed row, which is skipped.
     Damaged(Damaged<'a>),
-    /// How the file was read, where that is not as usual.
+    /// A remark on how the file was read, where that is unusual.
     Note(&'a str),
     /// A metadata record: its name, and pairs of keys and values.
     Metadata(&'a str, &'a [(&'a str, &'a str)]),
 }
 
-/// What a visitor wants of the messages that follow on a channel.
+/// What a visitor needs of the following messages on a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wanted {
-    /// To see them.
+    /// The messages themselves.
     #[default]
     Shown,
-    /// To know how many they are: they may be passed over.
+    /// Only their number: they may be skipped.
     Counted,
 }
 
-/// Takes what a container yields, in its order; after a channel and each message of it, the answer is of the
-/// messages that follow on this channel.
+/// Receives the items of a container in order; the answer to a channel, and to each message of it, applies to
+/// the following messages on this channel.
 pub type Visit<'v> = dyn FnMut(Item<'_>) -> Result<Wanted, StreamProblem> + 'v;
 
 /// The bytes of a container.
 pub struct Input<'a> {
-    /// From the first one on, unpacked if the file is compressed.
+    /// From the first one on, decompressed if the file is compressed.
     pub stream: Box<dyn BufRead + 'a>,
-    /// The file, where it is one and not compressed: for formats that do not stand in order, and to pass over
-    /// what is not wanted.
+    /// The file, if it is a regular, uncompressed one: for formats that need random access, and to skip what
+    /// is not wanted.
     pub file: Option<&'a Path>,
 }
 
-/// Reads a container from its first message to its last, and shows them to a visitor. A file that ends
-/// early is no error: the result says what is missing. Memory is bounded whatever the bytes say.
+/// Reads a container from its first message to its last, and passes them to a visitor. A file that ends early
+/// is no error: the result says what is missing. Memory is bounded whatever the bytes say.
 pub type Read = fn(Input<'_>, &mut Visit<'_>) -> Result<Option<String>, StreamError>;
 
 /// A format that holds messages.
 #[derive(Debug)]
 pub struct Container {
-    /// What it is called in messages.
+    /// Its name in messages.
     pub name: &'static str,
     /// Its first bytes.
     pub magic: &'static [u8],
-    /// What names of its files end with, without the dot.
+    /// The ending of its file names, without the dot.
     pub ending: &'static str,
-    /// `storage_identifier` in the `metadata.yaml` of a rosbag2 folder, if it can be one.
+    /// `storage_identifier` in the `metadata.yaml` of a rosbag2 folder, where it can occur there.
     pub storage: Option<&'static str>,
     /// Its reader.
     pub read: Read,

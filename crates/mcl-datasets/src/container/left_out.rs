@@ -1,4 +1,5 @@
-//! Formats that this build was compiled without. They are recognized, so that the error names the feature.
+//! Placeholders for formats that this build was compiled without. They are recognized, so that the error
+//! names the feature.
 
 #[cfg(not(feature = "bags"))]
 pub mod mcap {

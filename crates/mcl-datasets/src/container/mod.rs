@@ -1,8 +1,8 @@
 //! Containers of messages: MCAP, ROS 1 bags, and rosbag2's SQLite databases.
 //!
-//! A container knows nothing of what messages say: it yields topics (with the names and descriptions
-//! of their types, as far as it holds them) and encoded messages, one after the other. Formats are told
-//! apart by their first bytes. To add one, write its file and a line in [`CONTAINERS`].
+//! A container does not interpret messages: it yields topics (with the names and descriptions of their types,
+//! as far as it holds them) and encoded messages, one after the other. Formats are recognized by their first
+//! bytes. To add one, write its file and a line in [`CONTAINERS`].
 
 pub(crate) mod chunk;
 pub mod folder;
@@ -32,11 +32,11 @@ use left_out::sqlite;
 #[cfg(not(feature = "bags"))]
 use left_out::{mcap, ros1};
 
-/// All formats that are recognized. Those that this build leaves out give an error that names the feature.
+/// All formats that are recognized. Those not compiled into this build give an error that names the feature.
 pub static CONTAINERS: &[&Container] = &[&mcap::CONTAINER, &ros1::CONTAINER, &sqlite::CONTAINER];
 
-/// The container that begins with these bytes; also of a file that ends within its magic bytes, or
-/// before them.
+/// The container that begins with these bytes; also for a file that ends within its magic bytes, or before
+/// them.
 pub fn of(head: &[u8]) -> Option<&'static Container> {
     CONTAINERS.iter().copied().find(|container| {
         let length = head.len().min(container.magic.len());
@@ -47,7 +47,7 @@ pub fn of(head: &[u8]) -> Option<&'static Container> {
 /// Reads a container of any format; see [`item::Read`].
 ///
 /// # Errors
-/// [`StreamError`] for bytes that are no container or damaged, and what `visit` returns.
+/// [`StreamError`] for bytes that are not a container or are damaged, and the errors of `visit`.
 pub fn read(mut input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, StreamError> {
     let head = input.stream.fill_buf().map_err(StreamError::at_start)?;
     match of(head) {

@@ -1,8 +1,8 @@
-//! Where something stands in a file.
+//! Positions in a file.
 
 use std::fmt;
 
-/// Where something stands in a file.
+/// A position in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Position {
     /// Offset of a record, or of the chunk that holds it.

@@ -4,7 +4,7 @@ use mcl_core::OutOfMemory;
 
 use super::position::Position;
 
-/// A field that a record should have and has not, or that is no text.
+/// A required field of a record that is missing or is not text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{record} record: {field} is {found}")]
 pub struct BadRecord {
@@ -30,51 +30,51 @@ impl BadRecord {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StreamProblem {
-    /// The system could not read the file.
+    /// The operating system could not read the file.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
-    /// It takes more memory than there is.
+    /// Reading needs more memory than is available.
     #[error(transparent)]
     Memory(#[from] OutOfMemory),
-    /// This build was compiled without what reads it.
+    /// This build was compiled without the reader for this format.
     #[error(
         "this build reads no {format}: it was compiled without the feature `{feature}` of mcl-datasets"
     )]
     LeftOut {
-        /// What is not read.
+        /// The format.
         format: &'static str,
         /// The feature that would read it.
         feature: &'static str,
     },
-    /// It begins like no container.
+    /// It begins like no known container.
     #[error(
         "the file does not begin with the magic bytes of MCAP, of a ROS 1 bag (#ROSBAG V2.0) or of an SQLite database"
     )]
     Magic,
-    /// No record has this code.
+    /// An unknown opcode.
     #[error("0 is no kind of record; the file is damaged")]
     Opcode,
-    /// A record longer than any should be.
+    /// A record longer than accepted.
     #[error(
         "a record of kind {opcode:#04x} says that it is {length} bytes long, expected at most {limit}; the file is damaged"
     )]
     RecordLength {
         /// Code of the record's kind.
         opcode: u8,
-        /// The length it says.
+        /// Its stated length.
         length: u64,
         /// The largest accepted.
         limit: u64,
     },
-    /// A record that is too short for its fields.
+    /// A malformed record.
     #[error("{0}; the file is damaged")]
     Record(#[from] BadRecord),
-    /// A chunk that unpacks to more than is accepted.
+    /// A chunk that decompresses to more than is accepted.
     #[error(
         "a chunk says that it unpacks to {size} bytes, expected at most {limit}; write the bag with smaller chunks"
     )]
     ChunkTooLarge {
-        /// The size it says.
+        /// Its stated size.
         size: u64,
         /// The largest accepted.
         limit: u64,
@@ -82,31 +82,31 @@ pub enum StreamProblem {
     /// A chunk whose content is longer than its record.
     #[error("a chunk says that it holds {size} bytes, but {there} are there; the file is damaged")]
     ChunkLength {
-        /// The size it says.
+        /// Its stated size.
         size: u64,
-        /// The bytes there.
+        /// The bytes available.
         there: usize,
     },
-    /// A chunk that unpacks to another size than it says.
+    /// A chunk whose decompressed size differs from the stated one.
     #[error(
         "a chunk says that it unpacks to {declared} bytes, found {found}{}; the file is damaged",
         if found > declared { " or more" } else { "" }
     )]
     UnpackedLength {
-        /// The size it says.
+        /// Its stated size.
         declared: u64,
-        /// The bytes unpacked, at most one more than declared.
+        /// The size found, at most one more than declared.
         found: u64,
     },
-    /// A chunk compressed in a way that is not known.
+    /// A chunk with an unknown compression.
     #[error("a chunk is compressed with {found:?}, expected {expected}")]
     UnknownCompression {
-        /// The compression it says.
+        /// The stated compression.
         found: String,
-        /// Those that the format knows.
+        /// Those that the format defines.
         expected: &'static str,
     },
-    /// A chunk that does not unpack.
+    /// A chunk that cannot be decompressed.
     #[error("a chunk does not unpack as {compression}: {reason}; the file is damaged")]
     Decompression {
         /// The compression.
@@ -122,7 +122,7 @@ pub enum StreamProblem {
         /// The checksum of its content.
         found: u32,
     },
-    /// The checksum of all that comes before the end of the data differs.
+    /// The checksum of everything before the end of the data differs.
     #[error(
         "the checksum of the data is {found:08x}, expected {declared:08x}; the file is damaged"
     )]
@@ -139,7 +139,7 @@ pub enum StreamProblem {
     RecordInChunk {
         /// Code of the record's kind.
         opcode: u8,
-        /// The length it says.
+        /// Its stated length.
         length: u64,
         /// The bytes left.
         there: usize,
@@ -150,16 +150,16 @@ pub enum StreamProblem {
         /// The bytes left.
         there: usize,
     },
-    /// A bag that only its owner can read.
+    /// An encrypted bag.
     #[error("the bag is encrypted ({0}); decrypt it with `rosbag decompress` first")]
     Encrypted(String),
     /// SQLite cannot read the database.
     #[error("{0}")]
     Sqlite(String),
-    /// A database of something else.
+    /// A database without rosbag2's tables.
     #[error("the database has no table {0}, expected the tables of rosbag2: topics and messages")]
     NoTable(&'static str),
-    /// A table that is not as rosbag2 writes it.
+    /// A table that differs from rosbag2's layout.
     #[error("{table} {found}; the database is no bag of rosbag2, or damaged")]
     Database {
         /// The table, or the column in it.
@@ -167,22 +167,22 @@ pub enum StreamProblem {
         /// What is wrong with it.
         found: String,
     },
-    /// A database that would unpack to more than is accepted.
+    /// A database that would decompress to more than is accepted.
     #[error(
         "the database says that it has {declared} bytes, expected at most {limit}; unpack it first"
     )]
     DatabaseTooLarge {
-        /// The size it says.
+        /// Its stated size.
         declared: u64,
         /// The largest accepted.
         limit: u64,
     },
-    /// A message of a channel that no record describes.
+    /// A message of a channel that no record before it describes.
     #[error(
         "a message is of channel {0}, which no record before it describes; the file is damaged"
     )]
     UnknownChannel(u32),
-    /// A channel with a schema that no record describes.
+    /// A channel whose schema no record before it describes.
     #[error(
         "topic {topic} has schema {schema}, which no record before it describes; the file is damaged"
     )]
@@ -213,7 +213,7 @@ pub struct StreamError {
 }
 
 impl StreamError {
-    /// Of a file that is wrong as a whole.
+    /// For a file that is wrong as a whole.
     pub fn at_start(problem: impl Into<StreamProblem>) -> Self {
         StreamError { position: Position::Byte(0), problem: problem.into() }
     }

@@ -1,10 +1,9 @@
 //! ROS 1 bags, version 2.0: chunked or not, compressed or not, with or without an index, by which chunks
-//! without any message that is wanted are passed over.
+//! without any wanted message are skipped.
 //!
 //! A record is a header (fields `name=value`) and data, each after its length. Chunks hold records of
-//! connections (topics, with the description of their messages) and messages; records of the index
-//! follow each chunk and stand at the end. A recorder that is stopped leaves a last chunk whose length
-//! it never wrote, and no index.
+//! connections (topics, with the description of their messages) and messages; index records follow each chunk
+//! and also come at the end. A recorder that is stopped leaves a last chunk without its length, and no index.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
@@ -20,11 +19,11 @@ use super::problem::{BadRecord, StreamError, StreamProblem};
 pub static CONTAINER: Container =
     Container { name: "ROS 1 bag", magic: MAGIC, ending: "bag", storage: None, read };
 
-/// What a bag of version 2.0 begins with.
+/// The first bytes of a bag of version 2.0.
 pub(crate) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Longest header of a record accepted, in bytes; real ones take about a hundred.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
-/// Longest data accepted of records that are passed over unread: the index of a chunk.
+/// Longest data accepted of records that are skipped unread: the index of a chunk.
 const MAX_SKIPPED_BYTES: u64 = u32::MAX as u64;
 /// Longest index accepted, in bytes: that of a bag of some terabytes.
 const MAX_INDEX_BYTES: u64 = 256 << 20;
@@ -66,7 +65,7 @@ struct Connection {
 }
 
 impl Connection {
-    /// Tells of messages that were passed over.
+    /// Passes on how many messages were skipped.
     fn pass(
         &mut self,
         count: usize,
@@ -83,27 +82,27 @@ impl Connection {
 struct Reader<'a> {
     input: Counted<'a>,
     connections: BTreeMap<u32, Connection>,
-    /// The chunks by their place, as the index at the end tells, where it can be read and is believed.
+    /// The chunks by offset according to the index at the end, where it can be read and is trusted.
     chunks: HashMap<u64, Summary>,
     /// Whether there are messages that are not wanted.
     has_counted: bool,
-    /// Where the index at the end begins; 0 if the bag was never closed.
+    /// Offset of the index at the end; 0 if the bag was never closed.
     index_start: u64,
     expected_chunks: u64,
     expected_in_index: u64,
     found_in_index: u64,
-    /// Where chunks are.
+    /// Offsets of the chunks.
     chunks_seen: BTreeSet<u64>,
     tail: Tail,
-    /// Where the index says that a chunk is, and none is.
+    /// An offset at which the index has a chunk and the file has none.
     misplaced: Option<u64>,
-    /// Whether a chunk without a length was seen, whose records follow as they are.
+    /// Whether a chunk without a length was seen, whose records follow uncompressed.
     has_open_chunk: bool,
-    /// Where the record being read begins.
+    /// Offset of the record being read.
     record_start: u64,
 }
 
-/// The records of the index that follow the last chunk.
+/// The index records that follow the last chunk.
 #[derive(Default)]
 struct Tail {
     start: u64,
@@ -118,7 +117,7 @@ enum Piece {
 }
 
 impl Reader<'_> {
-    /// Reads it to its end; where nothing but the index behind all chunks is damaged, nothing is lost.
+    /// Reads the file to its end; where only the index behind all chunks is damaged, nothing is lost.
     fn read(&mut self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         match self.records(visit) {
             Err(StreamProblem::RecordLength { .. } | StreamProblem::Record(_))
@@ -263,8 +262,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The chunks as the index at the end of the file tells of them; `None` where it cannot be read or is not
-    /// whole.
+    /// The chunks according to the index at the end of the file; `None` where it cannot be read or is
+    /// incomplete.
     fn summaries(&mut self, count: u64) -> Result<Option<HashMap<u64, Summary>>, StreamProblem> {
         let length = self.input.length().unwrap_or(0).saturating_sub(self.index_start);
         if self.index_start == 0 || length > MAX_INDEX_BYTES {
@@ -284,8 +283,8 @@ impl Reader<'_> {
         Ok((rest.is_empty() && chunks.len() as u64 == count).then_some(chunks))
     }
 
-    /// Passes over a compressed chunk, if the index says that nothing of it is wanted, and the records that follow
-    /// the chunk say so, too.
+    /// Skips a compressed chunk, if the index says that nothing of it is wanted, and the records that follow
+    /// the chunk agree.
     fn pass(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<bool, StreamProblem> {
         let Some(summary) = self.chunks.remove(&self.record_start) else { return Ok(false) };
         let is_counted = |id: &u32| {
@@ -310,7 +309,7 @@ impl Reader<'_> {
         Ok(true)
     }
 
-    /// Whether a chunk is not compressed, whole, and in a file of which not everything is wanted.
+    /// Whether a chunk is uncompressed, complete, and in a file of which not everything is wanted.
     fn is_plain(&self, chunk: &Fields<'_>, length: u64) -> bool {
         let end = self.input.offset.saturating_add(length);
         chunk.find("compression") == Some(b"none")
@@ -319,14 +318,14 @@ impl Reader<'_> {
             && self.has_counted
     }
 
-    /// The records of such a chunk, without reading the messages that are not wanted.
+    /// Reads the records of such a chunk, skipping the messages that are not wanted.
     fn plain_chunk(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<(), StreamProblem> {
         let end = self.input.offset + length;
         let (mut header, mut data) = (Vec::new(), Vec::new());
         while self.input.offset < end {
             let there = end - self.input.offset;
             let cut = StreamProblem::CutInChunk { there: there as usize };
-            // Each part with its length.
+            // Each part is preceded by its length.
             let Some(header_length) = self.length()?.filter(|length| length + 8 <= there) else {
                 return Err(cut);
             };
@@ -352,8 +351,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// What the records of the index that follow a chunk say of it; `None` where they are damaged. The input
-    /// goes to their end.
+    /// The content of a chunk according to the index records that follow it; `None` where they are damaged.
+    /// The input is advanced to their end.
     fn spans(&mut self) -> Result<Option<Spans>, StreamProblem> {
         let mut spans = Spans::default();
         let (mut header, mut data) = (Vec::new(), Vec::new());
@@ -472,7 +471,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// At the end of the file, where no record is cut.
+    /// At the end of the file, where no record is truncated.
     fn end(&self, visit: &mut Visit<'_>) -> Result<Option<String>, StreamProblem> {
         let Tail { start, connections, chunks } = self.tail;
         let is_whole = chunks > 0
@@ -524,7 +523,7 @@ impl Reader<'_> {
     }
 }
 
-/// The fields of a header: its bytes, which are well formed.
+/// The fields of a header: its bytes, checked to be well formed.
 struct Fields<'a>(&'a [u8]);
 
 /// Fields `name=value`, each after its length.
@@ -592,7 +591,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// A chunk of the index at the end of a file, with its place.
+/// A chunk of the index at the end of a file, with its offset.
 fn summary(info: &Fields<'_>, data: &[u8]) -> Option<(u64, Summary)> {
     if info.opcode() != Ok(CHUNK_INFO) {
         return None;
@@ -620,7 +619,7 @@ fn blob(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     rest.split_at_checked(u32::from_le_bytes(length) as usize)
 }
 
-/// Header and data of the record that `bytes` begin with, and what follows it.
+/// Header and data of the record at the start of `bytes`, and what follows it.
 fn record(bytes: &[u8]) -> Option<(&[u8], &[u8], &[u8])> {
     let (header, rest) = blob(bytes)?;
     let (data, rest) = blob(rest)?;

@@ -1,11 +1,11 @@
 //! rosbag2's SQLite databases: a table of topics, a table of messages, and, since 2023, one of the
 //! descriptions of their types.
 //!
-//! SQLite reads pages in no order, so a database that is compressed is unpacked into a temporary file
-//! first. A database may come from anywhere: nothing that it defines (views, triggers) is run, no row is
-//! larger than a chunk may be, and the rows together are no larger than the file, as they are when each
-//! page belongs to one table. Messages come in the order of their rows, as they were recorded. A row with values of
-//! other types costs itself alone.
+//! SQLite needs random access, so a compressed database is decompressed into a temporary file first. A
+//! database may come from anywhere: nothing that it defines (views, triggers) is run, no row may be larger
+//! than a chunk, and the rows together may be no larger than the file, as is the case when each page belongs
+//! to one table. Messages come in the order of their rows, which is that of recording. A row with values of
+//! other types is skipped alone.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -36,15 +36,15 @@ pub static CONTAINER: Container = Container {
     read,
 };
 
-/// Largest database unpacked, in bytes, into the folder for temporary files.
+/// Largest database decompressed, in bytes, into the folder for temporary files.
 const MAX_UNPACKED_BYTES: u64 = 64 << 30;
 /// Topics and types accepted, each.
 const MAX_TOPICS: usize = u16::MAX as usize;
 /// Bytes of the header of a database.
 const HEADER_BYTES: usize = 100;
-/// Steps of SQLite's machine between two looks at their number.
+/// Steps of SQLite's virtual machine between two checks of their number.
 const STEPS: i32 = 1 << 20;
-/// Steps allowed per byte of the file, and for any: a row takes about ten, and at least six bytes.
+/// Steps allowed per byte of the file, and in any case: a row takes about ten steps, and at least six bytes.
 const STEPS_PER_BYTE: u64 = 16;
 const STEPS_FOR_ANY: u64 = 32 << 20;
 
@@ -63,7 +63,7 @@ struct Database {
     bytes: u64,
     /// Why its end is missing, if it is.
     cut: Option<String>,
-    /// Where it lies, if it was copied.
+    /// The copy, if one was made.
     _copy: Option<Copied>,
 }
 
@@ -75,8 +75,8 @@ enum Copied {
 
 impl Database {
     fn of_file(path: &Path) -> Result<Self, StreamProblem> {
-        // A recorder that was killed leaves the last messages in a file beside the database. SQLite
-        // would merge them into it, so that is done with a copy.
+        // A recorder that was killed leaves the last messages in a file beside the database. SQLite would
+        // merge them into it, so that is done with a copy.
         let sidecars: Vec<PathBuf> = ["-wal", "-journal"]
             .into_iter()
             .map(|ending| {
@@ -148,7 +148,7 @@ impl Database {
             (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
             (DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false),
             (DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, false),
-            // Else SQLite refuses all of a file that is shorter than it should be.
+            // Otherwise SQLite refuses a file that is shorter than stated as a whole.
             (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, is_cut),
         ] {
             connection.set_db_config(setting, value)?;
@@ -190,7 +190,7 @@ impl Database {
         }
     }
 
-    /// The table of this name, which must be one, and neither a view nor virtual.
+    /// Whether there is a table of this name, which must be an ordinary table and not a view or virtual.
     fn has_table(&self, name: &str) -> Result<bool, StreamProblem> {
         let found = self.connection.query_row(
             "SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = ?1 AND rootpage > 0",
@@ -200,7 +200,7 @@ impl Database {
         Ok(found > 0)
     }
 
-    /// The topics by the number that messages refer to them by.
+    /// The topics by the id that messages refer to.
     fn topics(&self, visit: &mut Visit<'_>) -> Result<BTreeMap<i64, Topic>, StreamProblem> {
         for table in ["topics", "messages"] {
             if !self.has_table(table)? {
@@ -237,7 +237,7 @@ impl Database {
         Ok(topics)
     }
 
-    /// Shows the rows of a table with a row for each topic or type; their number comes before the columns.
+    /// Passes on the rows of a table with a row for each topic or type; their id comes before the columns.
     fn rows(
         &self,
         table: &'static str,
@@ -273,7 +273,7 @@ impl Database {
         at: &mut Rows,
         visit: &mut Visit<'_>,
     ) -> Result<(), Stop> {
-        // The data stands last in a row, and what is not asked for is not read.
+        // The data comes last in a row, and is not read unless selected.
         let query = "SELECT rowid, topic_id, timestamp, length(data) FROM messages NOT INDEXED";
         let mut statement = self.connection.prepare(query).map_err(Stop::of)?;
         let of_row = "SELECT data FROM messages NOT INDEXED WHERE rowid = ?1";
@@ -349,7 +349,7 @@ impl Database {
 #[derive(Default)]
 struct Rows {
     current: i64,
-    /// The last one that was shown.
+    /// The last row that was passed on.
     used: Option<i64>,
 }
 
@@ -359,9 +359,9 @@ struct Topic {
     wanted: Wanted,
 }
 
-/// Why no more messages come.
+/// Why reading of messages stops.
 enum Stop {
-    /// The database is damaged or cut off: what came before counts.
+    /// The database is damaged or truncated: what came before counts.
     Damage(String),
     Problem(StreamProblem),
 }
@@ -405,7 +405,7 @@ impl From<rusqlite::Error> for StreamProblem {
     }
 }
 
-/// What the header of a database says of its size.
+/// The size fields in the header of a database.
 struct Header {
     page_size: u64,
     pages: u64,
@@ -418,13 +418,13 @@ impl Header {
             1 => 1 << 16,
             size => u64::from(size),
         };
-        // Old versions of SQLite leave the number of pages as it is; then these two differ.
+        // Old versions of SQLite do not update the number of pages; then these two differ.
         let is_valid = u32_at(24)? == u32_at(92)?;
         Some(Header { page_size, pages: if is_valid { u64::from(u32_at(28)?) } else { 0 } })
     }
 }
 
-/// The address of a file that SQLite takes for one that nobody writes: it looks for no other file.
+/// A URI that makes SQLite treat the file as immutable: it looks for no other file.
 fn unchanging(path: &Path) -> String {
     let mut address = String::from("file:");
     for &byte in path.as_os_str().as_encoded_bytes() {
@@ -438,7 +438,7 @@ fn unchanging(path: &Path) -> String {
     address + "?immutable=1"
 }
 
-/// A value of a row that is not what its column should hold.
+/// A value of a row with another type than its column should have.
 struct WrongValue {
     field: &'static str,
     found: String,
@@ -463,7 +463,7 @@ impl WrongValue {
     }
 }
 
-/// Why a row gives no values.
+/// Why a row could not be read.
 enum Fault {
     Value(WrongValue),
     Sqlite(rusqlite::Error),

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::bag::survey::Survey;
 use crate::log::report::ReadReport;
 
-/// A log as read: the recording, and what is known about how it was read.
+/// A log as read: the recording, and how it was read.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Log {
@@ -18,18 +18,18 @@ pub struct Log {
     pub kind: LogKind,
     /// What was ignored, skipped or unusable.
     pub report: ReadReport,
-    /// How far ahead of the robot's centre the log says the front laser is mounted (metres;
-    /// `PARAM robot_frontlaser_offset` of CARMEN), if it says so. The mount in `recording` follows
-    /// it where the poses of the log leave the mount open.
+    /// Distance of the front laser ahead of the robot's centre according to the log (metres; `PARAM
+    /// robot_frontlaser_offset` of CARMEN), where stated. The mount in `recording` follows it where the poses
+    /// of the log leave the mount open.
     pub front_laser_offset: Option<f64>,
-    /// The reference that was used, and whose poses it has; `None` without one.
+    /// The reference that was used, and the frame of its poses; `None` without one.
     pub reference: Option<String>,
     /// How a bag was read, a line each: its topics, the mount of the laser.
     pub notes: Vec<String>,
     /// The topics of a bag, and which of them were read.
     pub survey: Option<Survey>,
-    /// What a bag left open and how that was settled, a line each: no mount, no stamps, scans outside
-    /// of the odometry.
+    /// What a bag leaves open, and what was assumed, a line each: no mount, no stamps, scans outside of the
+    /// odometry.
     pub assumptions: Vec<String>,
 }
 
@@ -37,8 +37,8 @@ pub struct Log {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LogKind {
-    /// Laser poses are corrected (the reference), and so are the odometry fields beside them; raw
-    /// odometry, where the log has any, stands in odometry records between the scans.
+    /// Laser poses are corrected (the reference), and so are the odometry fields beside them; raw odometry,
+    /// where the log has any, is in odometry records between the scans.
     GfsCorrected,
     /// Laser poses are corrected (the reference); the odometry fields beside them are raw.
     CorrectedWithOdometry,

@@ -1,8 +1,8 @@
-//! Files that are neither logs nor bags: what they are, and what helps.
+//! Files that are neither logs nor bags: what they are, and advice on what to do.
 
-/// Something that a file can be.
+/// A kind of file.
 pub(crate) struct Foreign {
-    /// Its first bytes, at this offset.
+    /// Its magic bytes, at this offset.
     offset: usize,
     magic: &'static [u8],
     /// What it is.
@@ -13,7 +13,7 @@ pub(crate) struct Foreign {
 
 const UNPACK: &str = "unpack it, and name the log or the folder of the bag in it";
 
-/// Of kinds that people take for logs.
+/// Kinds of files that are often mistaken for logs.
 static KNOWN: &[Foreign] = &[
     of(
         b"PK\x03\x04",
@@ -65,7 +65,7 @@ const fn of(magic: &'static [u8], what: &'static str, advice: &'static str) -> F
     Foreign { offset: 0, magic, what, advice }
 }
 
-/// What a file that begins with these bytes is, if it is none of ours and known.
+/// The kind of a file that begins with these bytes, if it is known and unsupported.
 pub(crate) fn of_head(head: &[u8]) -> Option<&'static Foreign> {
     KNOWN.iter().find(|foreign| {
         head.get(foreign.offset..).is_some_and(|rest| rest.starts_with(foreign.magic))

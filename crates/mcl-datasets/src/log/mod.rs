@@ -1,5 +1,5 @@
-//! Reading a laser log of any supported format: opening the file, telling its format by its first
-//! bytes, and what a reader reports beside the recording.
+//! Reading a laser log of any supported format: opening the file, recognizing its format by its first bytes,
+//! and the report of a reader beside the recording.
 //!
 //! # Example
 //! ```no_run

@@ -1,4 +1,4 @@
-//! Opening a log: its format is told by its first bytes.
+//! Opening a log; its format is recognized by its first bytes.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -24,7 +24,8 @@ use crate::log::options::ReadOptions;
 use crate::log::reference;
 use crate::packed::{Unpacked, damage};
 
-/// Reads a log, plain or compressed, or the folder of a bag; the first bytes decide, not the name.
+/// Reads a log, plain or compressed, or the folder of a bag; the format depends on the first bytes, not the
+/// name.
 ///
 /// # Errors
 /// [`LogError`] when the file cannot be opened or holds no scan. Malformed records and a damaged end
@@ -34,7 +35,7 @@ pub fn read_log(path: &Path) -> Result<Log, LogError> {
     read_log_as(path, &ReadOptions::default())
 }
 
-/// [`read_log`], told what the content of the log leaves open.
+/// [`read_log`] with options for what the content of the log leaves open.
 ///
 /// # Errors
 /// As [`read_log`].
@@ -48,8 +49,8 @@ pub fn read_log_as(path: &Path, options: &ReadOptions) -> Result<Log, LogError> 
     read_opened(open(path)?, path, true, options)
 }
 
-/// Reads a log from its bytes, plain or compressed; they decide on the format. `path` stands for the
-/// file in errors, and its name settles what the content leaves open.
+/// Reads a log from its bytes, plain or compressed, whose format depends on them. `path` stands for the file
+/// in errors, and its name is used where the content is inconclusive.
 ///
 /// # Errors
 /// As [`read_log`].
@@ -62,7 +63,7 @@ pub fn read_log_from(
     read_opened(input, path, false, options)
 }
 
-/// `is_file` says that the bytes are those of the file at `path`.
+/// `is_file` means that the bytes are those of the file at `path`.
 fn read_opened(
     input: Unpacked<'_>,
     path: &Path,
@@ -111,8 +112,7 @@ fn read_opened(
     Ok(log)
 }
 
-/// Whether a path is that of a bag: the folder of one, or a file, plain or compressed, that begins like
-/// one.
+/// Whether a path is a bag: the folder of one, or a file, plain or compressed, that begins like one.
 ///
 /// # Errors
 /// [`LogError`] when the file cannot be opened.
@@ -120,17 +120,17 @@ pub fn is_bag(path: &Path) -> Result<bool, LogError> {
     Ok(is_bag_folder(path) || !path.is_dir() && container::of(open(path)?.head()).is_some())
 }
 
-/// Reads the poses of one topic of a bag, a file or a folder: the topic asked for, or the one that its
-/// type and name tell.
+/// Reads the poses of one topic of a bag, a file or a folder: the requested topic, or the one found by its
+/// type and name.
 ///
 /// # Errors
-/// [`LogError`] when it cannot be opened, is damaged, or no topic, or several, could be meant.
+/// [`LogError`] when it cannot be opened, is damaged, or no topic, or more than one, matches.
 pub fn read_poses(path: &Path, request: &PoseRequest<'_>) -> Result<PoseTopic, LogError> {
     poses::poses(filled(Content::new(Purpose::Scans, None), path)?, request).map_err(at(path))
 }
 
-/// What is in a bag, a file or a folder, however little of it could be read as a log; `None` for what is no bag.
-/// Of one that is damaged, what comes before; [`Survey::truncated`] says what is wrong.
+/// The contents of a bag, a file or a folder, even where it cannot be read as a log; `None` for anything
+/// else. Of a damaged one, the part before the damage; [`Survey::truncated`] says what is wrong.
 ///
 /// # Errors
 /// [`LogError`] when it cannot be opened or is damaged before its first message.
@@ -151,7 +151,7 @@ pub fn survey(path: &Path, options: &ReadOptions) -> Result<Option<Survey>, LogE
 /// Reads the point clouds of one topic of a bag, a file or a folder.
 ///
 /// # Errors
-/// [`LogError`] when it cannot be opened or is no bag, and as
+/// [`LogError`] when it cannot be opened or is not a bag, and as
 /// [`bag::read_clouds`](crate::bag::read_clouds).
 pub fn read_clouds(path: &Path, options: &CloudOptions) -> Result<BagCloud, LogError> {
     clouds::join(filled(clouds::content(options), path)?, options).map_err(at(path))
@@ -162,7 +162,7 @@ pub fn is_bag_folder(path: &Path) -> bool {
     path.is_dir() && folder::is_bag(path)
 }
 
-/// The content of the bag at a path, a file or a folder.
+/// Adds the content of the bag at a path, a file or a folder.
 fn filled(mut content: Content, path: &Path) -> Result<Content, LogError> {
     add(&mut content, path)?;
     Ok(content)
@@ -206,7 +206,7 @@ fn io_error(path: &Path, error: io::Error) -> LogError {
     LogError::Io { path: path.to_owned(), error }
 }
 
-/// Opens a file, and unpacks it if it is compressed.
+/// Opens a file, and decompresses it if needed.
 fn open(path: &Path) -> Result<Unpacked<'static>, LogError> {
     let file = File::open(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => LogError::NotFound { path: path.to_owned() },
@@ -215,7 +215,7 @@ fn open(path: &Path) -> Result<Unpacked<'static>, LogError> {
     Unpacked::new(file).map_err(|error| io_error(path, error))
 }
 
-/// What has any bytes.
+/// Refuses empty inputs.
 fn some<'a>(mut input: Unpacked<'a>, path: &Path) -> Result<Unpacked<'a>, LogError> {
     match input.take_error() {
         Some(error) => Err(match damage(&error) {
@@ -227,7 +227,7 @@ fn some<'a>(mut input: Unpacked<'a>, path: &Path) -> Result<Unpacked<'a>, LogErr
     }
 }
 
-/// Names what is no container and no text for what it is.
+/// Refuses an input that is neither a container nor text, naming its kind.
 fn refuse_foreign(input: &Unpacked<'_>, path: &Path) -> Result<(), LogError> {
     let path = path.to_owned();
     if let Some(found) = foreign::of_head(input.head()) {

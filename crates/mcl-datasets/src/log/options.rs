@@ -1,4 +1,4 @@
-//! How to read a log, where its content leaves that open.
+//! Options for reading a log, where its content is inconclusive.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReferencePoses {
-    /// As the content of the log tells.
+    /// Decided from the content of the log.
     #[default]
     Auto,
     /// They are ground truth, even when the log does not look corrected.
@@ -36,7 +36,7 @@ impl fmt::Display for ReferencePoses {
     }
 }
 
-/// A text that names none of [`ReferencePoses`].
+/// A text that is not the name of one of [`ReferencePoses`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no choice of reference poses, expected auto, recorded or none")]
 pub struct ParseReferencePosesError(String);
@@ -52,11 +52,11 @@ impl FromStr for ReferencePoses {
     }
 }
 
-/// Topics to read of a bag, where their types do not tell which are meant.
+/// Topics to read from a bag, where their types leave open which are meant.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TopicChoice {
-    /// Topic of the scans (`sensor_msgs/LaserScan` or `MultiEchoLaserScan`). Of a CARMEN log the kind of
-    /// their records, `RLASER` and `ROBOTLASER2` among them.
+    /// Topic of the scans (`sensor_msgs/LaserScan` or `MultiEchoLaserScan`). For a CARMEN log the kind of
+    /// scan records, including `RLASER` and `ROBOTLASER2`.
     pub scan: Option<String>,
     /// Topic of the odometry (`nav_msgs/Odometry`).
     pub odometry: Option<String>,
@@ -66,14 +66,14 @@ pub struct TopicChoice {
     pub reference: Option<String>,
 }
 
-/// How to read a log, where its content leaves that open. All but the two on the reference, and
-/// `longest_gap` for a track from elsewhere, is of bags.
+/// Options for reading a log, where its content is inconclusive. All but the two on the reference, and
+/// `longest_gap` for an external track, apply to bags only.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
-    /// Whether the poses in the log are ground truth. For a bag: whether to use reference poses if it
-    /// has them, to insist on them, or not to use them.
+    /// Whether the poses in the log are ground truth. For a bag: whether reference poses are used where
+    /// available, required, or not used.
     pub reference: ReferencePoses,
-    /// Poses from elsewhere that are the reference, whatever the log itself has.
+    /// External poses that replace any reference of the log.
     pub reference_track: Option<ReferenceTrack>,
     /// Topics of a bag.
     pub topics: TopicChoice,
@@ -81,39 +81,38 @@ pub struct ReadOptions {
     pub slice: Option<(f64, f64)>,
     /// The robot's frame.
     pub base_frame: Option<String>,
-    /// The frame of the odometry, where `/tf` alone tells it.
+    /// The frame of the odometry, where it is in `/tf` only.
     pub odometry_frame: Option<String>,
-    /// Whose poses the reference has: `robot`, `laser` or the name of a frame.
+    /// The child frame of the reference: `robot`, `laser` or the name of a frame.
     pub reference_frame: Option<String>,
-    /// How the laser sits on the robot.
+    /// The mount of the laser on the robot.
     pub laser_pose: Option<LaserPose>,
-    /// The longest time (s) between two poses to be interpolated over; a few times the usual one, where
-    /// this says nothing.
+    /// The longest time (s) between two poses to interpolate over; `None` for a few times the usual interval.
     pub longest_gap: Option<f64>,
-    /// Takes the beams of a scan as measured at once, at its stamp, however long it took.
+    /// Treats the beams of a scan as measured at once, at its stamp.
     pub no_deskew: bool,
 }
 
-/// Reference poses that are not in the log: of a file of its own, or of another bag.
+/// Reference poses that are not in the log: from a separate file, or from another bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceTrack {
-    /// Where they are from, for messages.
+    /// Their source, for messages.
     pub name: String,
     /// Stamped poses in the map's frame.
     pub trajectory: Trajectory,
-    /// What of it is in doubt.
+    /// A doubt about them, if any.
     pub doubt: Option<String>,
-    /// The frame whose poses they are, where their file says so; else they are the robot's. `laser` is the
+    /// Their child frame, where the file states it; otherwise they are the robot's. `laser` stands for the
     /// laser.
     pub frame: Option<String>,
 }
 
-/// How the laser sits on the robot, where the log does not say.
+/// The mount of the laser on the robot, where the log does not have it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LaserPose {
-    /// Carries coordinates of the laser's frame into the robot's.
+    /// Maps coordinates of the laser's frame to the robot's.
     pub robot_from_laser: Pose2,
-    /// How far it is turned about its own x axis, in radians: π is upside down.
+    /// Rotation about the laser's own x axis, in radians: π is upside down.
     pub roll: f64,
 }
 

@@ -1,22 +1,22 @@
-//! Whether poses in space are those of a robot in the plane.
+//! Checks whether poses in space are those of a robot in the plane.
 
-/// A robot that drives is tilted by less than so many degrees, but on a part of its way.
+/// A driving robot is tilted by less than this (degrees), except for a part of its way.
 const TILT_DEGREES: f64 = 10.0;
 const TILTED_PART: f64 = 0.1;
-/// Its heights vary by less, in metres and as a part of how far it drives.
+/// Its heights vary by less than this, in metres and as a part of the distance driven.
 const HEIGHTS: (f64, f64) = (0.5, 0.25);
 
-/// A pose in space, as far as it matters here.
+/// A pose in space, reduced to what matters here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseInSpace {
     /// x, y and z in metres.
     pub position: [f64; 3],
-    /// Angle between its own z axis and that of its frame.
+    /// Angle between its z axis and that of the parent frame.
     pub tilt_degrees: f64,
 }
 
-/// What is to be said of poses that are projected into the plane where they do not lie in it: they are tilted, or their
-/// heights vary as only positions do. Most often their frame has another axis upwards.
+/// The remark on poses that are projected into the plane although they do not lie in it: they are tilted, or
+/// their heights vary as only horizontal positions do. Most often another axis of their frame points upwards.
 pub fn out_of_plane(poses: impl Iterator<Item = PoseInSpace>) -> Option<String> {
     let (mut count, mut tilted, mut worst) = (0_usize, 0_usize, 0.0_f64);
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

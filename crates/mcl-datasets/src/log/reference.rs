@@ -1,4 +1,4 @@
-//! A reference from elsewhere for a log whose own poses stand beside its scans.
+//! An external reference for a log.
 
 use std::collections::BTreeMap;
 
@@ -14,12 +14,12 @@ use crate::log::options::{ReadOptions, ReferenceTrack};
 const NANOSECONDS: f64 = 1e9;
 const REFERENCE: &str = "reference";
 const LASER: &str = "laser";
-/// Names of the robot, and what its frame is usually called.
+/// Names of the robot, and the usual names of its frame.
 const ROBOT: [&str; 3] = ["robot", "base_link", "base_footprint"];
 
-/// The pose of a trajectory at each stamp: that of the same stamp, of several the last; else between the two neighbours,
-/// on the line between the positions and on the shorter arc between the headings. Nothing is extrapolated, nor
-/// interpolated over more than five usual intervals of the trajectory (and 0.2 s).
+/// The pose of a trajectory at each stamp: that of the same stamp, of several the last; else interpolated
+/// between the two neighbours (positions linearly, headings along the shorter arc). Nothing is extrapolated,
+/// nor interpolated over more than five usual intervals of the trajectory (and 0.2 s).
 pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>> {
     let last: BTreeMap<Moment, Pose2> =
         trajectory.iter().map(|(stamp, pose)| (Moment::only(stamp), pose)).collect();
@@ -31,7 +31,7 @@ pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>>
     stamps.iter().map(pose).collect()
 }
 
-/// Takes the reference poses of a log's scans from a track, at their stamps.
+/// Sets the reference poses of a log's scans from a track, at their stamps.
 pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptions) {
     let frame = options.reference_frame.as_deref().or(track.frame.as_deref()).unwrap_or(ROBOT[0]);
     let (mount, whose) = match frame {

@@ -1,4 +1,4 @@
-//! What a reader did not use of a log, and where it stands.
+//! What a reader did not use of a log, and where.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,24 +17,23 @@ pub struct ReadReport {
     /// Records of kinds that are not read (CARMEN: `NEFF`, `SYNC`, `RLASER`, …; bags: messages of
     /// other types); nothing is lost.
     pub ignored: usize,
-    /// These by their kind, of a bag by topic.
+    /// Their counts by kind, for a bag by topic.
     pub ignored_kinds: BTreeMap<String, usize>,
-    /// Malformed records of kinds that are read; what they said is lost.
+    /// Malformed records of kinds that are read; their content is lost.
     pub skipped: usize,
     /// The first 20 skipped records.
     pub skipped_details: Vec<SkippedRecord>,
-    /// Scans whose stamp is a number but no time (uninitialised, negative); they are kept without.
+    /// Scans whose stamp is not a valid time (uninitialised, negative); they are kept without stamp.
     pub unusable_stamps: usize,
-    /// What contradicts itself, or had to be guessed, a line each: results may be wrong by it.
+    /// Contradictions and guesses, a line each, that may make results wrong.
     pub doubts: Vec<String>,
-    /// Why the log ends early, when a bag or compressed data is cut off or damaged; what came before
-    /// is kept.
+    /// Why the log ends early, when a bag or compressed data is truncated or damaged; the part before is
+    /// kept.
     pub truncated: Option<String>,
 }
 
 impl ReadReport {
-    /// Whether every record of a known kind was read, nothing skipped, nothing cut off, and nothing in it
-    /// is in doubt.
+    /// Whether every record of a known kind was read, with nothing skipped, truncated or in doubt.
     pub fn is_complete(&self) -> bool {
         self.skipped == 0 && self.truncated.is_none() && self.doubts.is_empty()
     }
@@ -47,8 +46,8 @@ impl ReadReport {
     }
 }
 
-/// One line on the totals that are not zero, then one per described skipped record and per doubt, then why the log
-/// ends early; nothing where there is nothing to say.
+/// One line on the totals that are not zero, then one per described skipped record and per doubt, then why
+/// the log ends early; empty where there is nothing to report.
 impl fmt::Display for ReadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut lines: Vec<String> = Vec::new();
@@ -73,7 +72,7 @@ impl fmt::Display for ReadReport {
     }
 }
 
-/// Where a record stands in its log.
+/// The position of a record in its log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Place {
     /// Line of a text, from 1.
@@ -84,9 +83,9 @@ pub enum Place {
     Message {
         /// Its topic.
         topic: String,
-        /// When it was logged, in nanoseconds.
+        /// Log time, in nanoseconds.
         log_time: u64,
-        /// Where it stands in its file.
+        /// Position in its file.
         position: Position,
     },
 }
@@ -104,18 +103,18 @@ impl fmt::Display for Place {
     }
 }
 
-/// A malformed record: where it is, and what is wrong with it.
+/// A malformed record: its position, and what is wrong with it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SkippedRecord {
-    /// Where it stands.
+    /// Its position.
     pub place: Place,
     /// Kind of the record (`FLASER`), or type of the message.
     pub record: String,
     /// Name of the field at fault.
     pub field: String,
-    /// What stands there.
+    /// What was found.
     pub found: String,
-    /// What should.
+    /// What was expected.
     pub expected: String,
 }
 

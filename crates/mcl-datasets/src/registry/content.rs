@@ -1,4 +1,5 @@
-//! What a file holds once unpacked: copies of a log are told apart by it, not by how they are packed.
+//! The digest of a file's decompressed content: copies of a log are compared by it, not by how they are
+//! compressed.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -11,20 +12,20 @@ use super::Sha256Digest;
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// Digest and size of a file's unpacked content.
+/// Digest and size of a file's decompressed content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Content {
-    /// SHA-256 of the unpacked bytes.
+    /// SHA-256 of the decompressed bytes.
     pub sha256: Sha256Digest,
-    /// Number of unpacked bytes.
+    /// Number of decompressed bytes.
     pub bytes: u64,
 }
 
 impl Content {
-    /// Reads a file, unpacking it when it begins like a gzip file, whatever its name.
+    /// Reads a file, decompressing it when it begins like a gzip file, whatever its name.
     ///
     /// # Errors
-    /// As the file system or the decompressor says; a gzip file that is cut off is
+    /// Those of the file system or the decompressor; a truncated gzip file is
     /// [`io::ErrorKind::UnexpectedEof`].
     pub fn of_file(path: &Path) -> io::Result<Content> {
         match unpack(File::open(path)?, &mut io::sink(), u64::MAX) {
@@ -37,26 +38,26 @@ impl Content {
     }
 }
 
-/// Why content could not be unpacked.
+/// Why content could not be decompressed.
 #[derive(Debug)]
 pub(super) enum UnpackError {
     /// The input cannot be read or is no valid gzip stream.
     Input(io::Error),
     /// The output cannot be written.
     Output(io::Error),
-    /// The unpacked content is larger than the limit.
+    /// The decompressed content is larger than the limit.
     TooLarge,
     /// The archive has no file of this path.
     #[cfg(feature = "fetch")]
     NoMember,
 }
 
-/// An archive is read no further than this, unpacked.
+/// An archive is read up to this many decompressed bytes.
 #[cfg(feature = "fetch")]
 const ARCHIVE_LIMIT: u64 = 1 << 30;
 
-/// Copies `input` to `output`, unpacking gzip, and digests what it writes; stops beyond `limit`
-/// bytes of output.
+/// Copies `input` to `output`, decompressing gzip, and computes the digest of the output; stops beyond
+/// `limit` bytes of output.
 pub(super) fn unpack(
     input: impl Read,
     output: &mut impl Write,
@@ -71,8 +72,8 @@ pub(super) fn unpack(
     }
 }
 
-/// [`unpack`] of one file of a tar archive, plain or packed with gzip: the one of this path in it. Nothing
-/// else of the archive is written, and its path names no file on disk.
+/// [`unpack`] of the file with this path in a tar archive, plain or compressed with gzip. Nothing else of the
+/// archive is written, and its path is not used as a file name on disk.
 #[cfg(feature = "fetch")]
 pub(super) fn unpack_member(
     input: impl Read,

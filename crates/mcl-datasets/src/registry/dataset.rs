@@ -19,18 +19,19 @@ pub struct Dataset {
     pub description: String,
     /// Whether it has scans or points.
     pub kind: DatasetKind,
-    /// Where these come from.
+    /// Where its scans or points come from.
     pub source: Source,
     /// Largest reading that counts as a measurement, in metres, inclusive; of a cloud, largest distance from
     /// the origin of its frame, where the scanner is.
     pub max_range: f64,
-    /// Mount of the laser on the robot: carries coordinates of the laser's frame into the robot's.
+    /// Mount of the laser on the robot: maps coordinates of the laser's frame to the robot's.
     pub robot_from_laser: Pose2,
-    /// Whether its scans are taken as measured at once, whatever they say of the time between beams.
+    /// Whether its scans are treated as measured at once, whatever the log states about the time between
+    /// beams.
     pub no_deskew: bool,
     /// Whether the laser poses in its log are ground truth.
     pub reference: ReferencePoses,
-    /// What any copy must hold; `None` when nothing is recorded.
+    /// Facts that any copy must agree with; `None` when none are recorded.
     pub facts: Option<Facts>,
     /// Terms of use or licence.
     pub terms: String,
@@ -50,9 +51,10 @@ pub enum DatasetKind {
 /// Where the scans of a data set come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
-    /// A log on disk, CARMEN or MCAP (its first bytes say which), or a point cloud (its ending says the format).
+    /// A log on disk, CARMEN or MCAP (recognized by its first bytes), or a point cloud (recognized by its
+    /// file ending).
     File(LogFile),
-    /// The built-in simulation, made in memory from this seed.
+    /// The built-in simulation, generated in memory from this seed.
     Simulated {
         /// Seed of the simulation.
         seed: u64,
@@ -62,13 +64,13 @@ pub enum Source {
 /// The file of a data set: its names, where to get it, and the copies known to be good.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LogFile {
-    /// Name under which a fetched file is stored, unpacked.
+    /// Name under which a fetched file is stored, decompressed.
     pub name: String,
-    /// Other names under which copies go round. Any of the names may end with `.gz` or not.
+    /// Other names that copies have. Any of the names may have the ending `.gz` or not.
     pub other_names: Vec<String>,
     /// HTTP(S) addresses, tried in this order.
     pub urls: Vec<String>,
-    /// Path of the file in the tar archive that the addresses give, where they do not give the file itself.
+    /// Path of the file within a tar archive, where the addresses lead to an archive.
     pub member: Option<String>,
     /// Copies known to be good. They differ in header lines only.
     pub copies: Vec<KnownCopy>,
@@ -78,16 +80,16 @@ pub struct LogFile {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KnownCopy {
-    /// SHA-256 of the unpacked content.
+    /// SHA-256 of the decompressed content.
     pub sha256: Sha256Digest,
-    /// Size of the unpacked content.
+    /// Size of the decompressed content, in bytes.
     pub bytes: u64,
-    /// What tells this copy from others.
+    /// How this copy differs from others.
     pub note: Option<String>,
 }
 
 impl Dataset {
-    /// The file of the data set; `None` when it is made in memory.
+    /// The file of the data set; `None` when it is generated in memory.
     pub fn log_file(&self) -> Option<&LogFile> {
         match &self.source {
             Source::File(file) => Some(file),
@@ -97,8 +99,8 @@ impl Dataset {
 }
 
 impl LogFile {
-    /// Every file name under which a copy is looked for, in order: the stored name first, each name
-    /// plain before packed.
+    /// Every file name under which a copy is looked for, in order: the stored name first, each name plain
+    /// before compressed.
     pub fn known_names(&self) -> Vec<String> {
         let mut names = Vec::new();
         for name in std::iter::once(&self.name).chain(&self.other_names) {

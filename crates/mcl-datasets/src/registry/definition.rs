@@ -15,7 +15,7 @@ pub enum DefinitionError {
     /// Not TOML, an unknown key, or a value of the wrong type; the message names line and column.
     #[error("{0}")]
     Toml(#[from] toml::de::Error),
-    /// A key that this format needs is not there.
+    /// A required key of this format is missing.
     #[error("no key `{key}`, which format \"{format}\" needs")]
     MissingKey {
         /// The key.
@@ -31,7 +31,7 @@ pub enum DefinitionError {
         /// The format.
         format: &'static str,
     },
-    /// A value out of its domain.
+    /// A value out of its range.
     #[error("`{key}` is {found}, expected {expected}")]
     Value {
         /// The key.
@@ -107,10 +107,10 @@ struct Definition {
 }
 
 impl Dataset {
-    /// Reads the text of a `dataset.toml`; `name` is that of its folder.
+    /// Parses the text of a `dataset.toml`; `name` is that of its folder.
     ///
     /// # Errors
-    /// [`DefinitionError`] names the line or the key that is wrong, unknown or missing.
+    /// [`DefinitionError`] with the line or the key that is wrong, unknown or missing.
     pub fn parse(name: &str, text: &str) -> Result<Dataset, DefinitionError> {
         toml::from_str::<Definition>(text)?.check(name)
     }
@@ -228,7 +228,7 @@ fn log_file(
         });
     }
     if !urls.is_empty() && copies.is_empty() {
-        // Without a digest, whatever a server answers would have to be taken.
+        // Without a digest, any answer of a server would be accepted.
         return Err(DefinitionError::MissingKey { key: "copy", format });
     }
     Ok(LogFile { name, other_names, urls, member: None, copies })
@@ -236,8 +236,8 @@ fn log_file(
 
 const PLAIN_NAME: &str = "a file name without a path and not beginning with a dot";
 
-/// Whether a name, joined to a folder, stays in it on any system: names of data sets and their files
-/// come out of files.
+/// Whether a name, joined to a folder, stays in it on any system: names of data sets and their files are read
+/// from files.
 pub fn is_plain_name(name: &str) -> bool {
     !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\\', ':', '\0'])
 }

@@ -8,7 +8,7 @@ use serde::Deserialize;
 #[serde(try_from = "String")]
 pub struct Sha256Digest(pub [u8; 32]);
 
-/// Why a text is no SHA-256 digest.
+/// Why a text is not a SHA-256 digest.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{found}` is no SHA-256 digest, expected 64 hexadecimal digits")]
 pub struct ParseDigestError {
@@ -21,7 +21,7 @@ impl FromStr for Sha256Digest {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let error = || ParseDigestError { found: text.to_owned() };
-        // Digits only: `from_str_radix` would take a sign too.
+        // Digits only: `from_str_radix` would accept a sign, too.
         if text.len() != 64 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Err(error());
         }
@@ -65,7 +65,7 @@ mod tests {
         for wrong in ["", &text[1..], &format!("{text}0"), &text.replace("b0", "+0")] {
             assert!(wrong.parse::<Sha256Digest>().is_err(), "{wrong}");
         }
-        // 64 bytes, but not 64 characters: must not split a character.
+        // 64 bytes, but not 64 characters: a character must not be split.
         assert!("é".repeat(32).parse::<Sha256Digest>().is_err());
     }
 }

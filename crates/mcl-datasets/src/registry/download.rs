@@ -1,4 +1,4 @@
-//! One HTTP transfer into a part file, resuming what the part file already holds.
+//! One HTTP transfer into a part file, resuming an earlier one.
 
 use std::io::{self, Read};
 use std::time::Duration;
@@ -9,16 +9,16 @@ use super::UrlFailure;
 use super::failure::Stop;
 use super::part_file::PartFile;
 
-/// How patient a download is.
+/// Timeouts and retries of a download.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FetchSettings {
     /// Limit for resolving the host's name, and for connecting.
     pub connect_timeout: Duration,
     /// How long the server may send nothing before the transfer counts as broken.
     pub stall_timeout: Duration,
-    /// Limit for one whole attempt: a server that drips bytes never stalls.
+    /// Limit for one whole attempt: a server that sends a few bytes at a time never stalls.
     pub attempt_timeout: Duration,
-    /// Attempts per address; each goes on where the one before broke off. At least one is made.
+    /// Attempts per address; each resumes the one before. At least one is made.
     pub attempts: u32,
     /// Pause before another attempt.
     pub retry_wait: Duration,
@@ -40,18 +40,18 @@ impl Default for FetchSettings {
 /// What a fetch is doing, for progress bars and messages.
 #[derive(Debug)]
 pub enum FetchEvent<'a> {
-    /// An address is about to be asked.
+    /// An address is about to be requested.
     Connecting {
         /// The address.
         url: &'a str,
-        /// Bytes at hand from an earlier attempt.
+        /// Bytes available from an earlier attempt.
         kept: u64,
     },
     /// Bytes have arrived.
     Progress {
-        /// Bytes at hand, those of earlier attempts included.
+        /// Bytes available, including those of earlier attempts.
         downloaded: u64,
-        /// Size of the whole file as sent (packed), where the server says so.
+        /// Size of the whole file as sent (compressed), where the server states it.
         total: Option<u64>,
     },
     /// An attempt failed.
@@ -69,7 +69,7 @@ pub enum FetchEvent<'a> {
 pub(super) struct Received {
     /// Whether some of the bytes are those of an earlier attempt.
     pub(super) resumed: bool,
-    /// Whether the server said how long the file is, so that its end is known to be the end.
+    /// Whether the server stated the length of the file, so that its end is known.
     pub(super) end_is_known: bool,
 }
 
@@ -88,15 +88,14 @@ pub(super) fn agent(settings: &FetchSettings) -> ureq::Agent {
         .into()
 }
 
-/// Whether no plain answer is taken: what was asked for by `https` must not be redirected to `http`. Any
+/// Whether only encrypted answers are accepted: a request by `https` must not be redirected to `http`. Any
 /// other scheme is refused by the library.
 fn is_encrypted(url: &str) -> bool {
     url.starts_with("https://")
 }
 
-/// Asks for the file, or for what the part file lacks of it, and appends the answer to the part
-/// file; stops when that grows beyond `limit` bytes. `largest` is the size of the largest known
-/// copy, for messages.
+/// Requests the file, or the rest that the part file lacks, and appends the answer to the part file; stops
+/// when that grows beyond `limit` bytes. `largest` is the size of the largest known copy, for messages.
 pub(super) fn receive(
     agent: &ureq::Agent,
     url: &str,
@@ -115,7 +114,7 @@ pub(super) fn receive(
 
     let total = match response.status() {
         StatusCode::OK => {
-            // The whole file, also when only the rest was asked for.
+            // The whole file, although only the rest was requested.
             part.clear()?;
             response.body().content_length()
         }
@@ -125,7 +124,7 @@ pub(super) fn receive(
         },
         StatusCode::RANGE_NOT_SATISFIABLE if kept > 0 => {
             return match content_range(response.headers()) {
-                // The part file held the whole file already.
+                // The part file was complete already.
                 ContentRange::Beyond { total } if total == kept => {
                     Ok(Received { resumed: true, end_is_known: true })
                 }
@@ -169,7 +168,7 @@ pub(super) fn receive(
     Ok(Received { resumed, end_is_known: total.is_some() })
 }
 
-/// The part file does not fit the server's file: it is of no use.
+/// The part file does not match the server's file, so it is discarded.
 fn wrong_range(part: &mut PartFile, headers: &HeaderMap) -> Stop {
     if let Err(error) = part.clear() {
         return error.into();
@@ -182,7 +181,7 @@ fn wrong_range(part: &mut PartFile, headers: &HeaderMap) -> Stop {
 enum ContentRange {
     /// `bytes first-last/total`, the total where it is known.
     From { first: u64, total: Option<u64> },
-    /// `bytes */total`: the range asked for begins beyond the file.
+    /// `bytes */total`: the requested range begins beyond the file.
     Beyond { total: u64 },
     /// Missing or unreadable.
     Unknown,
@@ -210,7 +209,7 @@ fn parse_content_range(text: &str) -> Option<ContentRange> {
 mod tests {
     use super::*;
 
-    /// What the library makes of a redirect from `https`: it asks the same agent by the same settings.
+    /// Covers the library's redirect from `https`, which uses the same agent and settings.
     #[test]
     fn what_was_asked_for_encrypted_is_never_asked_for_plainly() {
         assert!(is_encrypted("https://example.org/lab.log"));

@@ -3,7 +3,7 @@ use std::fmt;
 use mcl_core::Recording;
 use serde::Deserialize;
 
-/// What a log must hold, whatever its header lines: copies of one log differ in comments and
+/// Facts of a log that do not depend on its header lines: copies of one log differ in comments and
 /// parameters, and so in their digests, but not in these.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -12,8 +12,8 @@ pub struct Facts {
     pub scans: usize,
     /// Number of readings, or of points of a cloud, usable or not.
     pub readings: usize,
-    /// Number of points: readings with `0 < r ≤ max_range` of scans with a reference pose; points of a cloud
-    /// so far from the origin of its frame.
+    /// Number of points: readings with `0 < r ≤ max_range` of scans with a reference pose; for a cloud,
+    /// points in that range from the origin of its frame.
     pub points: usize,
 }
 
@@ -45,7 +45,7 @@ impl Facts {
         }
     }
 
-    /// The facts that those found do not agree with; empty when all agree.
+    /// The facts that differ from those found; empty when all agree.
     pub fn check(&self, found: &Facts) -> Vec<FactMismatch> {
         [
             ("scans", self.scans, found.scans),

@@ -4,7 +4,7 @@ use ureq::http::StatusCode;
 
 use super::{Content, FetchError, Sha256Digest, joined};
 
-/// Why an address did not give the file.
+/// Why an address did not yield the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UrlFailure {
@@ -14,7 +14,7 @@ pub enum UrlFailure {
     /// The server refused.
     #[error("the server answered {0}, expected 200 OK")]
     Status(StatusCode),
-    /// The server answered a request to go on with something else.
+    /// The server answered a request to resume with another range.
     #[error("the server answered a request for the rest of the file with range {found:?}")]
     Range {
         /// The `Content-Range` header found, empty when there is none.
@@ -23,28 +23,28 @@ pub enum UrlFailure {
     /// The transfer broke off or stalled.
     #[error("the transfer broke off after {received} bytes{}: {reason}", of_total(*total))]
     Broken {
-        /// Bytes at hand.
+        /// Bytes available.
         received: u64,
-        /// Size of the whole file, where the server says so.
+        /// Size of the whole file, where the server states it.
         total: Option<u64>,
-        /// What the network said.
+        /// The network error.
         reason: ureq::Error,
     },
     /// The answer ended without an error, but in the middle of a gzip stream.
     #[error("the answer ended after {received} bytes, within the gzip stream")]
     CutOff {
-        /// Bytes at hand.
+        /// Bytes available.
         received: u64,
     },
     /// The file is far larger than any known copy.
     #[error("the file is larger than {limit} bytes, expected at most {largest} (unpacked)")]
     TooLarge {
-        /// The limit that was exceeded, packed or unpacked.
+        /// The limit that was exceeded, compressed or decompressed.
         limit: u64,
         /// Size of the largest known copy.
         largest: u64,
     },
-    /// The file begins like gzip, or should be an archive, but cannot be unpacked.
+    /// The file begins like gzip, or should be an archive, but cannot be decompressed.
     #[error("the file is a broken gzip file or archive: {0}")]
     Gzip(io::Error),
     /// The archive lacks the file.
@@ -53,13 +53,13 @@ pub enum UrlFailure {
         /// Its path in the archive.
         member: String,
     },
-    /// What an earlier attempt received and the rest received now do not make a known copy.
+    /// The bytes of an earlier attempt and those received now do not form a known copy.
     #[error(
         "the rest sent now does not fit the bytes kept of an earlier attempt; \
          they are dropped, and the next attempt starts anew"
     )]
     Unfit,
-    /// The file is whole, but no known copy.
+    /// The file is complete, but is not a known copy.
     #[error(
         "the file is no known copy: sha256 {} of {} bytes (unpacked), expected {}",
         found.sha256, found.bytes, joined(expected)
@@ -77,7 +77,7 @@ fn of_total(total: Option<u64>) -> String {
 }
 
 impl UrlFailure {
-    /// Whether the same address may do better when asked again.
+    /// Whether a retry of the same address may succeed.
     pub(super) fn is_worth_retrying(&self) -> bool {
         match self {
             UrlFailure::NoAnswer(error) => !matches!(
@@ -111,9 +111,9 @@ impl UrlFailure {
 /// Why a step of a fetch ended.
 #[derive(Debug)]
 pub(super) enum Stop {
-    /// This address failed; another attempt or address may do.
+    /// This address failed; another attempt or address may succeed.
     Url(UrlFailure),
-    /// Nothing that another address could mend.
+    /// A failure that no other address could avoid.
     Fetch(FetchError),
 }
 

@@ -12,41 +12,41 @@ use super::{
     Registry, UrlFailure, joined,
 };
 
-/// A file larger than this many times the largest known copy is not read on: copies differ in a few
-/// header lines.
+/// A download is stopped when the file is larger than this many times the largest known copy: copies differ
+/// in a few header lines.
 const SIZE_FACTOR: u64 = 4;
 
-/// Files up to this size are always read on, so that a small wrong one is told by its digest.
+/// Files up to this size are always read to the end, so that a small wrong one is reported with its digest.
 const SIZE_FLOOR: u64 = 1 << 20;
 
-/// An archive is received up to this size; the file wanted may be a small part of it.
+/// Download limit for an archive, of which the wanted file may be a small part.
 const ARCHIVE_DOWNLOAD_LIMIT: u64 = 256 << 20;
 
-/// What a fetch came to.
+/// The result of a fetch.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fetched {
     /// A simulated data set: there is nothing to fetch.
     Simulated,
-    /// A known copy was on disk already; nothing was asked of the network.
+    /// A known copy was on disk already; no request was made.
     AlreadyPresent {
         /// The file.
         path: PathBuf,
-        /// Digest and size of its unpacked content.
+        /// Digest and size of its decompressed content.
         content: Content,
     },
-    /// The file was downloaded, unpacked and checked.
+    /// The file was downloaded, decompressed and checked.
     Downloaded {
-        /// The file, unpacked.
+        /// The file, decompressed.
         path: PathBuf,
         /// Where it came from.
         url: String,
-        /// Digest and size of its unpacked content.
+        /// Digest and size of its decompressed content.
         content: Content,
     },
 }
 
-/// Why a data set could not be fetched. None of these leaves a file under the final name that was not
-/// wholly received and checked.
+/// Why a data set could not be fetched. In no case is there a file under the final name that was not
+/// completely received and checked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FetchError {
@@ -61,7 +61,7 @@ pub enum FetchError {
         /// Where its file is looked for.
         folder: PathBuf,
     },
-    /// A file that is no known copy lies where the data set is looked for.
+    /// A file that is not a known copy lies where the data set is looked for.
     #[error(
         "{} is there already, but is no known copy of data set `{name}`: sha256 {} of {} bytes \
          (unpacked); move it away to fetch a known copy, or, if it is good \
@@ -76,10 +76,10 @@ pub enum FetchError {
         name: String,
         /// The file.
         path: PathBuf,
-        /// Digest and size of its unpacked content.
+        /// Digest and size of its decompressed content.
         found: Content,
     },
-    /// A file that cannot be read or unpacked lies where the data set is looked for.
+    /// A file that cannot be read or decompressed lies where the data set is looked for.
     #[error("{} is there already, but cannot be read: {source}; move it away to fetch", path.display())]
     UnreadableFile {
         /// The file.
@@ -96,14 +96,14 @@ pub enum FetchError {
     /// A file or folder cannot be read or written.
     #[error("cannot {action} {}: {source}", path.display())]
     File {
-        /// What was tried.
+        /// What was attempted.
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
         /// The system's reason.
         source: io::Error,
     },
-    /// No address gave a known copy.
+    /// No address yielded a known copy.
     #[error(
         "data set `{name}` could not be fetched{}{}{}",
         listed(failures),
@@ -115,7 +115,7 @@ pub enum FetchError {
         name: String,
         /// The last failure of each address.
         failures: Vec<(String, UrlFailure)>,
-        /// The part file and its bytes, if there is something to go on from.
+        /// The part file and its size in bytes, if there is something to resume.
         kept: Option<(PathBuf, u64)>,
     },
     /// A known copy cannot be read as a log.
@@ -183,15 +183,15 @@ fn how_to_accept(name: &str, Content { sha256, bytes }: &Content) -> String {
 }
 
 impl Registry {
-    /// Fetches the file of a data set, unless a known copy is on disk: asks its addresses in turn,
-    /// goes on where an earlier attempt broke off, unpacks, and checks digest and facts (`read`
-    /// reads the file for them). Only then does the file get its final name, in one step.
+    /// Fetches the file of a data set, unless a known copy is on disk: requests its addresses in turn,
+    /// resumes an earlier attempt, decompresses, and checks digest and facts (`read` reads the file for
+    /// them). Only then does the file get its final name, atomically.
     ///
-    /// What was received is kept as `<file>.part` when the transfer broke off, and removed when it
-    /// turned out wrong. `report` hears what is going on; the library prints nothing.
+    /// The part received is kept as `<file>.part` when the transfer broke off, and removed when it turned out
+    /// wrong. Progress is passed to `report`; the library prints nothing.
     ///
     /// # Errors
-    /// [`FetchError`]; whatever happens, an existing file is not overwritten.
+    /// [`FetchError`]; an existing file is never overwritten.
     pub fn fetch(
         &self,
         dataset: &Dataset,
@@ -209,7 +209,7 @@ impl Registry {
             let content = Content::of_file(&path)
                 .map_err(|source| FetchError::UnreadableFile { path: path.clone(), source })?;
             if file.accepts(&content) {
-                // Of a fetch that was killed at its very end.
+                // Left by a fetch that was killed at its very end.
                 if part_path.exists()
                     && let Ok(part) = PartFile::open(part_path)
                 {
@@ -217,8 +217,7 @@ impl Registry {
                 }
                 return Ok(Fetched::AlreadyPresent { path, content });
             }
-            // A later one would no longer be found once the file is fetched, so it is in no one's
-            // way.
+            // A later one would no longer be found once the file is fetched, so it does no harm.
             if !is_later {
                 let name = dataset.name.clone();
                 return Err(FetchError::UnknownFile { name, path, found: content });
@@ -236,7 +235,7 @@ impl Registry {
     }
 }
 
-/// A fetch under way.
+/// A fetch in progress.
 struct Fetch<'a> {
     dataset: &'a Dataset,
     file: &'a LogFile,
@@ -339,8 +338,8 @@ impl Fetch<'_> {
             },
         };
         self.part.clear()?;
-        // The server's file may have changed since the part was received, or another address have
-        // another file: only a file received in one piece speaks for itself.
+        // The server's file may have changed since the part was received, or another address may have another
+        // file: only a file received in one piece is known to be consistent.
         Err(if received.resumed { UrlFailure::Unfit } else { failure }.into())
     }
 

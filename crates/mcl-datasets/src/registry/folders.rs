@@ -36,7 +36,7 @@ pub struct Registry {
     fetch_into: usize,
 }
 
-/// What is wrong with a registry, or what it does not know.
+/// Errors of a registry.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegistryError {
@@ -59,12 +59,12 @@ pub enum RegistryError {
     /// No data set has this name.
     #[error("no data set is named `{name}`; known are: {}", joined(known))]
     UnknownDataset {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The names known, sorted.
         known: Vec<String>,
     },
-    /// A data set that is made in memory was asked for its file.
+    /// The file of a data set that is generated in memory was requested.
     #[error("data set `{name}` is simulated: it is made in memory and has no file")]
     NoFile {
         /// Name of the data set.
@@ -80,7 +80,7 @@ pub enum RegistryError {
     NotFound {
         /// Name of the data set.
         name: String,
-        /// The folders looked in.
+        /// The folders searched.
         folders: Vec<PathBuf>,
         /// The file names looked for in each.
         file_names: Vec<String>,
@@ -114,8 +114,8 @@ impl Registry {
         Ok(Registry { datasets, folders: vec![PathBuf::from(REGISTRY_FOLDER)], fetch_into: 0 })
     }
 
-    /// The registry as a program started here sees it: [`discover`](Registry::discover) from the
-    /// working directory, with the folder that `MCL_DATA_DIR` names.
+    /// The registry for a program started here: [`discover`](Registry::discover) from the working directory,
+    /// with the folder named by `MCL_DATA_DIR`.
     ///
     /// # Errors
     /// As [`discover`](Registry::discover).

@@ -1,5 +1,5 @@
-//! The registry of data sets: what is known about each, where its file is, how to get it, and
-//! whether a file on disk is what it claims to be.
+//! The registry of data sets: what is known about each, where its file is, how to get it, and whether a file
+//! on disk is a good copy.
 //!
 //! A data set is a folder `datasets/<name>/` with a `dataset.toml` ([`Dataset`]); its file lies
 //! beside the definition or in `$MCL_DATA_DIR/<name>/`, under any of its known names, packed or not.
@@ -13,9 +13,8 @@
 //!   *unpacked* content. [`Registry::fetch`] takes nothing else from the network;
 //! - the **facts** (`[facts]`): numbers of scans, readings and points that any good copy has.
 //!
-//! [`Registry::verify`] tells the four cases apart: accepted digest or unknown copy, facts agree or
-//! differ. An unknown copy whose facts agree is usable; adding its digest to the list makes it an
-//! accepted one.
+//! [`Registry::verify`] distinguishes the four cases: accepted digest or unknown copy, facts agree or differ.
+//! An unknown copy whose facts agree is usable; adding its digest to the list makes it an accepted one.
 //!
 //! # Example
 //! ```
@@ -59,10 +58,10 @@ pub use fetch::{FetchError, Fetched};
 pub use folders::{Registry, RegistryError};
 pub use verify::{FoundCopy, Verification, VerifyError};
 
-/// How the facts of a file are found. The registry knows no formats.
+/// Computes the facts of a file. The registry itself knows no formats.
 pub type ReadLog<'a> = dyn Fn(&Path) -> Result<Facts, ReadLogError> + 'a;
 
-/// Whatever the reader of a log says when it cannot read it.
+/// Any error of the reader of a log.
 pub type ReadLogError = Box<dyn std::error::Error + Send + Sync>;
 
 /// `a, b, c` for error messages.

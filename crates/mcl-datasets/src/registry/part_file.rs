@@ -6,8 +6,8 @@ use mcl_core::files::OwnFile;
 
 use super::FetchError;
 
-/// The bytes of a file received so far, packed or not as the server sends them. Locked, so that two
-/// programs never write the same one.
+/// The bytes of a file received so far, as sent by the server. Locked, so that two programs never write the
+/// same one.
 pub(super) struct PartFile {
     file: OwnFile,
     len: u64,
@@ -25,7 +25,7 @@ impl PartFile {
                 Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
                 Err(TryLockError::Error(source)) => return Err(error(source)),
             }
-            // Whoever had the lock may have finished, and removed it, since it was opened.
+            // The previous owner of the lock may have finished, and removed the file, since it was opened.
             if file.is_in_place().map_err(error)? {
                 let len = file.length().map_err(error)?;
                 return Ok(PartFile { file, len });
@@ -49,7 +49,7 @@ impl PartFile {
         Ok(&mut self.file)
     }
 
-    /// Forgets what was received.
+    /// Discards what was received.
     pub(super) fn clear(&mut self) -> Result<(), FetchError> {
         self.len = 0;
         self.file.set_length(0).map_err(|source| FetchError::file("write", self.path(), source))

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use super::{Content, Dataset, FactMismatch, ReadLog, ReadLogError, Registry, RegistryError};
 
-/// What [`Registry::verify`] found of a data set.
+/// The result of [`Registry::verify`] for a data set.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Verification {
     /// A simulated data set: there is no file to verify.
@@ -12,22 +12,21 @@ pub enum Verification {
     Found(FoundCopy),
 }
 
-/// The file of a data set beside what the registry knows about it.
+/// The file of a data set, compared with the registry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundCopy {
     /// The file.
     pub path: PathBuf,
-    /// Digest and size of its unpacked content.
+    /// Digest and size of its decompressed content.
     pub content: Content,
     /// Whether the digest is on the list of known copies.
     pub accepted: bool,
-    /// The facts that the file does not agree with; `None` when none are recorded.
+    /// The facts that differ; `None` when none are recorded.
     pub mismatches: Option<Vec<FactMismatch>>,
 }
 
 impl FoundCopy {
-    /// Whether the file holds what the registry says: a known copy or recorded facts vouch for it,
-    /// and no fact differs.
+    /// Whether the file is good: it is a known copy or agrees with recorded facts, and no fact differs.
     pub fn is_good(&self) -> bool {
         match &self.mismatches {
             Some(mismatches) => mismatches.is_empty(),
@@ -55,7 +54,7 @@ pub enum VerifyError {
     /// Its file is not on disk.
     #[error(transparent)]
     Locate(#[from] RegistryError),
-    /// Its file cannot be read or unpacked.
+    /// Its file cannot be read or decompressed.
     #[error("cannot read {}: {source}; remove it and fetch it again", path.display())]
     Content {
         /// The file.
@@ -63,12 +62,12 @@ pub enum VerifyError {
         /// The system's or the decompressor's reason.
         source: io::Error,
     },
-    /// Its file is no log of the expected format.
+    /// Its file is not a log of the expected format.
     #[error("{} (sha256 {}) cannot be read as a log: {source}", path.display(), content.sha256)]
     Log {
         /// The file.
         path: PathBuf,
-        /// Digest and size of its unpacked content.
+        /// Digest and size of its decompressed content.
         content: Content,
         /// The reader's reason.
         source: ReadLogError,
@@ -80,8 +79,8 @@ impl Registry {
     /// it for the facts.
     ///
     /// # Errors
-    /// [`VerifyError`] when there is no file or it cannot be read. A file that differs from what
-    /// the registry knows is no error but told in [`FoundCopy`].
+    /// [`VerifyError`] when there is no file or it cannot be read. A file that differs from the registry is
+    /// not an error, but reported in [`FoundCopy`].
     pub fn verify(
         &self,
         dataset: &Dataset,

@@ -17,7 +17,7 @@ const SIZE: f64 = 30.0;
 /// Width of doorways in m.
 const DOORWAY: f64 = 1.2;
 
-/// Which way a wall runs.
+/// The direction of a wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Run {
     /// West to east, at a given y.
@@ -117,7 +117,7 @@ const GLASS: &[Stretch] = &[
     east(6.0, 12.9, 14.2),
 ];
 
-/// Walls that follow no axis: a chamfered corner, partitions in the large rooms, the reception.
+/// Walls along neither axis: a chamfered corner, partitions in the large rooms, the reception.
 const SLANTED_WALLS: &[[Point<2>; 2]] = &[
     [[0.0, 2.2], [2.2, 0.0]],
     [[26.6, 26.5], [28.2, 28.0]],
@@ -252,10 +252,10 @@ impl Room {
         inside_walls(self.min, self.max)
     }
 
-    /// The point in the middle of what the door leaves open, `depth` metres behind the wall's centre
-    /// line; negative depths lie in front of the door.
+    /// The middle of the opening that the door's leaf leaves, `depth` metres behind the wall's centre line;
+    /// negative depths lie in front of the door.
     pub fn doorway(&self, depth: f64) -> Point<2> {
-        // The leaf's tip stands DOORWAY·cos(open) from its hinge.
+        // The leaf's tip is DOORWAY·cos(open) from its hinge.
         let leaf = DOORWAY * math::cos(self.door.open.to_radians()).max(0.0);
         let shift = match self.door.hinge {
             Low => 0.5 * leaf,
@@ -318,7 +318,7 @@ pub(super) fn inside_walls(min: Point<2>, max: Point<2>) -> Bounds<2> {
     Bounds { min: min.map(|value| value + half), max: max.map(|value| value - half) }
 }
 
-/// Walls with their openings, panes, doors and pillars: everything but the furniture.
+/// Walls with their openings, panes, doors and pillars: everything except the furniture.
 pub(super) fn structure() -> Obstacles {
     let doorways: Vec<Stretch> = ROOMS.iter().map(Room::doorway_stretch).collect();
     let openings: Vec<&Stretch> = doorways.iter().chain(GAPS).chain(GLASS).collect();
@@ -349,7 +349,7 @@ fn add_wall(obstacles: &mut Obstacles, wall: &Stretch, openings: &[&Stretch]) {
         .iter()
         .copied()
         .filter(|opening| {
-            // Lines of the plan are written as equal decimals, so that equality is exact.
+            // Lines of the plan are written as equal decimals, so that comparison is exact.
             opening.run == wall.run
                 && opening.at == wall.at
                 && opening.from > wall.from

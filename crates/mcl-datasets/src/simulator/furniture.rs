@@ -1,4 +1,4 @@
-//! Furniture: pieces drawn at random, kept where neither the robot's path nor another piece is.
+//! Furniture: randomly drawn pieces, kept where they block neither the robot's path nor another piece.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -61,7 +61,7 @@ pub(super) fn furnish(
     furniture
 }
 
-/// One of the kinds that stand in offices, with sizes drawn within its kind.
+/// A random kind of office furniture, with random sizes.
 fn draw_piece(rng: &mut Rng) -> Piece {
     match rng.random_range(0..9) {
         0 | 1 => desk(rng),

@@ -39,8 +39,8 @@ impl LaserSettings {
         self.logged(range, rng)
     }
 
-    /// Readings of a scan before which people stand, in place of those that they had without them: those of the
-    /// beams that meet somebody sooner.
+    /// Updates the readings of a scan for people in front of it: a beam that meets somebody before its
+    /// current reading gets a new one.
     pub(super) fn stand_before(
         &self,
         ranges: &mut [f64],
@@ -52,7 +52,7 @@ impl LaserSettings {
         for (beam, range) in ranges.iter_mut().enumerate() {
             let angle = map_from_laser.theta + geometry.angle(beam);
             let hit = people.first_hit([map_from_laser.x, map_from_laser.y], angle, 0.0);
-            // What is no return is farther than anybody.
+            // A missing return counts as farther than anybody.
             let Some(hit) = hit.filter(|hit| hit.distance < *range) else { continue };
             *range = match rng.random_bool(self.dropout_probability) {
                 true => self.no_return,
@@ -61,17 +61,17 @@ impl LaserSettings {
         }
     }
 
-    /// What the scanner makes of a distance: noise, rounding, and the limit of its range.
+    /// The reading for a true distance: noise, rounding, and the limit of the range.
     fn logged(&self, distance: f64, rng: &mut Rng) -> f64 {
         let mut range = distance + self.range_noise * StandardNormal.sample(rng);
         if self.resolution > 0.0 {
             range = (range / self.resolution).round() * self.resolution;
         }
-        // Noise and rounding may leave nothing of the shortest ranges, which scanners do not log.
+        // Noise and rounding may reduce the shortest ranges to zero or less, which scanners do not log.
         if range > 0.0 && range <= self.max_range { decimal(range) } else { self.no_return }
     }
 
-    /// True distance to the surface that answers the beam, in m.
+    /// True distance to the surface that returns the beam, in m.
     fn echo(
         &self,
         map_from_laser: &Pose2,
@@ -94,7 +94,7 @@ impl LaserSettings {
     }
 }
 
-/// The float nearest to a decimal of six places: a text log holds it exactly.
+/// The float nearest to a decimal with six places: a text log holds it exactly.
 pub(super) fn decimal(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }

@@ -1,8 +1,8 @@
-//! The office in three dimensions, as a spinning lidar of several beams sees it.
+//! The office in three dimensions, as seen by a spinning lidar of several beams.
 //!
-//! Every surface of the floor plan stands upright: walls, doors and pillars from the floor to the ceiling,
-//! furniture up to a height of its own. The lidar is mounted lower than any furniture is high, so that no beam
-//! looks over a piece and down behind it, and no piece needs a top.
+//! Every surface of the floor plan is upright: walls, doors and pillars from the floor to the ceiling,
+//! furniture up to its own height. The lidar is mounted lower than all furniture, so that no beam looks over
+//! a piece and down behind it, and no piece needs a top.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
@@ -23,15 +23,15 @@ const FURNITURE: [f64; 4] = [0.75, 1.1, 1.6, 2.0];
 /// The lidar, and how often it scans; the default is the data set `simulated-office-3d`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LidarSettings {
-    /// Beams above each other.
+    /// Number of beams, one above the other.
     pub beams: usize,
-    /// Direction of the lowest beam against the horizontal, in rad.
+    /// Elevation of the lowest beam, in rad.
     pub lowest: f64,
-    /// Direction of the highest beam, in rad; the others lie between at equal angles.
+    /// Elevation of the highest beam, in rad; the others lie between at equal angles.
     pub highest: f64,
-    /// Directions around in which each beam measures.
+    /// Number of directions (azimuths) in which each beam measures.
     pub columns: usize,
-    /// Height of the lidar above the floor, in m, beneath that of all furniture.
+    /// Height of the lidar above the floor, in m, less than that of all furniture.
     pub height: f64,
     /// Height of the ceiling above the floor, in m.
     pub ceiling: f64,
@@ -84,7 +84,7 @@ impl LidarSettings {
     /// Checks every setting against its range.
     ///
     /// # Errors
-    /// [`SimulationError::Setting`] names the first one outside.
+    /// [`SimulationError::Setting`] with the first one that is out of range.
     pub fn validate(&self) -> Result<(), SimulationError> {
         let within = |field, value: f64, low: f64, high: f64, expected| match (low..=high)
             .contains(&value)
@@ -123,13 +123,13 @@ impl LidarSettings {
     }
 }
 
-/// The furnished building with its heights.
+/// The furnished building with the heights of its surfaces.
 struct Scene<'a> {
     lidar: &'a LidarSettings,
-    /// How glass answers.
+    /// The reflection of glass.
     laser: &'a LaserSettings,
     caster: RayCaster<'a>,
-    /// Of each surface, in the order of the ray caster.
+    /// Height of each surface (m), in the order of the ray caster.
     heights: Vec<f64>,
 }
 
@@ -140,7 +140,7 @@ impl<'a> Scene<'a> {
         let mut draw = || FURNITURE[rng.random_range(0..FURNITURE.len())];
         let walls = building.segments().len();
         let mut heights = vec![lidar.ceiling; walls];
-        // The four sides of a box follow each other.
+        // The four sides of a box are consecutive.
         let mut box_height = 0.0;
         for side in 0..all.segments().len() - walls {
             if side % 4 == 0 {
@@ -179,7 +179,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// True distance along a beam to what answers it, in m; `None` when it leaves the building.
+    /// True distance along a beam to the surface that returns it, in m; `None` when the beam leaves the
+    /// building.
     fn echo(&self, origin: Point<2>, azimuth: f64, elevation: f64, rng: &mut Rng) -> Option<f64> {
         let LidarSettings { height, ceiling, .. } = *self.lidar;
         let (slope, cos) = (math::tan(elevation), math::cos(elevation));
@@ -221,7 +222,7 @@ mod tests {
         simulate_cloud(&OfficeSettings::default(), lidar, Seed::new(seed)).unwrap()
     }
 
-    /// Pinned: experiments on the data set are comparable only while these stand still.
+    /// Pinned: experiments on the data set are comparable only as long as these numbers do not change.
     #[test]
     fn the_default_cloud_is_pinned() {
         let points = cloud(&LidarSettings::default(), 1);
@@ -268,7 +269,7 @@ mod tests {
 
     #[test]
     fn noise_moves_points_along_their_beams_by_its_deviation() {
-        // A single horizontal beam per direction, so that the floor plan alone tells the ranges.
+        // A single horizontal beam per direction, so that the ranges depend on the floor plan only.
         let exact = LidarSettings {
             beams: 1,
             lowest: 0.0,
@@ -277,7 +278,7 @@ mod tests {
             ..LidarSettings::default()
         };
         let clear = OfficeSettings {
-            // Glass answers by chance, which would shift the draws against each other.
+            // Glass returns beams at random, which would shift the random draws against each other.
             laser: LaserSettings {
                 glass_return: 1.0,
                 glass_exponent: 0.0,

@@ -1,11 +1,10 @@
-//! A simulated office: the default data set, for use where no real log is at hand.
+//! A simulated office: the default data set, for use where no real log is available.
 //!
 //! A robot with a laser range finder drives through a building of 30 m × 30 m: corridors that form
 //! loops, rooms with open and half-open doors, round pillars, furniture, and glass that often misses.
 //! It enters every room and drives around the loops again. The recording has the size of the Intel
-//! Research Lab log (about 910 scans of 180 beams on 500 m, some 150,000 readings of up to 10 m), the
-//! same rule for when a scan is logged, and odometry that errs like that log's, but its reference
-//! poses are exact.
+//! Research Lab log (about 910 scans of 180 beams on 500 m, some 150,000 readings of up to 10 m), the same
+//! rule for when a scan is logged, and odometry errors like that log's, but its reference poses are exact.
 //!
 //! The walls, doors and pillars are the same for every seed. The seed decides the furniture, how the
 //! robot strays from its route, and all noise. With no noise and no losses, every reading is the
@@ -15,7 +14,7 @@
 //! **People.** [`OfficeSettings::people`] walk from place to place and step out of the robot's way. The laser sees their
 //! legs; the map does not know them. A beam that meets nobody reads what it reads without people.
 //!
-//! **Three dimensions.** [`simulate_cloud`] gives the same building heights, and scans it with a lidar of
+//! **Three dimensions.** [`simulate_cloud`] adds heights to the same building, and scans it with a lidar of
 //! several beams along the same path.
 //!
 //! **Reproducibility.** The same settings and seed give the same bits on every run, whatever the

@@ -3,7 +3,7 @@ use mcl_core::{Bounds, Point, math};
 /// What a surface is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Material {
-    /// Answers every beam.
+    /// Returns every beam.
     Opaque,
     /// Sometimes lets a beam through.
     Glass,

@@ -4,8 +4,8 @@ use rand_distr::Distribution;
 use super::settings::OdometrySettings;
 
 impl OdometrySettings {
-    /// The increment that the odometry logs for a true increment (metres, radians, in the frame of
-    /// the laser at the previous scan).
+    /// The logged odometry increment for a true increment (metres, radians, in the frame of the laser at the
+    /// previous scan).
     pub(super) fn measure(&self, increment: &Pose2, rng: &mut Rng) -> Pose2 {
         let [ahead, left, turned]: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(rng));
         let (forward, turn) = (increment.x, increment.theta);

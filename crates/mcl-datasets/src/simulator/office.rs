@@ -52,7 +52,7 @@ impl Office {
         Ok(Office { settings: settings.clone(), seed, obstacles, path })
     }
 
-    /// Every surface at the height of the laser that stays where it is, in the map's frame.
+    /// Every static surface at the height of the laser, in the map's frame.
     pub fn obstacles(&self) -> &Obstacles {
         &self.obstacles
     }
@@ -81,7 +81,7 @@ impl Office {
             let laser = &self.settings.laser;
             let mut ranges = laser.scan(&map_from_laser, &caster, &mut laser_rng);
             if self.settings.people > 0 {
-                // A draw of its own: beams that meet nobody keep theirs.
+                // A separate random stream: beams that meet nobody keep their readings.
                 let mut rng = self.seed.derive("laser and people").derive_index(index).rng();
                 let legs = people.legs(time as f64 / 1000.0);
                 laser.stand_before(&mut ranges, &map_from_laser, &RayCaster::new(&legs), &mut rng);
@@ -99,7 +99,7 @@ impl Office {
         Recording { scans, robot_from_laser: Pose2::IDENTITY }
     }
 
-    /// Poses along the path, each at least `distance` metres of driving after the one before.
+    /// Poses along the path, each at least `distance` metres of driving after the previous one.
     pub(super) fn poses_every(&self, distance: f64) -> Vec<Pose2> {
         let mut kept: Vec<Pose2> = Vec::new();
         let mut last: Option<Pose2> = None;
@@ -128,7 +128,7 @@ impl Office {
         self.seed
     }
 
-    /// The sweeps that are logged: the first, and each that is far enough from the one logged before.
+    /// The sweeps that are logged: the first, and each that is far enough from the last one logged.
     fn sweeps(&self) -> Vec<Sweep> {
         let drive = &self.settings.drive;
         let milliseconds = |seconds: f64| (seconds * 1000.0).round() as i64;
@@ -152,7 +152,7 @@ impl Office {
     }
 }
 
-/// The pose in whole micrometres and microradians.
+/// The pose rounded to micrometres and microradians.
 fn rounded(pose: &Pose2) -> Pose2 {
     Pose2::new(decimal(pose.x), decimal(pose.y), decimal(wrap_angle(pose.theta)))
 }
@@ -170,7 +170,8 @@ mod tests {
         recording.scans.iter().filter_map(|scan| scan.map_from_laser).collect()
     }
 
-    /// Pinned: experiments on the default data set are comparable only while these stand still.
+    /// Pinned: experiments on the default data set are comparable only as long as these numbers do not
+    /// change.
     #[test]
     fn the_default_recording_is_pinned() {
         let recording = default_office().record();
@@ -204,7 +205,7 @@ mod tests {
         let other = simulate(&settings, Seed::new(2)).unwrap();
         assert_ne!(other.scans[0].ranges, recording.scans[0].ranges);
         assert_ne!(other.scans[1].odometry, recording.scans[1].odometry);
-        // The building stands where it stood.
+        // The building has not moved.
         let walls = structure().segments().len();
         let office = Office::new(&settings, Seed::new(2)).unwrap();
         assert_eq!(

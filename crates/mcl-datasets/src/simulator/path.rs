@@ -9,7 +9,7 @@ const CURVE_RADIUS: f64 = 0.5;
 const SMALLEST_RADIUS: f64 = 0.2;
 const LARGEST_CURVE: f64 = 1.75;
 
-/// Corners below this angle (rad) are no corners.
+/// Angles below this (rad) do not count as corners.
 const STRAIGHT: f64 = 1e-9;
 
 /// A straight leg of a route, up to its end.
@@ -109,7 +109,7 @@ impl Path {
         self.ends.last().copied().unwrap_or(0.0)
     }
 
-    /// Pose at a time in s from the start, clamped to the drive; `None` for a path of no legs.
+    /// Pose at a time in s from the start, clamped to the drive; `None` for a path without legs.
     pub fn pose(&self, time: f64) -> Option<Pose2> {
         let index =
             self.ends.partition_point(|&end| end < time).min(self.ends.len().checked_sub(1)?);
@@ -147,7 +147,7 @@ struct Line {
     backward: bool,
 }
 
-/// The legs as lines; legs of no length have no direction and are left out.
+/// The legs as lines; legs of zero length have no direction and are left out.
 fn lines(start: Point<2>, legs: &[Leg]) -> Vec<Line> {
     let mut lines = Vec::with_capacity(legs.len());
     let [mut x, mut y] = start;
@@ -163,8 +163,8 @@ fn lines(start: Point<2>, legs: &[Leg]) -> Vec<Line> {
     lines
 }
 
-/// How the robot gets from the end of one line to the heading of the next: along a curve that is
-/// tangent to both, or on the spot; `None` when the heading stays.
+/// The motion from the end of one line to the heading of the next: along a curve that is tangent to both, or
+/// on the spot; `None` when the heading is the same.
 fn corner(line: &Line, next: &Line) -> Option<Motion> {
     let sweep = wrap_angle(next.from.theta - line.from.theta);
     if sweep.abs() < STRAIGHT {

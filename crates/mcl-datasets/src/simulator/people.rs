@@ -20,7 +20,7 @@ const SWING: f64 = 0.15;
 /// … and comes to the front once in two steps of this length (m).
 const STEP: f64 = 0.7;
 
-/// Speeds of walking (m/s), drawn for each way.
+/// Range of walking speeds (m/s); one is drawn for each way.
 const SPEEDS: [f64; 2] = [0.5, 1.5];
 
 /// People walk from cell to cell of a grid with this edge (m), along, across or diagonally …
@@ -30,7 +30,7 @@ const CLEARANCE: f64 = 0.4;
 /// People keep this far from the middle of the robot (m) as long as they have somewhere to go.
 const DISTANCE: f64 = 0.8;
 
-/// Lengths of steps between cells when the shortest way is looked for, in fifths of a cell: √2 is about 7/5.
+/// Costs of steps between cells in the search for the shortest way, in fifths of a cell: √2 is about 7/5.
 const STRAIGHT: u32 = 5;
 const DIAGONAL: u32 = 7;
 
@@ -42,13 +42,13 @@ struct Floor {
     is_free: Vec<bool>,
 }
 
-/// When a person is where.
+/// A time and position on a person's way.
 #[derive(Debug, Clone, Copy)]
 struct Knot {
     /// From the start of the drive (s).
     time: f64,
     at: Point<2>,
-    /// Way so far (m).
+    /// Distance walked so far (m).
     walked: f64,
 }
 
@@ -58,9 +58,9 @@ pub(super) struct People {
 }
 
 impl People {
-    /// So many people, each from a draw of their own, between surfaces and around a robot on its path. They walk
-    /// from one place to another, each drawn from all that can be reached from where the robot starts, and do not
-    /// look out for each other.
+    /// This number of people, each with a random stream of their own, between surfaces and around a robot on
+    /// its path. They walk from one place to another, each drawn from all that can be reached from the
+    /// robot's start, and ignore each other.
     pub fn new(number: usize, obstacles: &Obstacles, path: &Path, seed: Seed) -> Self {
         if number == 0 {
             return People { ways: Vec::new() };
@@ -98,7 +98,8 @@ impl People {
     }
 }
 
-/// Unit vectors along and across the last of these knots that are apart: people who stand face where they went.
+/// Unit vectors along and across the last step of this way that moved: people who stand still keep facing in
+/// their last direction of walking.
 fn facing(way: &[Knot]) -> [Point<2>; 2] {
     let moved = way.windows(2).rev().find(|pair| pair[1].walked > pair[0].walked);
     let [x, y] = moved.map_or([1.0, 0.0], |pair| {
@@ -133,7 +134,7 @@ impl Floor {
         free.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// The free cells around one, and how long the step to each is.
+    /// The free cells around one, and the cost of the step to each.
     fn neighbors(&self, cell: usize) -> impl Iterator<Item = (usize, u32)> + '_ {
         let [column, row] = [cell % self.columns, cell / self.columns].map(|place| place as isize);
         let around = (-1..=1).flat_map(|down| (-1..=1).map(move |right| [right, down]));
@@ -150,7 +151,7 @@ impl Floor {
         })
     }
 
-    /// How far each cell is from one of them; `u32::MAX` where no way leads.
+    /// The distance of each cell from one of them; `u32::MAX` for unreachable cells.
     fn distances(&self, from: Option<usize>) -> Vec<u32> {
         let mut distances = vec![u32::MAX; self.is_free.len()];
         let mut open = BinaryHeap::new();
@@ -172,7 +173,7 @@ impl Floor {
         distances
     }
 
-    /// From one of these places to others, until the robot has arrived.
+    /// A way from one of these places to others, until the robot has arrived.
     fn way(&self, places: &[usize], path: &Path, rng: &mut Rng) -> Vec<Knot> {
         let from_robot = |cell: usize, time: f64| {
             let [x, y] = self.middle(cell);
@@ -199,7 +200,7 @@ impl Floor {
                     last.time + cells * CELL / speed
                 };
                 let room = |&(cell, length): &(usize, u32)| from_robot(cell, time(length));
-                // To wait is a step, too.
+                // Waiting is a step, too.
                 let steps = || self.neighbors(cell).chain([(cell, STRAIGHT)]);
                 let clear = steps().filter(|step| room(step) >= DISTANCE);
                 let (next, length) = clear
@@ -238,7 +239,7 @@ mod tests {
             for (&a, &b) in a.ranges.iter().zip(&b.ranges) {
                 lost += usize::from(b > 80.0 && a < b);
                 nearer += usize::from(b < a);
-                // A person right before a wall reads as the wall, but for noise.
+                // A person right in front of a wall reads as the wall, up to noise.
                 assert!(b < a + 0.1 || b > 80.0, "{a} m behind {b} m");
             }
         }

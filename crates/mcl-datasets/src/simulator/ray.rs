@@ -5,8 +5,8 @@ use super::obstacles::{Circle, Material, Obstacles, Segment};
 /// Edge of a grid cell in m: about the size of a piece of furniture.
 const CELL: f64 = 0.5;
 
-/// Surfaces count as this much larger (m) when they are sorted into cells, so that rounding at a
-/// grid line loses none.
+/// Surfaces are enlarged by this (m) when they are sorted into cells, so that rounding at a grid line loses
+/// none.
 const MARGIN: f64 = 1e-6;
 
 /// A ray that meets the end of a segment this close (in lengths of the segment) still hits it, so
@@ -26,7 +26,7 @@ pub(super) struct Hit {
     pub surface: usize,
 }
 
-/// Exact ray casting against segments and circles; a uniform grid tells which of them are near.
+/// Exact ray casting against segments and circles, accelerated by a uniform grid.
 pub(super) struct RayCaster<'a> {
     obstacles: &'a Obstacles,
     bounds: Bounds<2>,
@@ -84,8 +84,8 @@ impl<'a> RayCaster<'a> {
                 }
             }
             let axis = usize::from(next[1] < next[0]);
-            // A surface may reach into this cell and be hit in a later one: only what is hit before
-            // the ray leaves the cell is known to be nearest.
+            // A surface may reach into this cell and be hit in a later one: only a hit before the ray leaves
+            // the cell is known to be the nearest.
             if nearest.is_some_and(|nearest| nearest.distance <= next[axis]) {
                 return nearest;
             }
@@ -100,7 +100,7 @@ impl<'a> RayCaster<'a> {
 
     /// Column and row of a point, clamped to the grid.
     fn cell(&self, point: Point<2>) -> [usize; 2] {
-        // A float cast saturates, so that what lies below the grid lands in cell 0.
+        // A float cast saturates, so that points below the grid are put into cell 0.
         let index = |axis: usize| ((point[axis] - self.bounds.min[axis]) / CELL) as usize;
         [index(0).min(self.columns - 1), index(1).min(self.rows - 1)]
     }

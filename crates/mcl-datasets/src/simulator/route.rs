@@ -89,11 +89,11 @@ const STOPS: &[Stop] = &[
 /// A robot in a corridor keeps to a straight line for at most this long, in m.
 const STRAIGHT: f64 = 2.6;
 
-/// How far from its planned points the robot strays, in m: in corridors, across them; in rooms.
+/// Deviation of the robot from its planned points, in m: in corridors, across them; in rooms.
 const CORRIDOR_JITTER: f64 = 0.22;
 const ROOM_JITTER: f64 = 0.12;
 
-/// Depth in m, behind the centre line of the door's wall, at which an open door leaf is passed.
+/// Depth in m, behind the centre line of the door's wall, at which the robot is past an open door leaf.
 const INSIDE: f64 = 1.5;
 
 /// Distance in m that a tour keeps from the walls of a room: a desk and some air.
@@ -105,7 +105,7 @@ const LOOK_DEPTH: f64 = 2.6;
 /// Distance in m from the centre line of a corridor's wall to the middle of the corridor.
 const HALF_CORRIDOR: f64 = 1.0;
 
-/// Where the drive starts, and its legs. The generator decides how the robot strays.
+/// Where the drive starts, and its legs. The deviations from the route are random.
 pub(super) fn route(rng: &mut Rng) -> (Point<2>, Vec<Leg>) {
     let mut route = Route { at: START, legs: Vec::new(), rng };
     for stop in STOPS {
@@ -150,7 +150,7 @@ impl Route<'_> {
         self.weave(to);
     }
 
-    /// Straight pieces to exactly `to`, straying sideways in between.
+    /// Straight pieces to exactly `to`, deviating sideways in between.
     fn weave(&mut self, to: Point<2>) {
         let from = self.at;
         let offset = [to[0] - from[0], to[1] - from[1]];

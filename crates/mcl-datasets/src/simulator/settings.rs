@@ -10,7 +10,7 @@ pub enum SimulationError {
     /// A setting lies outside its range.
     #[error("{field} is {value}, expected {expected}")]
     Setting {
-        /// The setting, with the table it stands in (`laser.beams`).
+        /// The setting, with its table (`laser.beams`).
         field: &'static str,
         /// The value found.
         value: f64,
@@ -26,10 +26,9 @@ pub enum SimulationError {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OfficeSettings {
-    /// Pieces of furniture that are tried per square metre of floor; a piece for which there is no
-    /// room is left out.
+    /// Number of pieces of furniture tried per square metre of floor; a piece that does not fit is left out.
     pub furniture_density: f64,
-    /// Number of people who walk about.
+    /// Number of people who walk around.
     pub people: usize,
     /// How the robot drives, and when a scan is logged.
     pub drive: DriveSettings,
@@ -62,9 +61,9 @@ pub struct DriveSettings {
 
 /// The laser range finder; the default resembles the Intel log's SICK LMS.
 ///
-/// A beam is lost (drop-out), or goes on until a surface answers, glass only sometimes. Something
-/// unmapped may answer before. Noise and rounding come last; what is then not within `max_range` is
-/// no return.
+/// A beam is lost (drop-out), or continues until a surface returns it, glass only sometimes. Something
+/// unmapped may return it before. Noise and rounding come last; a range that is then not within `max_range`
+/// is no return.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaserSettings {
@@ -76,7 +75,7 @@ pub struct LaserSettings {
     pub angle_step: f64,
     /// Longest range the scanner measures, in m.
     pub max_range: f64,
-    /// What the scanner logs when nothing comes back, in m; beyond `max_range`.
+    /// The value logged when nothing is detected, in m; beyond `max_range`.
     pub no_return: f64,
     /// Standard deviation σ of the Gaussian range noise, in m.
     pub range_noise: f64,
@@ -84,13 +83,13 @@ pub struct LaserSettings {
     pub resolution: f64,
     /// Probability that a reading is lost.
     pub dropout_probability: f64,
-    /// Probability that something unmapped (a person, dust) answers before the building does, at a
-    /// range uniform between 0 and what the building would have answered.
+    /// Probability that something unmapped (a person, dust) returns the beam before the building does, at a
+    /// range uniform between 0 and that of the building.
     pub short_probability: f64,
-    /// Probability that a pane of glass answers a beam that meets it at a right angle.
+    /// Probability that a pane of glass returns a beam at normal incidence.
     pub glass_return: f64,
-    /// Exponent *n* of the pane's answer to a beam at the angle of incidence *i*: the probability is
-    /// `glass_return · cosⁿ(i)`. Glass mirrors; only near the normal does the light come back.
+    /// Exponent *n* of the pane's return for a beam at the angle of incidence *i*: the probability is
+    /// `glass_return · cosⁿ(i)`. Glass is a mirror: light comes back only near the normal.
     pub glass_exponent: f64,
 }
 
@@ -193,11 +192,11 @@ impl LaserSettings {
 }
 
 impl OfficeSettings {
-    /// Checks every setting. The limits keep the recording finite and of a size that fits into
-    /// memory; within them, every value is simulated as it stands.
+    /// Checks every setting. The limits keep the recording finite and of a size that fits into memory; within
+    /// them, every value is simulated unchanged.
     ///
     /// # Errors
-    /// [`SimulationError::Setting`] names the first setting that is out of range.
+    /// [`SimulationError::Setting`] with the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimulationError> {
         within("furniture_density", self.furniture_density, 0.0, 10.0, "0 to 10 pieces per m²")?;
         within("people", self.people as f64, 0.0, 1000.0, "0 to 1000 people")?;
@@ -245,7 +244,7 @@ impl OfficeSettings {
     }
 }
 
-/// Limits are inclusive; NaN lies in no range.
+/// Limits are inclusive; NaN is in no range.
 fn within(
     field: &'static str,
     value: f64,

@@ -1,4 +1,4 @@
-//! What was decided, and by how much, in as few lines as can be.
+//! A brief summary of the decided claims and their effects.
 
 use std::path::Path;
 
@@ -10,18 +10,18 @@ use crate::claims::numbers::{Numbers, numbers, preference};
 use crate::claims::render::{columns, interval, shown};
 use crate::claims::short;
 
-/// Columns of the verdict and of the statement.
+/// Widths of the verdict and of the statement, in columns.
 const VERDICT: usize = 5;
 const STATEMENT: usize = 38;
-/// Between columns; lines that are too long go on below the second.
+/// Gap between columns; long lines continue below the second column.
 const GAP: &str = "  ";
 
-/// What names of maps mean; with the first of them.
+/// What the names of maps mean; shown with the first of them.
 const NAMES: &str = "gbs is grid-based, rnd random sampling, f-km fuzzy k-means";
 
-/// A line per claim that was decided, on one data set with its effect, on several with the number of those on which it
-/// holds; the rest is counted. Then the numbers that matter, where the figures are, and what to do next. Names from data
-/// are shown as escapes where they act.
+/// A line per decided claim, on one data set with its effect, on several with the number of those on which it
+/// holds; the others are counted. Then the most important numbers, where the figures are, and what to do
+/// next. Control characters in names from data are shown as escapes.
 pub fn text(
     datasets: &[DatasetClaims],
     without_results: &[String],
@@ -76,7 +76,7 @@ pub fn text(
     shown(&lines, width)
 }
 
-/// The claim of this name on a data set, as the paper means it.
+/// The claim with this name on a data set, under the paper's conditions.
 fn of_paper<'d>(dataset: &'d DatasetClaims, id: &str) -> Option<&'d Claim> {
     let alike = dataset.claims.iter().filter(|claim| claim.id == id);
     alike.min_by_key(|claim| preference(&claim.place))
@@ -99,13 +99,13 @@ fn line(decided: &[&Claim], of_several: bool, width: usize) -> String {
         [only] => of_one(only),
         _ => of_all(decided, &holds),
     };
-    // The longest that has room; if none has, the shortest.
+    // The longest that fits; if none does, the shortest.
     let fits = found.iter().find(|text| text.chars().count() <= room);
     let found = fits.or(found.last()).map_or("", String::as_str);
     format!("{begin}{}", cut(found, room)).trim_end().to_owned()
 }
 
-/// What was measured of a claim, the longest first.
+/// The measurement of a claim, the longest version first.
 fn of_one(claim: &Claim) -> Vec<String> {
     let Evidence { effect_of, .. } = &claim.evidence;
     match (interval(&claim.evidence), effect_of) {
@@ -115,14 +115,15 @@ fn of_one(claim: &Claim) -> Vec<String> {
     }
 }
 
-/// An effect with what is left of its name where there is no room for that.
+/// An effect with as much of its name as fits.
 fn with_unit(of: &str, effect: &str) -> String {
     let units = ["nats", "ratio", "share"];
     let unit = units.iter().find(|unit| of.split_whitespace().any(|word| word == **unit));
     unit.map_or(effect.to_owned(), |unit| format!("{unit} {effect}"))
 }
 
-/// On which data sets a claim does not hold, and the range of its effects, where they are of the same.
+/// The data sets on which a claim does not hold, and the range of its effects, where they are of the same
+/// kind.
 fn of_all(decided: &[&Claim], holds: &[&&Claim]) -> Vec<String> {
     let is_other = |claim: &&&Claim| !holds.iter().any(|held| std::ptr::eq(**held, **claim));
     let not: Vec<&str> =
@@ -154,7 +155,7 @@ fn of_all(decided: &[&Claim], holds: &[&&Claim]) -> Vec<String> {
     }
 }
 
-/// Text of at most so many columns.
+/// Text truncated to this many columns.
 fn cut(text: &str, room: usize) -> String {
     match text.chars().count() <= room || room < 2 {
         true => text.to_owned(),
@@ -162,7 +163,7 @@ fn cut(text: &str, room: usize) -> String {
     }
 }
 
-/// What has no line of its own.
+/// The claims without a line of their own.
 fn rest(all: &[&Claim], first: &[&Claim], open: usize, root: &Path) -> Vec<String> {
     let is_first = |claim: &&&Claim| first.iter().any(|of_paper| std::ptr::eq(*of_paper, **claim));
     let others: Vec<&&Claim> = all
@@ -187,7 +188,7 @@ fn rest(all: &[&Claim], first: &[&Claim], open: usize, root: &Path) -> Vec<Strin
     vec![text]
 }
 
-/// "book, default, alternate": what is other than in these places.
+/// "book, default, alternate": how these places differ from the others.
 fn places(claims: &[&&Claim], than: &[&Place]) -> String {
     let is_known = |name: &String| {
         let is_split = |place: &&Place| place.split.is_some_and(|split| split.name() == name);
@@ -206,11 +207,11 @@ fn places(claims: &[&&Claim], than: &[&Place]) -> String {
     list(&names)
 }
 
-/// Of one data set a line per measure, of several a line per data set.
+/// For one data set a line per measure, for several a line per data set.
 fn told(numbers: &[Numbers]) -> Vec<String> {
     let Some(first) = numbers.first() else { return Vec::new() };
     let of_one = numbers.iter().all(|other| other.dataset == first.dataset);
-    // The error is what maps are for.
+    // The error is what maps are made for.
     let has_runs = |name: &str| numbers.iter().any(|n| n.dataset == name && n.of_runs);
     let told = numbers.iter().filter(|n| of_one || n.of_runs || !has_runs(&n.dataset));
     let line = |n: &Numbers| {
@@ -237,7 +238,7 @@ mod tests {
         vec![of_likelihood, localized]
     }
 
-    /// Fault: 762 lines, most of them of what could not be tested.
+    /// Fault: 762 lines, most of them about what could not be tested.
     #[test]
     fn a_new_user_reads_what_was_decided_on_one_screen() {
         let results = results();
@@ -279,7 +280,7 @@ mod tests {
         assert!(text.lines().count() < 30, "{text}");
     }
 
-    /// Names of logs and folders are text, whatever they contain.
+    /// Names of logs and folders are shown as text, whatever they contain.
     #[test]
     fn names_do_not_act() {
         let hostile = "<script> \u{1b}[31mred\u{7} \u{202e}gpj.exe\r\nyes";

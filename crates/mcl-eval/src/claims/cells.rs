@@ -1,9 +1,8 @@
-//! What a study measured on the paper's four kinds of map, by kind and size.
+//! Measurements of a study on the paper's four kinds of map, by kind and size.
 //!
-//! Maps of one draw number with all runs on them are one block; only blocks are independent of each
-//! other. Run r has the same noise whatever the map, so runs are paired, and logarithms of their errors
-//! are subtracted: a ratio of errors, on which a lost run does not drown all others as it does in a
-//! difference.
+//! Maps with the same draw number and all runs on them are one block; only blocks are independent of each
+//! other. Run r has the same noise whatever the map, so runs are paired, and logarithms of their errors are
+//! subtracted: this gives a ratio of errors, which a lost run does not dominate as it does a difference.
 
 use anyhow::{Result, bail};
 use mcl_core::{math, text::list};
@@ -23,10 +22,10 @@ pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
     INITIALIZATIONS.into_iter().flatten()
 }
 
-/// A statement about what a study measured.
+/// A statement about the measurements of a study.
 pub(super) type SampledTest = Test<fn(&Sampled) -> Outcome>;
 
-/// What was measured on the maps of one kind and size.
+/// The measurements on the maps of one kind and size.
 #[derive(Debug, Clone)]
 pub(super) struct Cell<'a> {
     pub kind: &'static str,
@@ -69,7 +68,7 @@ impl Cell<'_> {
     }
 }
 
-/// Which sizes a claim is about.
+/// The sizes that a claim is about.
 pub(super) struct Sizes {
     /// "below 1 %"
     pub name: &'static str,
@@ -86,25 +85,25 @@ impl Sizes {
     /// On these the paper's filter diverged in some runs.
     pub const TINY: Sizes = Sizes { name: "below 0.25 %", among: |percent| percent < 0.25 };
     pub const NOT_TINY: Sizes = Sizes { name: "from 0.25 % on", among: |percent| percent >= 0.25 };
-    /// Above this size it is said not to matter how points are chosen.
+    /// Above this size the choice of points is said not to matter.
     pub const LARGE: Sizes = Sizes { name: "above 10 %", among: |percent| percent > 10.0 };
 }
 
-/// What a study measured on the paper's four kinds of map under the same settings.
+/// The measurements of a study on the paper's four kinds of map under the same settings.
 pub(super) struct Sampled<'a> {
     pub place: Place,
     pub results: &'a Results,
-    /// By kind and size, ascending; also those that have no rows yet.
+    /// By kind and size, ascending; including those that have no rows yet.
     cells: Vec<Cell<'a>>,
 }
 
 impl<'a> Sampled<'a> {
-    /// The splits of a study that has a column and all four kinds of map in percent of the points, each
-    /// under every preset; none of another study. `with_runs`: only maps on which robots are
-    /// localized; without, presets make no difference.
+    /// The splits of a study that has a column and all four kinds of map in percent of the points, each under
+    /// every preset; none for another study. `with_runs`: only maps on which robots are localized; without,
+    /// presets make no difference.
     ///
     /// # Errors
-    /// When the study varies something else too, about which the paper says nothing.
+    /// When the study also varies something that the paper does not discuss.
     pub fn of(results: &'a Results, column: &str, with_runs: bool) -> Result<Vec<Self>> {
         if results.table.column(column).is_none() {
             return Ok(Vec::new());
@@ -119,8 +118,8 @@ impl<'a> Sampled<'a> {
         Ok(found)
     }
 
-    /// What an entry of a study, or all of it, measured on the four kinds of map in percent of the points,
-    /// parted by the values of some settings; parts that lack a kind are left out.
+    /// The measurements of an entry of a study, or of all of it, on the four kinds of map in percent of the
+    /// points, split by the values of some settings; parts that lack a kind are left out.
     ///
     /// # Errors
     /// When something else varies within a part.
@@ -174,7 +173,7 @@ impl<'a> Sampled<'a> {
         Ok(found)
     }
 
-    /// Decides claims; none on half a study.
+    /// Decides claims; none if the study is incomplete.
     pub fn claims(&self, tests: &[SampledTest]) -> Vec<Claim> {
         let decide = |test: &SampledTest| match self.results.missing() {
             Some(found) => Err(Untestable(format!("{found} are there"))),
@@ -214,7 +213,7 @@ impl<'a> Sampled<'a> {
     }
 }
 
-/// ln(a / b) of a column, of the same runs in the cells of each pair, by block.
+/// ln(a / b) of a column, for the same runs in the cells of each pair, by block.
 pub(super) fn log_ratios(pairs: &[[Cell; 2]], column: &str) -> Result<Blocked, Untestable> {
     let mut ratios = Vec::new();
     for [a, b] in pairs {
@@ -267,7 +266,7 @@ mod tests {
         assert_eq!((test.degrees_of_freedom, test.blocks), (3.0, [4, 4]));
         // Mean −2.5 with a standard error of √(5/3)/2.
         assert!((test.t + 2.5 / ((5.0f64 / 3.0).sqrt() / 2.0)).abs() < 1e-12);
-        // Of one size alone what is tested together is the same test.
+        // With a single size, the pooled test is the same test.
         let pair = [[cell(&results, "gbs+f-km"), cell(&results, "gbs")]];
         assert_eq!(one_sample(&log_ratios(&pair, WEIGHTED).unwrap()).unwrap(), test);
     }
@@ -305,7 +304,7 @@ mod tests {
         assert!(reason(log_ratios(&[], WEIGHTED)).contains("0 independent blocks"));
         planted::edit(&mut results, |row| row.number("draw") == 0.0);
         assert!(reason(compare(&results, "gbs", "gbs")).contains("1 independent block,"));
-        // A size that was listed twice once made two samples of one.
+        // Fault: a size that was listed twice made two samples of one.
         let mut results = planted::localization(&[1.0], |_, _, _, scatter| scatter);
         planted::edit(&mut results, |row| {
             row.set("run", row.number("draw") as u32);

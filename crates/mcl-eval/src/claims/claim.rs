@@ -1,4 +1,4 @@
-//! What a claim consists of.
+//! The parts of a claim.
 
 use mcl_core::math;
 use mcl_metrics::{Effect, MetricsError, TooFew, holm};
@@ -13,7 +13,7 @@ pub const ALPHA: f64 = 0.01;
 pub struct DatasetClaims {
     /// Name in the registry, or of the log file.
     pub name: String,
-    /// The data in words: title, scans and points.
+    /// A description of the data: title, scans and points.
     pub description: String,
     /// The claims, in the paper's order.
     pub claims: Vec<Claim>,
@@ -21,30 +21,30 @@ pub struct DatasetClaims {
     pub notes: Vec<String>,
 }
 
-/// A statement of the paper beside what was measured.
+/// A statement of the paper with its measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Claim {
-    /// What it was measured on.
+    /// The conditions of the measurement.
     #[serde(flatten)]
     pub place: Place,
     /// Name of the claim, the same in every version of the program.
     pub id: &'static str,
     /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
     pub section: &'static str,
-    /// What it says, in other words.
+    /// The statement, paraphrased.
     pub statement: &'static str,
-    /// What exactly is tested or compared.
+    /// The exact test or comparison.
     pub test: &'static str,
-    /// What was measured; of a claim that is not testable, why.
+    /// The measurement; for a claim that is not testable, the reason.
     pub measured: String,
-    /// How large the effect is, and how sure.
+    /// The effect and its uncertainty.
     #[serde(flatten)]
     pub evidence: Evidence,
-    /// What comes of it.
+    /// The verdict.
     pub verdict: Verdict,
 }
 
-/// What a claim was measured on.
+/// The conditions of a claim's measurement.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Place {
     /// Name in the registry, or of the log file.
@@ -57,13 +57,13 @@ pub struct Place {
     pub preset: Option<String>,
 }
 
-/// What comes of a claim.
+/// The verdict on a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(into = "&'static str")]
 pub enum Verdict {
     /// It holds for what was measured.
     Reproduced,
-    /// It does not, or not surely enough.
+    /// It does not hold, or not significantly.
     NotReproduced,
     /// The saved results cannot decide it.
     NotTestable,
@@ -86,24 +86,24 @@ impl From<Verdict> for &'static str {
     }
 }
 
-/// How large an effect is, and how sure; nothing where exact numbers are compared.
+/// An effect with its uncertainty; empty where exact numbers are compared.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Evidence {
     /// p value of the test, adjusted for the number of tests where the strongest of several counts.
     pub p: Option<f64>,
-    /// The effect in the comparison that decides.
+    /// The effect in the decisive comparison.
     pub effect: Option<f64>,
     /// Lower end of its 95 % confidence interval, not adjusted.
     pub low: Option<f64>,
     /// Upper end.
     pub high: Option<f64>,
-    /// Number of independent blocks (of the smaller side) behind it.
+    /// Number of independent blocks (on the smaller side).
     pub blocks: Option<usize>,
-    /// What the effect is: its unit, and which comparison.
+    /// The unit of the effect, and the comparison.
     pub effect_of: Option<String>,
 }
 
-/// What the effect of a comparison is.
+/// The kind of effect of a comparison.
 #[derive(Clone, Copy)]
 pub(super) enum Shown {
     /// A difference in this unit.
@@ -112,24 +112,24 @@ pub(super) enum Shown {
     Ratio(&'static str),
 }
 
-/// A comparison that was tested.
+/// A tested comparison.
 #[derive(Debug, Clone)]
 pub(super) struct Tested {
     pub p: f64,
     pub effect: Effect,
-    /// Which comparison.
+    /// The comparison.
     pub of: String,
 }
 
 impl Tested {
-    /// Whether all comparisons are significant: as sure as the one with the largest p.
+    /// Whether all comparisons are significant: decided by the largest p.
     pub fn all(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
         let weakest = tests.iter().max_by(|a, b| a.p.total_cmp(&b.p));
         Self::decided_by(weakest.cloned(), shown)
     }
 
-    /// Whether any comparison is significant: as sure as the one with the smallest p, adjusted after Holm
-    /// (times the number of comparisons).
+    /// Whether any comparison is significant: decided by the smallest p, adjusted by Holm's method (times the
+    /// number of comparisons).
     pub fn any(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
         let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
         let strongest = Self::strongest(tests)
@@ -137,7 +137,7 @@ impl Tested {
         Self::decided_by(strongest, shown)
     }
 
-    /// The place of the comparison with the smallest p.
+    /// The index of the comparison with the smallest p.
     pub fn strongest(tests: &[Tested]) -> Option<usize> {
         (0..tests.len()).min_by(|&a, &b| tests[a].p.total_cmp(&tests[b].p))
     }
@@ -160,12 +160,12 @@ impl Tested {
     }
 }
 
-/// How many of the p values of a family are below α after Holm.
+/// How many p values of a family are below α after Holm's adjustment.
 pub(super) fn significant(p_values: impl Iterator<Item = f64>) -> usize {
     holm(&p_values.collect::<Vec<f64>>()).into_iter().filter(|&p| p < ALPHA).count()
 }
 
-/// Outcome of a test that could be made.
+/// Result of a completed test.
 pub(super) struct Finding {
     /// Whether the claim holds.
     pub holds: bool,
@@ -189,7 +189,7 @@ impl From<TooFew> for Untestable {
     }
 }
 
-/// What comes of the test of a statement.
+/// Outcome of the test of a statement.
 pub(super) type Outcome = Result<Finding, Untestable>;
 
 /// A statement of the paper with the function that tests it.
@@ -204,7 +204,7 @@ pub(super) struct Test<F> {
 }
 
 impl<F> Test<F> {
-    /// The claim that comes of an outcome.
+    /// The claim for an outcome.
     pub fn claim(&self, place: Place, outcome: Outcome) -> Claim {
         let Test { id, section, statement, test, .. } = *self;
         let (verdict, measured, evidence) = match outcome {

@@ -1,4 +1,4 @@
-//! Numbers of points that the paper gives.
+//! Numbers of points stated in the paper.
 
 use mcl_core::text::thousands;
 use mcl_maps::MapSize;
@@ -82,7 +82,7 @@ fn range(facts: &DataFacts) -> f64 {
     facts.max_range.unwrap_or(f64::INFINITY)
 }
 
-/// The statement is about one log only.
+/// The statement is about a single log.
 fn require(facts: &DataFacts, name: &str) -> Result<(), Untestable> {
     match facts.name == name {
         true => Ok(()),

@@ -1,4 +1,4 @@
-//! Section V-A: what fuzzy k-means makes of the likelihood, in nats per point.
+//! Section V-A: the effect of fuzzy k-means on the likelihood, in nats per point.
 
 use std::collections::BTreeMap;
 
@@ -117,7 +117,7 @@ fn improvement_shrinks(data: &Sampled) -> Outcome {
     Ok(Finding { holds: falls && rising.is_empty(), measured, evidence })
 }
 
-/// The slope of a value over lg size by least squares, of every block that has two sizes or more.
+/// The least-squares slope of a value over lg size, for every block with at least two sizes.
 fn slopes(values: &[(f64, Blocked)]) -> Result<Blocked, Untestable> {
     let mut blocks: BTreeMap<u64, Vec<(f64, f64)>> = BTreeMap::new();
     for (size, values) in values {
@@ -135,7 +135,7 @@ fn slopes(values: &[(f64, Blocked)]) -> Result<Blocked, Untestable> {
 }
 
 fn strategy_above_10(data: &Sampled) -> Outcome {
-    // Still smaller random maps are so unlikely that beside them nothing else would matter.
+    // Even smaller random maps are so unlikely that they would dominate everything else.
     let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
     for cell in data.all_cells(&Sizes::NOT_TINY)?.concat() {
         let mean = cell.values(COLUMN)?.mean();
@@ -184,7 +184,7 @@ fn rnd_fkm_below_gbs(data: &Sampled) -> Outcome {
     Ok(Finding { holds, measured, evidence })
 }
 
-/// The paper's two-sample t test: a sample is a map. Its p is the two-sided one.
+/// The paper's two-sample t test, with a map as a sample; p is two-sided.
 fn welch(a: &Cell, b: &Cell) -> Result<Tested, Untestable> {
     let effect = a.against(b, COLUMN, TestKind::Welch, false)?;
     let of = format!("{} over {} at {} %", a.kind, b.kind, a.percent);
@@ -202,8 +202,7 @@ mod tests {
 
     const SIZES: [f64; 4] = [1.0, 5.0, 20.0, 50.0];
 
-    /// What the paper sees: gains that fall with the size, random maps far below, no difference in
-    /// the end.
+    /// Data as in the paper: gains that fall with the size, random maps far below, no difference in the end.
     fn as_in_the_paper() -> Results {
         planted::likelihood(&SIZES, |is_random, size, scatter| {
             let random = if is_random { 100.0 / (size * size) } else { 0.0 };

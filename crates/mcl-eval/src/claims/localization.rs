@@ -1,5 +1,5 @@
-//! Section V-B: how well a robot localizes itself, by equation 7's weighted error, and when the filter
-//! loses it for good. How errors are compared: [`crate::claims::cells`].
+//! Section V-B: the localization error, by equation 7's weighted error, and divergence of the filter. How
+//! errors are compared: [`crate::claims::cells`].
 
 use mcl_core::math;
 use mcl_core::text::{list, number, numbers, p_value};
@@ -82,8 +82,8 @@ const COLUMN: &str = "weighted";
 
 const ERROR_RATIO: Shown = Shown::Ratio("error ratio");
 
-/// An error that is lower by less than this share is no gain: 2 or 3 mm of the 5 cm by which a
-/// tracked robot is off.
+/// A reduction of the error by less than this share is not a gain: it is 2 or 3 mm of the 5 cm error of a
+/// tracked robot.
 const SAME_ERROR: f64 = 0.05;
 
 fn improved(data: &Sampled) -> Outcome {
@@ -232,7 +232,7 @@ fn diverges_below(data: &Sampled) -> Outcome {
     let below = data.all_cells(&Sizes::TINY)?.concat();
     let runs = rate(&below)?;
     let mut measured = format!("{} runs diverged", hits(&runs));
-    // Without larger maps there is nothing to compare with, but runs have diverged or not.
+    // Without larger maps there is nothing to compare with, but whether runs diverged is still known.
     let mut evidence = Evidence::default();
     if let Ok(above) = data.all_cells(&Sizes::NOT_TINY) {
         let above = above.concat();
@@ -251,13 +251,14 @@ fn pooled(pairs: &[[Cell; 2]], of: String) -> Result<Tested, Untestable> {
     Ok(Tested { p: effect.p_less, effect, of })
 }
 
-/// Compares the errors in two cells; p is the two-sided one.
+/// Compares the errors in two cells; p is two-sided.
 fn compare(a: &Cell, b: &Cell) -> Result<Tested, Untestable> {
     let effect = a.against(b, COLUMN, TestKind::Paired, true)?;
     Ok(Tested { p: effect.p_two_sided, effect, of: format!("{} over {}", a.name(), b.name()) })
 }
 
-/// From 1 % or more to the next size: the cells of one kind of map after and before, of all four kinds.
+/// Steps from 1 % or more to the next size: the cells of one kind of map after and before, for all four
+/// kinds.
 fn steps_up<'a>(data: &Sampled<'a>) -> Result<Vec<[Cell<'a>; 2]>, Untestable> {
     data.all_cells(&Sizes::ABOVE_SMALL)?;
     let mut steps = Vec::new();
@@ -275,7 +276,7 @@ fn mean_error(cell: &Cell) -> Result<f64, Untestable> {
     Ok(cell.values(COLUMN)?.mean())
 }
 
-/// Of every run on these maps 1 if it diverged and 0 if not, by draw.
+/// For every run on these maps 1 if it diverged and 0 if not, by draw.
 fn diverged(cells: &[Cell]) -> Result<Blocked, Untestable> {
     let of_cells = cells.iter().map(|cell| cell.values("diverged"));
     let of_cells = of_cells.collect::<Result<Vec<Blocked>, Untestable>>()?;
@@ -316,7 +317,7 @@ mod tests {
         kind.starts_with("rnd")
     }
 
-    /// What the paper sees.
+    /// Data as in the paper.
     fn as_in_the_paper() -> Results {
         planted::localization(&SIZES, |kind, size, run, scatter| {
             let small = size < 1.0;
@@ -367,8 +368,8 @@ mod tests {
 
     #[test]
     fn its_opposite_is_not() {
-        // Improved maps are worse, most of all small ones; random beats grid-based; more points are
-        // always better; the filter is lost on large maps only.
+        // Refined maps are worse, most of all small ones; random beats grid-based; more points are always
+        // better; the filter is lost on large maps only.
         let results = planted::localization(&SIZES, |kind, size, run, scatter| {
             let mut error = 0.3 / size.sqrt() * scatter;
             if is_improved(kind) {
@@ -393,7 +394,7 @@ mod tests {
         );
         assert_eq!(claim.measured, expected);
         assert_eq!((claim.evidence.effect, claim.evidence.blocks), (Some(4.0 / 128.0), Some(4)));
-        // As sure as four trials are, not 128.
+        // The uncertainty is that of four trials, not of 128.
         assert!(claim.evidence.high.unwrap() > 0.5, "{claim:?}");
     }
 
@@ -403,7 +404,7 @@ mod tests {
         for id in ["improved", "most-on-small", "gbs-over-rnd", "slightly-worse"] {
             assert_eq!(find(&results, id).verdict, NotReproduced);
         }
-        // The same error at all sizes surely is no gain of 5 %.
+        // The same error at all sizes is not a gain of 5 %.
         assert_eq!(find(&results, "no-gain").verdict, Reproduced);
     }
 

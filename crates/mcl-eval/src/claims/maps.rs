@@ -69,7 +69,7 @@ fn figure_2(results: &Results, kind: &str) -> Result<PointMap<2>, Untestable> {
 
 fn size_not_exact(data: &Sampled) -> Outcome {
     let (mut maps, mut exact) = (0, 0);
-    // Relative miss, points that were found, points that were asked for.
+    // Relative deviation, number of points found, number of points requested.
     let mut furthest = (0.0, 0.0, 0.0);
     for cell in data.cells("gbs", &Sizes::ALL)? {
         let (found, requested) = (cell.values("map_points")?, cell.values("requested_points")?);
@@ -93,8 +93,8 @@ fn size_not_exact(data: &Sampled) -> Outcome {
     Ok(Finding { holds: exact < maps, measured, evidence: Evidence::default() })
 }
 
-/// Coefficient of variation of the distances from each point to the nearest other one: 0 on a
-/// regular lattice, about 0.52 for random points that are equally likely everywhere in the plane.
+/// Coefficient of variation of the nearest-neighbour distances: 0 on a regular lattice, about 0.52 for points
+/// that are uniformly random in the plane.
 fn spread(map: &PointMap<2>) -> Result<f64, Untestable> {
     let distances = nearest_other_distances(map)?;
     let count = distances.len() as f64;
@@ -106,7 +106,7 @@ fn spread(map: &PointMap<2>) -> Result<f64, Untestable> {
     Ok(variance.sqrt() / mean)
 }
 
-/// Distance from each point to the nearest other one (m), of all pairs: maps of figure 2 are small.
+/// Nearest-neighbour distance of each point (m), by brute force: maps of figure 2 are small.
 fn nearest_other_distances(map: &PointMap<2>) -> Result<Vec<f64>, Untestable> {
     let points = map.points();
     if points.len() < 2 {
@@ -146,7 +146,7 @@ mod tests {
     fn the_lattice_is_even() {
         let [random, grid] = maps();
         assert!(spread(&grid).unwrap() < 1e-12);
-        // Twins are 0 apart, also when there is nothing else.
+        // Duplicates are 0 apart, even without other points.
         let twins = PointMap::new(vec![[1.0, 1.0]; 2]).unwrap();
         assert_eq!(nearest_other_distances(&twins).unwrap(), [0.0, 0.0]);
         let folder = tempfile::tempdir().unwrap();

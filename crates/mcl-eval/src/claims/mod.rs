@@ -1,11 +1,11 @@
-//! What the paper says in numbers and comparisons, beside what was measured: `mcl-eval claims`.
+//! The numbers and comparisons of the paper, next to what was measured: `mcl-eval claims`.
 //!
-//! Everything is decided from the rows of studies, and only from them. Every claim is a function of
-//! what was measured and comes out as a [`claim::Claim`]; where rows are missing its verdict says
-//! so. How each claim is decided, and why so, stands in docs/claims.md. Modules: `cells` sorts rows by
-//! kind and size of map; `facts`, `maps` (section IV), `likelihood` (section V-A) and `localization`
-//! (section V-B) decide; [`regions`] decides the latter for each of many settings; [`render`] makes
-//! tables, [`brief`] a few lines, with the [`numbers`] that matter.
+//! Everything is decided from the rows of studies alone. Every claim is a function of the measurements and
+//! results in a [`claim::Claim`]; where rows are missing its verdict says so. docs/claims.md explains how
+//! each claim is decided, and why. Modules: `cells` sorts rows by kind and size of map; `facts`, `maps`
+//! (section IV), `likelihood` (section V-A) and `localization` (section V-B) decide; [`regions`] decides the
+//! latter for each of many settings; [`render`] makes tables, [`brief`] a few lines, with the most important
+//! [`numbers`].
 
 pub mod brief;
 mod cells;
@@ -28,10 +28,10 @@ use cells::Sampled;
 use claim::{Claim, DatasetClaims, Place};
 
 /// Decides every claim for every data set in the plane on which a study has likelihoods or localization
-/// errors of the paper's four kinds of map; other studies are left alone. A study that cannot be
-/// compared with the paper is noted, and stops no other.
+/// errors of the paper's four kinds of map; other studies are ignored. A study that cannot be compared with
+/// the paper is noted, and does not stop the others.
 pub fn decide(results: &[Results]) -> Vec<DatasetClaims> {
-    // Results of another log of the same name, or of other points of it, are another data set's.
+    // Results of another log of the same name, or of other points of it, count as another data set.
     let mut datasets: BTreeMap<_, Vec<&Results>> = BTreeMap::new();
     for results in results {
         let facts = &results.facts;
@@ -44,7 +44,7 @@ pub fn decide(results: &[Results]) -> Vec<DatasetClaims> {
     datasets.into_values().filter_map(|results| decide_dataset(&results)).collect()
 }
 
-/// Data sets that studies with claims list and that have no results, in order.
+/// Data sets that are listed by studies with claims and have no results, in order.
 pub fn without_results(results: &[Results], decided: &[DatasetClaims]) -> Vec<String> {
     let is_decided = |name: &str| decided.iter().any(|dataset| dataset.name == name);
     let with_claims = results.iter().filter(|results| {
@@ -98,7 +98,8 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
     Some(DatasetClaims { name, description, claims, notes })
 }
 
-/// The splits and presets of every study that has a column; why one is not compared is noted.
+/// The splits and presets of every study that has a column; the reason is noted for those that are not
+/// compared.
 fn sampled<'a>(
     results: &[&'a Results],
     column: &str,
@@ -209,7 +210,7 @@ mod tests {
         assert_eq!(experiment("points"), None);
     }
 
-    /// Half a study once got verdicts.
+    /// Fault: an incomplete study got verdicts.
     #[test]
     fn an_unfinished_study_has_no_verdict() {
         let mut results = results();
@@ -224,11 +225,11 @@ mod tests {
         }
         let claim = find(&found, "office", "localization-improved");
         assert_eq!(claim.measured, "47 of 48 trials are there");
-        // What the data is does not depend on trials.
+        // Facts about the data do not depend on trials.
         assert_eq!(find(&found, "intel-lab", "points").verdict, NotReproduced);
     }
 
-    /// The unit of every test is the map with its runs: 20 runs on 10 maps once counted as 20 samples.
+    /// Fault: the unit of every test is the map with its runs, and 20 runs on 10 maps counted as 20 samples.
     #[test]
     fn more_runs_on_the_same_maps_change_no_p() {
         let once = planted::localization(&[0.1, 0.5, 1.0, 2.0], |kind, size, run, scatter| {
@@ -251,7 +252,7 @@ mod tests {
         assert!(compared > 20, "{compared}");
     }
 
-    /// A result folder once had two p values for one hypothesis.
+    /// Fault: a result folder had two p values for one hypothesis.
     #[test]
     fn p_is_that_of_tests_csv() {
         let results = localized(
@@ -277,7 +278,7 @@ mod tests {
         assert!(p.is_some_and(|p| p > 0.0 && p < 0.5), "{p:?}");
     }
 
-    /// One map of each kind, two draws, a run on each, and more of a study's text.
+    /// One map of each kind, two draws, a run on each, and further text of a study.
     fn localized(more: &str, fill: fn(&mut planted::PlantedRow)) -> Results {
         let kinds: Vec<&str> = cells::kinds().collect();
         let text = format!("[[trials]]\nmap = {kinds:?}\nsize = 1\ndraws = 2\nruns = 1\n{more}");
@@ -309,14 +310,14 @@ mod tests {
             ("alternate book", NotReproduced),
         ];
         assert_eq!(verdicts.collect::<Vec<_>>(), expected.map(|(place, v)| (place.to_owned(), v)));
-        // Maps are as likely whoever is localized on them.
+        // The likelihood of maps does not depend on the localizer.
         let likelihood = decided.claims.iter().filter(|claim| claim.id == "improvement");
         assert_eq!(likelihood.map(|claim| &claim.place.preset).collect::<Vec<_>>(), [&None; 2]);
         let text = render::text(&[decided], &[], 100);
         for line in ["V-B, carmen: ", "V-B, book, alternate: ", "office, book: "] {
             assert!(text.contains(line), "{line}\n{text}");
         }
-        // Of one preset, whichever, it is not named.
+        // A single preset, whichever it is, is not named.
         planted::edit(&mut results, |row| row.text("preset") == "carmen");
         let text = render::text(&decide(&[results]), &[], 100);
         assert!(text.contains("V-B: ") && !text.contains(", carmen"), "{text}");
@@ -328,7 +329,7 @@ mod tests {
         let found = decide(&[varied, localized("", |_| {})]).remove(0);
         let note = "Study localization is not compared with the paper: it varies sigma_hit.";
         assert_eq!((found.notes[0].as_str(), found.claims.len()), (note, 3 + 7));
-        // Nothing of what claims are about.
+        // Nothing that claims are about.
         let two = "[[trials]]\nmap = [\"gbs\", \"rnd\"]\nsize = 1\nruns = 1\n";
         let two = planted::study("two", two, |row| row.set("weighted", 0.1));
         let mut spatial = localized("", |_| {});

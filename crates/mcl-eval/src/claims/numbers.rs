@@ -1,4 +1,4 @@
-//! The numbers that matter most, of maps of one size.
+//! The most important numbers, of maps of one size.
 
 use mcl_core::math;
 use mcl_core::text::numbers as told_apart;
@@ -10,17 +10,17 @@ use mcl_study::store::results::Results;
 use crate::claims::cells::{Cell, Sampled, Sizes, kinds};
 use crate::claims::claim::{Place, Untestable};
 
-/// The size (%) whose numbers are shown, or what comes nearest.
+/// The preferred size (%); the nearest one is shown.
 const SIZE: f64 = 1.0;
 
-/// What was measured on maps of the four kinds of one size.
+/// The measurements on maps of the four kinds with one size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers {
     /// The data set.
     pub dataset: String,
     /// Whether robots were localized.
     pub of_runs: bool,
-    /// What the numbers are, with their unit.
+    /// What the numbers are, with unit.
     pub what: String,
     /// Size of the maps (% of the points).
     pub percent: f64,
@@ -28,8 +28,9 @@ pub struct Numbers {
     pub kinds: Vec<String>,
 }
 
-/// Mean log-likelihood and mean error of each data set in the plane, where all four kinds of map have some: as the paper
-/// measures, under the filter that its authors had and on the scans that built the map, or else what there is.
+/// Mean log-likelihood and mean error of each data set in the plane for which all four kinds of map have
+/// them: under the conditions of the paper, with its authors' filter and on the scans that built the map, or
+/// else under the available ones.
 pub fn numbers(results: &[Results]) -> Vec<Numbers> {
     let mut found: Vec<Numbers> = Vec::new();
     for results in results.iter().filter(|results| results.facts.dimensions == 2) {
@@ -47,7 +48,7 @@ pub fn numbers(results: &[Results]) -> Vec<Numbers> {
     found
 }
 
-/// What is shown first of several places: that of the paper.
+/// Sort key of several places: the conditions of the paper come first.
 pub(super) fn preference(place: &Place) -> [bool; 2] {
     let is_papers = |preset: &String| *preset == Preset::Carmen.to_string();
     [
@@ -69,7 +70,7 @@ fn of(data: &Sampled<'_>, column: &str, of_runs: bool) -> Result<Numbers, Untest
     let cells: Vec<&Cell<'_>> = cells.collect();
     let values = cells.iter().map(|cell| Ok(cell.values(column)?.mean_of_blocks()));
     let values = values.collect::<Result<Vec<f64>, Untestable>>()?;
-    // The error of a lost run is no measure for the others'.
+    // The error of a lost run is not representative of the others.
     let values = match of_runs {
         true => values.iter().map(|error| format!("{error:.4}")).collect(),
         false => told_apart(&values),
@@ -115,7 +116,7 @@ mod tests {
         });
         let found = numbers(&[localized, of_likelihood]);
         let [likelihood, errors] = &found[..] else { panic!("{found:?}") };
-        // 0.5 and 2 are as near to 1: the smaller.
+        // 0.5 and 2 are equally near to 1: the smaller one.
         assert_eq!((likelihood.percent, likelihood.of_runs), (0.5, false));
         assert_eq!(
             likelihood.kinds,

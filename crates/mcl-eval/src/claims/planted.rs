@@ -1,4 +1,4 @@
-//! Studies in whose rows tests plant a truth.
+//! Studies with planted rows, for tests.
 
 use std::path::PathBuf;
 
@@ -59,7 +59,7 @@ pub(crate) fn study(name: &str, text: &str, fill: impl FnMut(&mut PlantedRow)) -
     }
 }
 
-/// What the data of planted studies is.
+/// Facts about the data of planted studies.
 pub(crate) fn office_facts() -> DataFacts {
     DataFacts {
         name: "office".into(),
@@ -73,9 +73,8 @@ pub(crate) fn office_facts() -> DataFacts {
     }
 }
 
-/// Five maps of each kind and size, with likelihoods (initial, improved) chosen by the truth that a test
-/// plants: a function of whether the map is a random one, size, and a scatter of about ±1 that sums to
-/// 0.
+/// Five maps of each kind and size, with likelihoods (initial, refined) from the planted truth: a function of
+/// whether the map is a random one, size, and a scatter of about ±1 that sums to 0.
 pub(crate) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, f64)) -> Results {
     let scatter = [-1.0, 0.6, 0.1, -0.5, 0.8];
     let text = format!(
@@ -94,9 +93,8 @@ pub(crate) fn likelihood(sizes: &[f64], truth: impl Fn(bool, f64, f64) -> (f64, 
     })
 }
 
-/// Eight runs on four maps of every kind and size, with errors chosen by the truth that a test plants: a
-/// function of kind, size, run, and a random scatter of up to 1 % about 1. Errors above 1 are
-/// divergences.
+/// Eight runs on four maps of every kind and size, with errors from the planted truth: a function of kind,
+/// size, run, and a random scatter of up to 1 % about 1. Errors above 1 are divergences.
 pub(crate) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) -> f64) -> Results {
     let mut rng = Seed::new(1).derive("scatter").rng();
     let text = format!("[[trials]]\nmap = {FOUR_KINDS}\nsize = {sizes:?}\ndraws = 4\nruns = 2\n");
@@ -108,14 +106,14 @@ pub(crate) fn localization(sizes: &[f64], truth: impl Fn(&str, f64, u32, f64) ->
     })
 }
 
-/// Edits the rows of a study, or takes them away where the function says no.
+/// Edits the rows of a study, and removes those for which the function returns false.
 pub(crate) fn edit(results: &mut Results, keep: impl Fn(&mut PlantedRow) -> bool) {
     let mut rows = rows(&results.table, results.table.columns());
     rows.retain_mut(keep);
     results.table = Table::of_cells(rows.into_iter().map(|row| row.0));
 }
 
-/// The study with every run as many times, under numbers of their own.
+/// The study with every run repeated this many times, with different run numbers.
 pub(crate) fn with_repeated_runs(results: &Results, times: u32) -> Results {
     let rows = rows(&results.table, results.table.columns());
     let repeated = (0..times).flat_map(|time| {

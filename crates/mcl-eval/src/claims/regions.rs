@@ -1,4 +1,4 @@
-//! Where statements hold among the values of two settings: `[[views.regions]]` of a study.
+//! Regions where statements hold among the values of two settings: `[[views.regions]]` of a study.
 
 use anyhow::Result;
 use mcl_core::text::counted;
@@ -16,18 +16,18 @@ use crate::claims::localization::CLAIMS;
 
 /// The statements about localization, decided for every combination of two settings.
 pub struct Verdicts<'r> {
-    /// What the study asks for.
+    /// The study's definition.
     pub view: &'r Region,
-    /// The values of x and y, names as the study lists them and numbers ascending.
+    /// The values of x and y, names in the order of the study and numbers ascending.
     pub values: [Vec<Vec<Value>>; 2],
-    /// The claims of every combination, with the places of its values.
+    /// The claims of every combination, with the indices of its values.
     pub cells: Vec<([usize; 2], Vec<Claim>)>,
-    /// Paragraphs beneath.
+    /// Paragraphs of the caption.
     pub caption: Vec<String>,
 }
 
-/// The regions of a study on a data set, of those entries that have trials on it. With trials missing
-/// every claim is not testable.
+/// The regions of a study on a data set, for entries that have trials on it. With trials missing every claim
+/// is not testable.
 ///
 /// # Errors
 /// When a value cannot be computed with.
@@ -157,7 +157,7 @@ mod tests {
         assert!(told.contains("Of each kind and size 3 maps, 2 runs on each"), "{told}");
     }
 
-    /// The cells are decided by what decides claims.
+    /// The cells are decided by the same code as claims.
     #[test]
     fn a_combination_has_the_verdicts_of_a_study_of_it() {
         let all = study(SETTINGS, "sigma_hit", fill);
@@ -182,7 +182,7 @@ mod tests {
         planted::edit(&mut results, |row| row.number("beam_floor") != 0.4);
         results.done -= 1;
         let region = &regions(&results).unwrap()[0];
-        // Combinations without a row have a place, too.
+        // Combinations without a row have a cell, too.
         assert_eq!(region.cells.len(), 4);
         let claims = || region.cells.iter().flat_map(|(_, claims)| claims);
         assert!(claims().all(|claim| claim.verdict == NotTestable), "{:?}", region.cells);

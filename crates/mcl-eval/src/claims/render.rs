@@ -6,14 +6,14 @@ use mcl_study::recipe::split::Split;
 use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Evidence, Place, Verdict};
 use crate::progress::wrapped;
 
-/// Lines longer than this are hard to follow; below the least, words would stand out.
+/// Width limits in columns: longer lines are hard to follow, and shorter ones would not fit some words.
 const WIDTHS: (u16, u16) = (40, 120);
 
-/// In place of spaces at which no line may end, until lines are made.
+/// Stands for spaces at which no line may end, until lines are broken.
 const GLUE: &str = "\u{a0}";
 
-/// The claims of each data set, in lines of `width` columns, and a line that sums them up; then the names
-/// of data sets without results. Names from data are shown as escapes where they act.
+/// The claims of each data set, in lines of `width` columns, and a summary line; then the names of data sets
+/// without results. Control characters in names from data are shown as escapes.
 pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) -> String {
     let all = all(datasets);
     let mut lines = Vec::new();
@@ -53,8 +53,8 @@ pub fn text(datasets: &[DatasetClaims], without_results: &[String], width: u16) 
     shown(&lines, width)
 }
 
-/// Lines as a terminal shows them: escapes in place of what acts, broken between words, but not before percent signs nor
-/// in equations.
+/// Lines for a terminal: escapes for control characters, broken between words, but not before percent signs
+/// nor in equations.
 pub(super) fn shown(lines: &[String], width: u16) -> String {
     let [percent, equals] = [format!("{GLUE}%"), format!("{GLUE}={GLUE}")];
     let glued = |line: &String| printable(line).replace(" %", &percent).replace(" = ", &equals);
@@ -62,12 +62,12 @@ pub(super) fn shown(lines: &[String], width: u16) -> String {
     wrapped(&text, columns(width)).replace(GLUE, " ")
 }
 
-/// How many columns are used.
+/// The number of columns used.
 pub(super) fn columns(width: u16) -> usize {
     width.clamp(WIDTHS.0, WIDTHS.1).into()
 }
 
-/// The same as a Markdown document, with the claims' names. Names from data are text, whatever they
+/// The same as a Markdown document, with the claims' names. Names from data are shown as text, whatever they
 /// contain: neither markup nor links.
 pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> String {
     let mut text = format!(
@@ -119,8 +119,8 @@ pub fn markdown(datasets: &[DatasetClaims], without_results: &[String]) -> Strin
     text
 }
 
-/// Text that Markdown shows as it is: no markup, HTML, entities, columns, formulas or links, also not
-/// those that GitHub makes of bare addresses.
+/// Text that Markdown shows unchanged: no markup, HTML, entities, columns, formulas or links, including those
+/// that GitHub makes of bare addresses.
 fn escaped(text: &str) -> String {
     let mut shown = String::with_capacity(text.len() + 8);
     for c in printable(text).chars() {
@@ -158,8 +158,8 @@ fn place(claim: &Claim, all: &[&Claim]) -> String {
     format!("{}{}{filter}", claim.section, if filter.is_empty() { "" } else { ", " })
 }
 
-/// "carmen, alternate": the study where a data set has several of a kind, the preset where there are
-/// several, and the split where it is none of the paper's.
+/// "carmen, alternate": the study where a data set has several of a kind, the preset where there are several,
+/// and the split where the paper does not use it.
 fn filter(claim: &Claim, all: &[&Claim]) -> String {
     let alike =
         || all.iter().map(|other| (other.id, &other.place)).filter(|(id, _)| *id == claim.id);
@@ -175,18 +175,18 @@ fn filter(claim: &Claim, all: &[&Claim]) -> String {
     parts.into_iter().flatten().collect::<Vec<&str>>().join(", ")
 }
 
-/// On how many data sets claims hold.
+/// The number of data sets on which claims hold.
 struct Counts {
-    /// What claims were decided under.
+    /// The conditions under which claims were decided.
     filters: Vec<String>,
-    /// By claim: of each filter, "6 of 7 (not aces)", or nothing.
+    /// By claim: for each condition, "6 of 7 (not aces)", or nothing.
     claims: Vec<(&'static str, Vec<String>)>,
 }
 
 impl Counts {
     const HEADING: &str = "Data sets on which claims hold, of those that decide them";
 
-    /// Of all claims; none of a single data set.
+    /// Of all claims; empty for a single data set.
     fn of(all: &[&Claim]) -> Self {
         let mut counts = Counts { filters: Vec::new(), claims: Vec::new() };
         if all.iter().all(|claim| claim.place.dataset == all[0].place.dataset) {
@@ -232,7 +232,7 @@ fn heading(dataset: &DatasetClaims) -> String {
     format!("{} – {}", dataset.name, dataset.description)
 }
 
-/// How many claims came out how, per filter and split; and notes.
+/// The number of claims by verdict, per condition and split; and notes.
 fn summary(dataset: &DatasetClaims, all: &[&Claim]) -> Vec<String> {
     let name = &dataset.name;
     let mut counts: Vec<(String, [usize; 3])> = Vec::new();
@@ -364,7 +364,7 @@ mod tests {
         let rows = "| claim | carmen | book | any filter |\n|---|---|---|---|\n\
                     | `recovers` | 2 of 3 (not aces) | 0 of 2 |  |\n| `spread` |  |  | 0 of 3 |\n";
         assert!(shown.contains(rows), "{shown}");
-        // Of one data set, verdicts are counts enough.
+        // For one data set, the counts of verdicts are enough.
         assert!(!text(&datasets[..1], &[], 100).contains(Counts::HEADING));
     }
 
@@ -388,7 +388,7 @@ mod tests {
         assert!(text.contains("V-B, localization"), "{text}");
     }
 
-    /// Names of logs and studies once reached terminals and claims.md as they were.
+    /// Fault: names of logs and studies reached terminals and claims.md unescaped.
     #[test]
     fn names_neither_act_nor_mark_up() {
         let hostile = "<script>alert(1)</script> [x](http://y.z) www.y.z a@y.z `c` *b* _i_ | & $m$\n# \

@@ -15,8 +15,8 @@ struct Claims<'a> {
     claims: Vec<&'a Claim>,
 }
 
-/// Sets every claim of the paper beside what was measured. A damaged result folder is named on stderr
-/// and stops no other.
+/// Prints every claim of the paper next to what was measured. A damaged result folder is reported on stderr
+/// and does not stop the others.
 pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     let found = read_all(&args.root)?;
     let mut is_whole = found.damaged.is_empty();
@@ -52,7 +52,7 @@ pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(is_whole))
 }
 
-/// Columns of the terminal. `COLUMNS` speaks louder, and for a file or a pipe, which have none.
+/// Width of the terminal in columns. `COLUMNS` takes precedence; a file or a pipe has no width.
 fn width() -> u16 {
     const OF_A_FILE: u16 = 100;
     let asked = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());

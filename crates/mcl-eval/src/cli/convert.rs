@@ -33,7 +33,7 @@ enum Converted {
     },
 }
 
-/// What the ending of OUT asks for.
+/// The format selected by the ending of OUT.
 enum Format {
     Bag(bag::Format),
     Carmen,
@@ -106,7 +106,7 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
         .map(|log| LogSource::open(log, &args.read.options(args.max_range)))
         .transpose()?;
     let grid = match (is_grid(input), args.resolution, &source) {
-        // Nothing is asked for but another name: the same cells, free ones, too.
+        // Only another file name is requested: copy the cells, including free ones.
         (true, None, None) => read_grid(input)?,
         (true, None, Some(_)) => {
             let resolution = read_grid(input)?.resolution();
@@ -127,10 +127,10 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
 
 fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
     let mut options = args.read.options(None);
-    // What is placed by the motion of the laser is at no even angles any more.
+    // Beams corrected for the motion of the laser are not evenly spaced any more.
     options.read.no_deskew = true;
     let source = LogSource::open_whole(&args.input, &options)?;
-    // A bag says by their absence which scans lie outside of its odometry; a CARMEN log cannot.
+    // A bag can express which scans lie outside of its odometry; a CARMEN log cannot.
     let source = if matches!(format, Format::Carmen) { source.covered() } else { source };
     let recording = &source.recording;
     let path = &args.output;

@@ -24,7 +24,7 @@ pub fn run(args: &DatasetsArgs, global: &Global) -> Result<Outcome> {
     }
 }
 
-/// A data set with what was found or done, for `--json` and the terminal.
+/// A data set with the result of the command, for `--json` and the terminal.
 #[derive(Serialize)]
 struct Line {
     name: String,
@@ -38,7 +38,7 @@ struct Lines {
     datasets: Vec<Line>,
 }
 
-/// Prints the status of the data sets named, or all, and whether it is good.
+/// Prints the status of the named data sets, or all, and returns whether it is good.
 fn report(
     registry: &Registry,
     DatasetNames { names, json }: &DatasetNames,
@@ -110,7 +110,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
                 let bytes = thousands(content.bytes as usize);
                 (true, format!("fetched: {} ({bytes} bytes)", path.display()))
             }
-            // Without names, data sets that only come by hand are no failure.
+            // Without names, data sets that have to be obtained by hand are not a failure.
             Err(error @ FetchError::NoUrl { .. }) if names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
@@ -122,7 +122,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
 fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     report(registry, names, |dataset| {
         let read = |path: &Path| read_for_facts(dataset, path);
-        // Without names, data sets that are not at hand are no failure.
+        // Without names, data sets that are not available are not a failure.
         let absent = matches!(dataset.source, Source::File(_)) && registry.locate(dataset).is_err();
         match registry.verify(dataset, &read) {
             Err(error) if absent && names.names.is_empty() => {

@@ -23,7 +23,7 @@ use crate::progress::tell;
 use crate::studies;
 use mcl_core::text::printable;
 
-/// Edge of a cell where nobody says otherwise (m).
+/// Default edge of a cell (m).
 const RESOLUTION: f64 = 0.05;
 
 /// A run of the plan.
@@ -59,7 +59,7 @@ struct Exported {
     made_stamps: usize,
 }
 
-/// Writes the folders that localizers of others would be given in runs of a study.
+/// Writes the input folders of external localizers for runs of a study.
 pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
     let study = studies::read(&args.study)?;
     let dataset = dataset_of(args, &study)?;
@@ -145,7 +145,7 @@ fn dataset_of(args: &ExportArgs, study: &Study) -> Result<String> {
     }
 }
 
-/// What the user asks for, else what the run's localizer takes.
+/// The requested formats, else those of the run's localizer.
 fn formats_of(args: &ExportArgs, run: &RunRecipe) -> (Formats, Whose) {
     let (formats, poses) = match run.program() {
         Some(program) => (program.formats, program.poses),

@@ -1,4 +1,4 @@
-//! Grid maps that commands write.
+//! Grid maps written by commands.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use super::output::refuse;
 use mcl_core::text::thousands;
 use mcl_study::data::source::LogSource;
 
-/// What is told of a grid.
+/// The reported figures of a grid.
 #[derive(Debug, Serialize)]
 pub struct GridFigures {
     resolution_m: f64,
@@ -48,7 +48,7 @@ impl GridFigures {
     }
 }
 
-/// Usage errors: options of grid maps, when the output is none.
+/// Usage errors: options of grid maps, when the output is not a grid.
 pub fn check_options(output: &Path, resolution: Option<f64>, log: Option<&str>) -> Result<()> {
     if !is_grid(output) {
         for (option, is_given) in [("--resolution", resolution.is_some()), ("--log", log.is_some())]
@@ -61,7 +61,7 @@ pub fn check_options(output: &Path, resolution: Option<f64>, log: Option<&str>) 
     Ok(())
 }
 
-/// The grid of a map, with the free space that the beams of a log crossed.
+/// The grid of a map, with the free space crossed by the beams of a log.
 pub fn grid_of(
     map: &PointMap<2>,
     resolution: Option<f64>,

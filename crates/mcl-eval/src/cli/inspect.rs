@@ -1,4 +1,4 @@
-//! `inspect`: what is in a log, and what the other commands would make of it.
+//! `inspect`: the contents of a log, and how the other commands would use it.
 
 mod motion;
 mod survey;
@@ -27,41 +27,41 @@ struct Inspection {
     scans: usize,
     readings: usize,
     points: usize,
-    /// Of the points; null without reference poses or usable readings.
+    /// Bounds of the points; null without reference poses or usable readings.
     bounds: Option<[f64; 4]>,
     duration_s: f64,
     path_length_m: f64,
     beams_used_per_scan: f64,
     ignored_records: usize,
-    /// These by kind, of a bag by topic.
+    /// Ignored records by kind, for a bag by topic.
     ignored: BTreeMap<String, usize>,
     skipped_records: usize,
     backward_stamps: usize,
-    /// Whether any scan has a reference pose, and how many have.
+    /// Whether any scan has a reference pose, and how many do.
     has_reference: bool,
     reference_scans: usize,
-    /// What it is, and whose poses it has; null without one.
+    /// Its source, and whose poses it has; null without one.
     reference: Option<String>,
     has_odometry: bool,
     /// Of an odometry increment against the reference; null without either.
     odometry_rmse_m: Option<f64>,
     odometry_rmse_rad: Option<f64>,
-    /// Steps on which the odometry goes the opposite way, and the reference's path on these.
+    /// Steps on which the odometry points the opposite way, and the length of the reference's path on these.
     odometry_opposed_steps: Option<usize>,
     odometry_opposed_m: Option<f64>,
-    /// Steps that the odometry says nothing of, and the farthest and the largest turn on one of them by the
+    /// Steps with unknown odometry, and the longest distance and the largest turn on one of them by the
     /// reference; null without either.
     odometry_unknown_steps: usize,
     odometry_worst_unknown: Option<UnknownStep>,
-    /// What other commands would do.
+    /// Settings that other commands would use.
     commands: Commands,
-    /// The motion models that the odometry asks for; null unless asked for.
+    /// Motion models fitted to the odometry; null unless requested.
     fitted_motion: Option<FittedMotion>,
     /// 2: scans lie in the plane.
     dimensions: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
-    /// Topics of a bag, and what they are used as; null for other logs.
+    /// Topics of a bag, and what they are used for; null for other logs.
     #[serde(flatten)]
     survey: Option<Surveyed>,
     #[serde(skip)]
@@ -78,7 +78,7 @@ struct UnknownStep {
 }
 
 impl UnknownStep {
-    /// The worst of the scans that have no odometry: the largest turn, or else the longest way.
+    /// The worst of the scans without odometry: the largest turn, or else the longest distance.
     fn worst(recording: &Recording) -> Option<Self> {
         let steps = recording.scans.windows(2).enumerate();
         let unknown = steps.filter(|(_, pair)| pair[1].odometry.is_none());
@@ -91,7 +91,7 @@ impl UnknownStep {
     }
 }
 
-/// What other commands would do with a log.
+/// Settings that other commands would use for a log.
 #[derive(Serialize)]
 struct Commands {
     map: String,
@@ -131,7 +131,7 @@ fn placed(source: &LogSource) -> bool {
     source.recording.scans.iter().any(|scan| scan.map_from_laser.is_some())
 }
 
-/// That there is no reference, and how to get one.
+/// The remark that there is no reference, with advice on how to get one.
 fn no_reference(source: &LogSource) -> &'static str {
     match source.survey {
         Some(_) => "no reference (--reference-topic or --reference FILE says one)",
@@ -141,7 +141,7 @@ fn no_reference(source: &LogSource) -> &'static str {
     }
 }
 
-/// What people want to read beside the figures.
+/// Remarks to be read beside the figures.
 struct Notes {
     heading: String,
     max_range: f64,
@@ -174,7 +174,7 @@ struct CloudInspection {
     /// The smallest coordinates, then the largest.
     bounds: Vec<f64>,
     ignored_records: usize,
-    /// These by topic.
+    /// Ignored messages by topic.
     ignored: BTreeMap<String, usize>,
     skipped_records: usize,
     /// How a bag was read, a line each.
@@ -240,11 +240,11 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     let readings = recording.readings();
     let points: usize = recording.scans.iter().map(|scan| scan.usable_beams(whole.max_range)).sum();
     let duration_s = recording.duration_s();
-    // A sum of nothing is -0.
+    // An empty sum is -0.
     let path_length_m = recording.path_length_m() + 0.0;
     let backward_stamps = recording.backward_stamps();
     let told = tell_losses(&args.data.log.log, &whole);
-    // What other commands use of a bag.
+    // The part of a bag that other commands use.
     let source = whole.covered();
     let covered = &source.recording;
     let placed = || covered.scans.iter().filter_map(|scan| Some((scan, scan.map_from_laser?)));
@@ -297,7 +297,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     Ok(if is_open { Outcome::Incomplete } else { told })
 }
 
-/// Whether there is odometry, how far it is to be trusted, and where it says nothing.
+/// A description of the odometry: whether there is any, its errors, and its gaps.
 fn odometry(found: &Inspection) -> String {
     let steps = found.scans.saturating_sub(1);
     if found.odometry_unknown_steps >= steps {

@@ -26,31 +26,31 @@ use mcl_study::recipe::criterion::Criterion;
 use mcl_study::recipe::map::random_offset;
 use mcl_study::trial::division::{Division, StudyData};
 
-/// What is reported of a map.
+/// The report of a map.
 #[derive(Serialize)]
 pub struct Built {
     dimensions: usize,
     points: usize,
     map_points: usize,
     cell_m: Option<f64>,
-    /// A corner of a grid cell; null unless grid.
+    /// A corner of a grid cell; null unless the builder is grid.
     offset_m: Option<Vec<f64>>,
     iterations: usize,
     /// Null without a refinement.
     converged: Option<bool>,
     log_likelihood_trace: Vec<f64>,
-    /// The same entries, with what led to them and how long it took.
+    /// The same entries, with the preceding step and the time it took.
     steps: Vec<RefineStep>,
     log_likelihood_per_point: Option<f64>,
-    /// Of a grid map; null for a point map.
+    /// Figures of a grid map; null for a point map.
     grid: Option<GridFigures>,
     sigma_m: f64,
     /// The reference that places the points of a log, and whose poses it has.
     reference: Option<String>,
-    /// How an automatic size came about.
+    /// How an automatic size was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     auto_size: Option<Chosen>,
-    /// How an automatic σ came about.
+    /// How an automatic σ was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     auto_sigma: Option<Chosen>,
 }
@@ -101,7 +101,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     Ok(tell_data_losses(name, source))
 }
 
-/// Where the lines of a grid are to lie.
+/// The position of the lines of a grid.
 fn offset<const D: usize>(args: &MapArgs) -> Result<GridOffset<D>> {
     let given: &[f64] = match &args.offset {
         None => return Ok(GridOffset::ORIGIN),
@@ -116,7 +116,7 @@ fn offset<const D: usize>(args: &MapArgs) -> Result<GridOffset<D>> {
     }
 }
 
-/// Writes a map that was built, and returns what is reported of it.
+/// Writes a map that was built, and returns its report.
 fn written<const D: usize>(
     (map, grid, built): (PointMap<D>, Option<OccupancyGrid>, Built),
     args: &MapArgs,
@@ -129,23 +129,23 @@ fn written<const D: usize>(
     Ok(built)
 }
 
-/// Divisions of the scans that the points are from, made when they are needed.
+/// Divisions of the scans that the points are from, computed on demand.
 pub type Folds<'a, const D: usize> = &'a dyn Fn() -> Result<Vec<Arc<Division<D>>>>;
 
-/// How a map that is being built is watched.
+/// How the building of a map is observed.
 pub struct Watch<'a> {
     /// No progress bars.
     pub quiet: bool,
-    /// Ends the work with an error, or inside a refinement by unwinding with it; asked with every step of a
-    /// refinement and every map that is tried.
+    /// Ends the work by returning an error, or inside a refinement by unwinding with it; called at every step
+    /// of a refinement and for every map that is tried.
     pub end: &'a (dyn Fn() -> Result<()> + Sync),
 }
 
-/// Builds the map of points that the arguments ask for; `grid` gives the grid that stands in place of its points,
-/// with the points of that. Last is what is reported of it.
+/// Builds the map of points for the arguments; `grid` converts it to the grid that replaces its points, with
+/// the points of that grid. The last value returned is the report.
 ///
 /// # Errors
-/// Usage errors, and points or settings of which no map can be built.
+/// Usage errors, and points or settings from which no map can be built.
 pub fn build<const D: usize>(
     points: Vec<Point<D>>,
     folds: Option<Folds<'_, D>>,
@@ -158,7 +158,7 @@ pub fn build<const D: usize>(
     let (wanted, choices) = choose(&data, folds, offset, args, watch)?;
     let mut fitted = fit(&data, offset, wanted, args, watch)?;
     let grid = grid(&fitted.map)?.map(|(grid, cells)| {
-        // What the file holds, and all that is told of it: points that share a cell are one.
+        // The content of the file, and all that is reported of it: points that share a cell are one.
         fitted.map = cells;
         grid
     });
@@ -174,7 +174,7 @@ struct Fitted<const D: usize> {
     report: Option<RefineReport>,
 }
 
-/// What the data chooses where the arguments say so: for points without scans no folds are to be had.
+/// The size and σ, chosen by the data where the arguments say so: points without scans have no folds.
 fn choose<const D: usize>(
     data: &PointSet<D>,
     folds: Option<Folds<'_, D>>,
@@ -236,7 +236,7 @@ fn given_size(size: Option<Auto<MapSize>>) -> Option<MapSize> {
     }
 }
 
-/// σ, where it is not to be chosen.
+/// σ, where it is not chosen by the data.
 fn given_sigma(args: &MapArgs) -> Result<f64> {
     match args.sigma {
         Auto::Given(sigma) => Ok(sigma),
@@ -244,7 +244,7 @@ fn given_sigma(args: &MapArgs) -> Result<f64> {
     }
 }
 
-/// The map that the arguments ask for, at another size and σ.
+/// The map for the arguments, with another size and σ.
 fn build_at<const D: usize>(
     data: &PointSet<D>,
     offset: GridOffset<D>,
@@ -279,7 +279,7 @@ fn fit<const D: usize>(
 }
 
 impl<const D: usize> Fitted<D> {
-    /// What is told of it.
+    /// The report of the map.
     fn built(
         &self,
         data: &PointSet<D>,
@@ -289,7 +289,7 @@ impl<const D: usize> Fitted<D> {
         args: &MapArgs,
     ) -> Result<Built> {
         let Fitted { initial, map, report } = self;
-        // Likelihoods cost more than the sampling itself: only where somebody looks at them.
+        // Likelihoods cost more than the sampling itself, and are computed only where they are shown.
         let is_looked_at = args.json || report.is_some();
         let likelihood = |map: &PointMap<D>| match is_looked_at {
             true => {
@@ -308,7 +308,7 @@ impl<const D: usize> Fitted<D> {
             converged: report.as_ref().map(|report| report.converged),
             log_likelihood_trace: match report {
                 Some(report) => report.steps.iter().map(|step| step.log_likelihood).collect(),
-                // Without a refinement a point map written is the initial one.
+                // Without a refinement, the point map written is the initial one.
                 None if grid.is_none() => log_likelihood_per_point.into_iter().collect(),
                 None => likelihood(&initial.map)?.into_iter().collect(),
             },
@@ -323,9 +323,9 @@ impl<const D: usize> Fitted<D> {
     }
 }
 
-/// Usage errors: combinations of `--init` and its companions that mean nothing.
+/// Usage errors: invalid combinations of `--init` and its companions.
 pub fn check_arguments(args: &MapArgs) -> Result<()> {
-    // Seen before the log is read.
+    // Checked before the log is read.
     let wanted = match (args.size, args.sigma) {
         (Some(Auto::Auto), _) => {
             if !args.auto_by.decides_size() {
@@ -351,7 +351,7 @@ pub fn check_arguments(args: &MapArgs) -> Result<()> {
     Ok(())
 }
 
-/// What `--init` and its companions mean.
+/// The settings for `--init` and its companions.
 fn initial_settings<const D: usize>(
     args: &MapArgs,
     offset: GridOffset<D>,
@@ -370,7 +370,7 @@ fn initial_settings<const D: usize>(
     })
 }
 
-/// What `--refine` and its companions mean; combinations that mean nothing are usage errors.
+/// The settings for `--refine` and its companions; invalid combinations are usage errors.
 fn refine_settings(args: &MapArgs, wanted: Wanted) -> Result<Option<RefineSettings>> {
     let mut method = args.refine.map(refinement);
     match (&mut method, args.rounds, args.restarts) {
@@ -413,7 +413,7 @@ fn refinement(refine: Refine) -> Refinement {
     }
 }
 
-/// A refinement with a line that tells how far it is.
+/// A refinement with a progress line.
 fn refined<const D: usize>(
     settings: &RefineSettings,
     data: &PointSet<D>,
@@ -422,7 +422,8 @@ fn refined<const D: usize>(
 ) -> Result<Refined<D>> {
     let bar = progress::spinner(settings.method.name(), watch.quiet);
     let observe = |step: &RefineStep| {
-        // A refinement has no other way out. Nothing is reported of this as it would be of a panic.
+        // A refinement has no other way out. The panic hook is not called, so nothing is reported as for a
+        // panic.
         if let Err(ended) = (watch.end)() {
             resume_unwind(Box::new(ended));
         }

@@ -1,4 +1,4 @@
-//! The command line: what can be asked for, and the glue from there to the libraries.
+//! The command line: the arguments, and the glue from there to the libraries.
 
 pub(crate) mod args;
 mod claims;
@@ -32,9 +32,9 @@ use args::{Cli, Command};
 /// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// All done.
+    /// Completed.
     Done,
-    /// Finished, but records were skipped or trials lost (said on stderr).
+    /// Finished, but records were skipped or trials lost (reported on stderr).
     Incomplete,
 }
 
@@ -55,14 +55,14 @@ pub fn main() -> ExitCode {
 pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let result = match Cli::try_parse_from(arguments) {
         Ok(cli) => run_command(cli),
-        // What is asked for with --help and --version is a result as any other.
+        // The text of --help and --version is a result like any other.
         Err(told) if !told.use_stderr() => output::print_styled(&told),
         Err(error) => error.exit(),
     };
     match result {
         Ok(Outcome::Done) => 0,
         Ok(Outcome::Incomplete) => 3,
-        // Whoever read our output has seen enough.
+        // The reader of our output has closed it.
         Err(error) if output::is_broken_pipe(&error) => 0,
         Err(error) => {
             if let Some(usage) = error.downcast_ref::<clap::Error>() {
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
 
-    /// clap breaks no line of usage: those of `map` and `evaluate` were longer.
+    /// clap does not wrap lines of usage: those of `map` and `evaluate` were longer.
     #[test]
     fn help_fits_a_narrow_terminal() {
         const WIDTH: usize = 60;

@@ -1,4 +1,4 @@
-//! What commands put out: results on stdout, what was lost on stderr, files.
+//! The output of commands: results on stdout, losses on stderr, files.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use crate::progress::{tell, wrapped};
 use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::store::results::save;
 
-/// Prints a result as one JSON object, or as lines of text, in which nothing acts on a terminal, whatever names are in them.
+/// Prints a result as one JSON object, or as lines of text in which control characters of names are escaped.
 ///
 /// # Errors
 /// When stdout cannot be written.
@@ -41,12 +41,12 @@ pub fn print<T: Serialize>(json: bool, value: &T, text: impl FnOnce(&T) -> Strin
         .context("cannot write to standard output")
 }
 
-/// Lines of text with escapes in place of characters that act.
+/// Lines of text with escapes for control characters.
 fn lines(text: &str) -> String {
     text.split('\n').map(printable).collect::<Vec<_>>().join("\n")
 }
 
-/// Writes rows as CSV with a header, whole or not at all.
+/// Writes rows as CSV with a header, atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -56,7 +56,7 @@ pub fn write_rows<R: Serialize>(path: &Path, rows: &[R]) -> Result<()> {
     save(path, &writer.into_inner()?)
 }
 
-/// Writes a CARMEN log, whole or not at all, packed with gzip if its name ends with `.gz`.
+/// Writes a CARMEN log atomically, compressed with gzip if its name ends with `.gz`.
 ///
 /// # Errors
 /// When the recording is not one that a log can hold, or the file cannot be written.
@@ -74,7 +74,7 @@ pub fn write_carmen(path: &Path, recording: &Recording, comments: &[&str]) -> Re
     })
 }
 
-/// The files behind what was named to be read: paths and data sets.
+/// The files of inputs given as paths and data sets.
 pub fn input_files<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<PathBuf> {
     let of_dataset = |name: &str| {
         let registry = Registry::from_environment().ok()?;
@@ -89,10 +89,10 @@ pub fn input_files<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<PathBuf>
     files
 }
 
-/// [`files::prepare`]: before anything is computed, outputs that would replace an input are refused.
+/// [`files::prepare`]: outputs that would replace an input are refused before anything is computed.
 ///
 /// # Errors
-/// What stands in the way.
+/// The reason why an output cannot be written.
 pub fn prepare<P: AsRef<Path>>(
     outputs: impl IntoIterator<Item = P>,
     inputs: &[PathBuf],
@@ -112,12 +112,12 @@ pub fn print_styled(text: &clap::Error) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Says on stderr what a log left open and what of it was lost, and whether anything was.
+/// Reports on stderr what a log left open and what was lost of it, and returns whether anything was.
 pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
     tell_of(name, &source.assumptions, &source.report)
 }
 
-/// [`tell_losses`] of a log or a point cloud.
+/// [`tell_losses`] for a log or a point cloud.
 pub fn tell_data_losses(name: &str, source: &DataSource) -> Outcome {
     match source {
         DataSource::Log(log) => tell_losses(name, log),
@@ -136,7 +136,7 @@ fn tell_of(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
     Outcome::Incomplete
 }
 
-/// Reads a map, and says on stderr where its image was found if its description leads elsewhere.
+/// Reads a map, and reports on stderr where its image was found if its description gives another path.
 ///
 /// # Errors
 /// As [`read_map`].
@@ -152,7 +152,7 @@ pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
     Ok(map)
 }
 
-/// Says on stderr which steps the odometry does not know, and how the filter gets over them.
+/// Reports on stderr which steps have unknown odometry, and how the filter bridges them.
 pub fn tell_bridged(name: &str, bridge: &Bridge) -> Outcome {
     let Bridge { scans, steps, reach } = bridge;
     let Some(first) = scans.first() else { return Outcome::Done };
@@ -168,7 +168,7 @@ pub fn reference_of(source: &LogSource) -> &str {
     source.reference.as_deref().unwrap_or("none")
 }
 
-/// [`reference_of`], for a result as JSON: null without one, and of a point cloud.
+/// [`reference_of`], for JSON: null without one, and for a point cloud.
 pub fn reference_of_data(source: &DataSource) -> Option<String> {
     match source {
         DataSource::Log(log) => log.reference.clone(),
@@ -176,7 +176,7 @@ pub fn reference_of_data(source: &DataSource) -> Option<String> {
     }
 }
 
-/// A usage error that the parser of arguments cannot see.
+/// A usage error that the argument parser cannot detect.
 ///
 /// # Errors
 /// Always: the usage error, on which the program ends with exit code 2.
@@ -184,7 +184,7 @@ pub fn refuse<T>(message: &str) -> Result<T> {
     Err(Cli::command().error(ErrorKind::ArgumentConflict, message).into())
 }
 
-/// Whether an error is that nobody reads our output any more.
+/// Whether the error is that the reader of our output has closed it.
 pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .chain()
@@ -196,7 +196,7 @@ pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
 mod tests {
     use super::*;
 
-    /// Names of topics, trials and files reached the terminal as they were.
+    /// Fault: names of topics, trials and files reached the terminal unescaped.
     #[test]
     fn what_is_printed_does_not_act() {
         let text = "a\u{1b}[2Jb\r\n  c\u{202e}d\u{7}é <script>\n";

@@ -1,4 +1,4 @@
-//! `plan`: what a study in parts takes, and the script that starts it.
+//! `plan`: the cost of a study in parts, and the script that starts it.
 
 use std::path::Path;
 
@@ -18,23 +18,23 @@ use super::args::{Engine, Global, PlanArgs};
 use super::output::print;
 use super::run::{open, read_study};
 
-/// What a part's processor time may be above the estimate before an engine ends it; built-in costs are right within a
-/// factor of three or so.
+/// Factor by which a part's processor time may exceed the estimate before an engine ends it; built-in costs
+/// are right within a factor of three or so.
 const MARGIN_MEASURED: f64 = 2.0;
 const MARGIN_BUILT_IN: f64 = 5.0;
 /// Memory of the program without data, and per point of it (MB): several copies, maps, and fields of distances on them.
 const BASE_MB: f64 = 200.0;
 const POINT_MB: f64 = 2e-3;
-/// Bytes of a row of results, about.
+/// Approximate size of a row of results, in bytes.
 const ROW_BYTES: f64 = 1500.0;
 
 #[derive(Serialize)]
 struct Planned {
     study: String,
     parts: usize,
-    /// Trials that are not done.
+    /// Number of trials that are not done.
     trials: usize,
-    /// Whether hours are from what trials took that are done.
+    /// Whether hours are based on the times of completed trials.
     is_measured: bool,
     /// Processor hours of all parts, and of the longest.
     hours: f64,
@@ -45,7 +45,7 @@ struct Planned {
     data_bytes: u64,
     result_bytes: u64,
     each: Vec<OfPart>,
-    /// What starts the parts and the merge; null without `--engine`.
+    /// The script that starts the parts and the merge; null without `--engine`.
     script: Option<String>,
 }
 
@@ -82,7 +82,7 @@ pub fn run(args: &PlanArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds what a study takes on a data set.
+/// Adds the cost of a study on a data set.
 fn add(
     args: &PlanArgs,
     study: &Study,
@@ -114,7 +114,7 @@ fn add(
     Ok(())
 }
 
-/// Size of the file behind a data set or log; 0 where there is none, as of the simulated office.
+/// Size of the file of a data set or log; 0 without a file, as for the simulated office.
 fn bytes_of(dataset: &str) -> u64 {
     let of_registry = || {
         let registry = Registry::from_environment().ok()?;
@@ -128,7 +128,7 @@ fn bytes_of(dataset: &str) -> u64 {
 
 fn text(planned: &Planned) -> String {
     if let Some(script) = &planned.script {
-        // To be piped into a shell: nothing else.
+        // To be piped into a shell: no other output.
         return script.clone();
     }
     let mut text = format!(
@@ -163,7 +163,7 @@ fn how(planned: &Planned) -> &'static str {
     }
 }
 
-/// The commands that start the parts and the merge behind them.
+/// The commands that start the parts and, after them, the merge.
 fn script(args: &PlanArgs, datasets: &[String], engine: Engine, planned: &Planned) -> String {
     let Planned { parts, memory_mb, .. } = planned;
     let margin = if planned.is_measured { MARGIN_MEASURED } else { MARGIN_BUILT_IN };
@@ -216,7 +216,7 @@ fn script(args: &PlanArgs, datasets: &[String], engine: Engine, planned: &Planne
     }
 }
 
-/// A word of a shell.
+/// A quoted shell word.
 fn quoted(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=,:@%".contains(c);
     match !text.is_empty() && text.chars().all(is_plain) {

@@ -30,8 +30,8 @@ struct Written {
     damaged: usize,
 }
 
-/// Writes the page of everything below the roots. What could not be read or lacks trials is said on the page and
-/// on stderr, and stops nothing else.
+/// Writes the page for everything below the roots. Folders that could not be read or lack trials are reported
+/// on the page and on stderr, and do not stop the others.
 pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     let mut inputs: Vec<PathBuf> = args.logs.iter().map(PathBuf::from).collect();
     for root in &args.roots {

@@ -37,7 +37,7 @@ struct Told {
     failed: usize,
     /// Where the results of each data set are.
     folders: Vec<String>,
-    /// Data sets that the study could not be run on.
+    /// Data sets on which the study could not be run.
     lost: Vec<Lost>,
 }
 
@@ -54,11 +54,11 @@ struct Listed {
     trial: String,
     runs: usize,
     is_done: bool,
-    /// Processor time that it will take.
+    /// Estimated processor time.
     seconds: f64,
 }
 
-/// Exit code of a program that Ctrl-C ended: 128 + SIGINT.
+/// Exit code of a program ended by Ctrl-C: 128 + SIGINT.
 const INTERRUPTED: i32 = 130;
 
 /// Runs a study, summarizes its rows and draws its figures.
@@ -108,7 +108,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
                 told.folders.push(folder.display().to_string());
                 all.extend(results);
             }
-            // What cannot be written for one data set cannot be written for the others.
+            // A file that cannot be written for one data set cannot be written for the others.
             Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
             Err(error) => {
                 let reason = told_once(&error);
@@ -198,7 +198,7 @@ fn run_on(
         }
         Event::Ended { ended: (ended, all), share, left, failed } => {
             progress.set(ended, all, share, left);
-            // Often all fail for the same reason; it is said once.
+            // Often all fail for the same reason, which is reported once.
             if let Some(failed) = failed
                 && !reasons.contains(&failed.reason)
             {
@@ -210,7 +210,7 @@ fn run_on(
     });
     drop(progress);
     let ran = ran?;
-    // Figures take memory, too, and are drawn from files.
+    // Figures need memory, too, and are drawn from files.
     drop(data);
     let Some(results) = &ran.results else { return Ok(ran) };
     if !results.is_complete() {
@@ -226,7 +226,7 @@ fn run_on(
     Ok(ran)
 }
 
-/// The trials without rows, each with what is known of it.
+/// The trials without rows, each with the reason if known.
 fn missing(results: &Results, failed: &[FailedTrial]) -> String {
     const MOST: usize = 10;
     let told = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
@@ -241,7 +241,7 @@ fn missing(results: &Results, failed: &[FailedTrial]) -> String {
     format!("{}{others}; run parts again, and merge", names.join(", "))
 }
 
-/// Which trials this process runs.
+/// The share of the trials that this process runs.
 fn share(args: &RunArgs) -> Result<Share> {
     let variable = |name: &str| std::env::var(name).ok();
     Ok(match &args.part {
@@ -251,7 +251,7 @@ fn share(args: &RunArgs) -> Result<Share> {
     })
 }
 
-/// What would be run, and what it would cost. Of programs of others nobody knows that.
+/// The trials that would be run, and their estimated cost, which is not known for external programs.
 fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Result<Outcome> {
     let mut listed = Vec::new();
     let mut measured = false;
@@ -303,7 +303,8 @@ fn is_of_files(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| cause.is::<std::io::Error>())
 }
 
-/// Ends the program on Ctrl-C or SIGTERM, with the programs that it runs, but not while a file is written.
+/// Ends the program on Ctrl-C or SIGTERM, along with the programs that it runs, but not while a file is
+/// written.
 fn end_on_interrupt(output: &Path) -> Result<()> {
     let output = output.display().to_string();
     let end = move |code: i32| {
@@ -320,7 +321,7 @@ fn end_on_interrupt(output: &Path) -> Result<()> {
     ctrlc::set_handler(move || end(INTERRUPTED)).context("cannot listen to Ctrl-C")
 }
 
-/// The same on SIGTERM, which would leave programs behind.
+/// The same on SIGTERM, which would leave programs running.
 #[cfg(unix)]
 fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
     use signal_hook::{consts::SIGTERM, iterator::Signals};
@@ -330,7 +331,7 @@ fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
     Ok(())
 }
 
-/// Says which programs a study runs, before it does.
+/// Lists the programs that a study is about to run.
 fn tell_programs(study: &Study) {
     let programs = commands(study.programs());
     if !programs.is_empty() {
@@ -343,7 +344,7 @@ fn tell_programs(study: &Study) {
     }
 }
 
-/// Says how many runs of programs did not come to a good end. Their rows say how each did.
+/// Reports how many runs of programs ended abnormally; their rows have the reasons.
 fn tell_failed_runs(results: &Results) {
     let mut failed: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
@@ -368,7 +369,7 @@ fn tell_failed_runs(results: &Results) {
     }
 }
 
-/// The study, its name, and the names of the data sets or logs that it is for.
+/// The study, its name, and the names of its data sets or logs.
 pub fn read_study(args: &StudyArgs, global: &Global) -> Result<(Study, String, Vec<String>)> {
     let study = studies::read(&args.study)?;
     let names = match args.datasets.is_empty() {
@@ -378,7 +379,7 @@ pub fn read_study(args: &StudyArgs, global: &Global) -> Result<(Study, String, V
     Ok((study, study_name(&args.study)?, names))
 }
 
-/// The data sets of the study that are at hand; says how to get the others.
+/// The available data sets of the study; reports how to get the others.
 fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let registry = Registry::from_environment()?;
     let (mut names, mut missing) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! `status`: how far the studies of a result folder are.
+//! `status`: the progress of the studies in a result folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use super::args::StatusArgs;
 use super::output::print;
 use crate::progress::span;
 
-/// A process that saved a row within so many seconds runs.
+/// A process that saved a row within this many seconds counts as running.
 const ALIVE: f64 = 600.0;
 
 #[derive(Serialize)]
@@ -26,11 +26,11 @@ struct Status {
     folders: Vec<FolderStatus>,
 }
 
-/// How far a study on a data set is.
+/// The progress of a study on a data set.
 #[derive(Serialize)]
 struct FolderStatus {
     folder: String,
-    /// Trials: asked for, with all rows, failed without rows since, without rows.
+    /// Numbers of trials: total, with all rows, failed without rows since, without rows.
     asked: usize,
     done: usize,
     failed: usize,
@@ -39,7 +39,7 @@ struct FolderStatus {
     running: usize,
     /// Seconds since the last row was saved.
     last_sign_s: Option<f64>,
-    /// Processor hours that are left; and hours with the processes that run, each on one thread.
+    /// Processor hours left; and wall-clock hours with the running processes, each on one thread.
     left_hours: f64,
     left_wall_hours: Option<f64>,
 }

@@ -1,4 +1,4 @@
-//! Charts from their data.
+//! Draws charts from their data.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -12,13 +12,13 @@ use mcl_figures::{
 use mcl_study::study::views::{self, ChartKind};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
 
-/// Curves of more points have no symbols.
+/// Curves with more points are drawn without symbols.
 const MOST_SYMBOLS: usize = 20;
 
 /// Draws a chart.
 ///
 /// # Errors
-/// When a file cannot be made.
+/// When a file cannot be written.
 pub fn draw(stem: &Path, chart: &ChartData, medium: Medium) -> Result<Vec<PathBuf>> {
     Ok(match chart.kind {
         ChartKind::Curves => draw_curves(stem, &curve_figure(chart), medium)?,
@@ -41,7 +41,7 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
                 if let (true, Some(lowest), Some([low, _])) =
                     (is_below(panel, point), lowest, &mut interval)
                 {
-                    // Beyond the frame, which cuts it off.
+                    // Beyond the frame, which clips it.
                     *low = if lowest > 0.0 { 0.5 * lowest } else { -1.0 };
                     is_cut = true;
                 }
@@ -87,12 +87,12 @@ fn curve_figure(chart: &ChartData) -> CurveFigure {
     CurveFigure { panels, columns: chart.columns, caption }
 }
 
-/// Whether an axis shows shares, which are nowhere negative.
+/// Whether an axis shows shares, which are never negative.
 fn is_share(axis: &PanelAxis) -> bool {
     axis.label.starts_with("share") && scale(axis) == Scale::Linear
 }
 
-/// Whether an interval reaches where the axis has no place.
+/// Whether an interval extends below the range of the axis.
 fn is_below(panel: &Panel, point: &Point) -> bool {
     let Some([low, _]) = point.interval else { return false };
     match scale(&panel.y) {
@@ -111,7 +111,8 @@ fn scale(axis: &PanelAxis) -> Scale {
     }
 }
 
-/// A scale that is logarithmic on both sides of zero is not seen to be one where all values are negative.
+/// The label names a scale that is logarithmic on both sides of zero, as it is not recognizable where all
+/// values are negative.
 fn label_with_scale(axis: &PanelAxis, label: String) -> String {
     match scale(axis) {
         Scale::Symlog { .. } => format!("{label}, log."),
@@ -119,7 +120,7 @@ fn label_with_scale(axis: &PanelAxis, label: String) -> String {
     }
 }
 
-/// "α: 1 = (0.1, 0.2), 2 = (0.3, 0.4)": values that are no numbers stand at their places in the list.
+/// "α: 1 = (0.1, 0.2), 2 = (0.3, 0.4)": values that are not numbers are shown at their positions in the list.
 fn label_with_places(axis: &PanelAxis) -> String {
     if axis.places.is_empty() {
         return axis.label.clone();
@@ -129,16 +130,16 @@ fn label_with_places(axis: &PanelAxis) -> String {
     format!("{}: {}", axis.label, places.collect::<Vec<_>>().join(", "))
 }
 
-/// Ends of the axes of a panel, where they are not those of its own points: panels of a part with the same
-/// axes share them, marked points need room for the text beside them, and intervals may have an end
-/// that a logarithmic axis has no place for.
+/// Ranges of the axes of a panel, where they differ from those of its own points: panels of a part with the
+/// same axes share them, marked points need room for the text beside them, and an interval may have an end
+/// that a logarithmic axis cannot show.
 fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
     let is_alike =
         |other: &&Panel| (other.part, &other.x, &other.y) == (panel.part, &panel.x, &panel.y);
     let alike: Vec<&Panel> = chart.panels.iter().filter(is_alike).collect();
     let points = || alike.iter().flat_map(|panel| &panel.points);
     let is_shared = alike.len() > 1;
-    // What else is shown over the same axis, above or beneath.
+    // Other panels over the same axis, above or below.
     let is_over = |other: &&Panel| other.x == panel.x && other.y.label != panel.y.label;
     let over: Vec<&Panel> =
         chart.panels.iter().filter(|other| is_alike(other) || is_over(other)).collect();
@@ -159,7 +160,7 @@ fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
     } else {
         None
     };
-    // Intervals of means may reach below zero, shares do not.
+    // Intervals of means may extend below zero, those of shares do not.
     let y = match y {
         Some([low, high]) if is_share(&panel.y) && low < 0.0 => Some([0.0, high]),
         None if is_share(&panel.y) && points().all(|point| point.y == 0.0) => Some([0.0, 0.1]),
@@ -168,8 +169,8 @@ fn ranges(chart: &ChartData, panel: &Panel) -> [Option<[f64; 2]>; 2] {
     [x, y]
 }
 
-/// Ends around those values that a scale has a place for, with room: on a logarithmic scale a share of
-/// the values, else of their extent.
+/// Range around the values that a scale can show, with a margin: on a logarithmic scale a share of the
+/// values, else of their extent.
 fn around(values: impl Iterator<Item = f64>, scale: Scale, room: f64) -> Option<[f64; 2]> {
     let is_held = |value: &f64| value.is_finite() && (scale != Scale::Log || *value > 0.0);
     let (low, high) = values
@@ -179,7 +180,7 @@ fn around(values: impl Iterator<Item = f64>, scale: Scale, room: f64) -> Option<
         Scale::Log => [low / (1.0 + room), high * (1.0 + room)],
         Scale::Linear | Scale::Places => {
             let room = 0.2 * room * (high - low);
-            // Values that are nowhere negative need none of an axis that is.
+            // Values that are never negative need no negative part of the axis.
             let least = if low >= 0.0 { (low - room).max(0.0) } else { low - room };
             [least, high + room]
         }
@@ -257,8 +258,8 @@ mod tests {
         }
     }
 
-    /// Student's interval of an error may reach below zero, where a logarithmic axis has no place: its bar
-    /// once was left out, just where some runs were lost.
+    /// Fault: Student's interval of an error may extend below zero, which a logarithmic axis cannot show; the
+    /// bar was left out, exactly where some runs were lost.
     #[test]
     fn intervals_beyond_a_logarithmic_axis_are_cut_off_and_not_left_out() {
         let points = vec![point(1.0, 2.0, Some([-1.0, 5.0])), point(2.0, 0.1, Some([0.05, 0.2]))];
@@ -274,14 +275,15 @@ mod tests {
             "{:?}",
             figure.caption
         );
-        // Elsewhere they are what they are.
+        // Otherwise they are unchanged.
         let points = vec![point(1.0, 2.0, Some([-1.0, 5.0]))];
         let figure = curve_figure(&chart(ChartKind::Curves, views::Scale::Linear, vec![points]));
         assert_eq!(figure.panels[0].curves[0].points[0].interval, Some([-1.0, 5.0]));
         assert_eq!((figure.panels[0].y.range, &*figure.caption[0]), (None, "C."));
     }
 
-    /// Panels above one another once had the sizes of their own points only, so that curves could not be followed down.
+    /// Fault: panels above one another had the sizes of their own points only, so that curves could not be
+    /// followed down.
     #[test]
     fn what_is_shown_of_the_same_sizes_shares_them_and_shares_are_not_negative() {
         let log = |label: &str| PanelAxis { label: label.to_owned(), ..axis(views::Scale::Log) };

@@ -19,10 +19,10 @@ use mcl_study::view;
 /// Folder of the figures for a paper, below the others.
 const PAPER: &str = "paper";
 
-/// Writes `ranking.csv` of a study into its folder, over its data sets; `None` where it ranks nothing.
+/// Writes `ranking.csv` of a study into its folder, over its data sets; `None` where it has no ranking.
 ///
 /// # Errors
-/// When a value cannot be computed with, or the file cannot be written.
+/// When a value is not usable, or the file cannot be written.
 pub fn write_ranking(folder: &Path, all: &[Results]) -> Result<Option<PathBuf>> {
     let table = view::ranking::ranking(all)?;
     let path = folder.join("ranking.csv");
@@ -30,14 +30,14 @@ pub fn write_ranking(folder: &Path, all: &[Results]) -> Result<Option<PathBuf>> 
     Ok((!table.is_empty()).then_some(path))
 }
 
-/// Writes the tables of a study on a data set (`summary.csv`, `tests.csv`, the points of its charts), draws its
-/// charts and pictures, and returns what was drawn. Figures that it does not show, or that cannot be drawn
-/// of these results, for their rows or maps are missing, are removed, so that none shows others.
+/// Writes the tables of a study on a data set (`summary.csv`, `tests.csv`, the points of its charts), draws
+/// its charts and pictures, and returns the paths drawn. Figures that the study no longer has, or that cannot
+/// be drawn because rows or maps are missing, are removed, so that no outdated figure is left.
 ///
 /// # Errors
-/// When a value cannot be computed with, a map or path cannot be read, or a file cannot be written.
+/// When a value is not usable, a map or path cannot be read, or a file cannot be written.
 pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
-    // Those for a paper are of earlier rows.
+    // Figures for a paper are those of earlier rows.
     let paper = results.folder.join(FIGURES).join(PAPER);
     remove_folder(&paper).with_context(|| format!("cannot remove {}", paper.display()))?;
     draw(results, Medium::Screen)
@@ -61,7 +61,7 @@ pub fn draw(results: &Results, medium: Medium) -> Result<Vec<PathBuf>> {
     let of_charts = charts.iter().map(|chart| (&chart.name, chart.to_table()));
     let of_regions = regions.iter().map(|region| (&region.view.name, region.to_table()));
     let mut tables = Vec::new();
-    // Tables before anything is drawn: a figure takes more memory.
+    // Tables before figures, which need more memory.
     for (name, table) in of_charts.chain(of_regions) {
         tables.push(figures.join(format!("{name}.csv")));
         save_table(&tables[tables.len() - 1], &table)?;
@@ -143,7 +143,7 @@ x = "beam_floor"
 y = "preset"
 "#;
 
-    /// The fault: figures of an earlier definition stayed, and showed other maps than the rows beside them.
+    /// Fault: figures of an earlier definition were kept, and showed other maps than the rows beside them.
     #[test]
     fn figures_are_of_these_results_or_not_there() {
         let folder = tempfile::tempdir().unwrap();
@@ -151,7 +151,7 @@ y = "preset"
             row.set("weighted", 0.1 * (1.0 + row.number("draw")));
         });
         results.folder = folder.path().to_owned();
-        // The map of the picture is not there, and no row has a translation error.
+        // The map of the picture is missing, and no row has a translation error.
         results.pictured = vec![vec![None]];
         let figures = folder.path().join("figures");
         std::fs::create_dir(&figures).unwrap();

@@ -25,17 +25,17 @@ fn error_name(picture: &Picture) -> String {
     format!("{}-error", picture.name)
 }
 
-/// A picture's file without its ending, and what it is drawn for.
+/// A picture's file without its ending, and the medium it is drawn for.
 struct File<'f> {
     stem: &'f Path,
     medium: Medium,
 }
 
-/// Draws a picture, and the errors of its run over time, into a folder. `view` is that of data in space. For a paper, what
-/// is shown is there as CSV as well, with the coordinates of all points.
+/// Draws a picture, and the errors of its run over time, into a folder. `view` is used for data in space. For
+/// a paper, the content is also written as CSV, with the coordinates of all points.
 ///
 /// # Errors
-/// When a map or path cannot be read, or a file cannot be made.
+/// When a map or path cannot be read, or a file cannot be written.
 pub fn draw(
     results: &Results,
     (folder, medium): (&Path, Medium),
@@ -69,7 +69,7 @@ pub fn draw(
     clouds(&file, &figure)
 }
 
-/// Draws maps, and for a paper writes what they show.
+/// Draws maps, and for a paper writes their content.
 fn clouds(file: &File<'_>, figure: &CloudFigure<'_>) -> Result<Vec<PathBuf>> {
     let mut drawn = draw_clouds(file.stem, figure, file.medium)?;
     if file.medium == Medium::Paper {
@@ -113,7 +113,7 @@ fn planar(
     let paths = maps.iter().map(|shown| shown.paths.as_ref().map(positions).transpose());
     let paths: Vec<Option<Positions>> = paths.collect::<Result<_>>()?;
     let panels = maps.iter().zip(&points).zip(&paths).map(|((shown, points), paths)| {
-        // On its own, all data is shown for its extent.
+        // On its own, it is shown with the extent of all data.
         let title = match (maps, name(shown)) {
             ([_], "all") if paths.is_none() => extent(results, points),
             _ => title(shown, paths.is_none()),
@@ -138,7 +138,7 @@ fn planar(
     clouds(file, &CloudFigure { panels, labels: CloudLabels::PLANE, caption })
 }
 
-/// Places along the odometry (nothing where it is not there), the reference and the estimate.
+/// Positions along the odometry (empty where it is missing), the reference and the estimate.
 type Positions = [Vec<Point<2>>; 3];
 
 fn positions(paths: &Paths) -> Result<Positions> {
@@ -295,7 +295,7 @@ fn name(shown: &Pictured) -> &str {
 
 fn read(path: &Path) -> Result<Trajectory> {
     match read_file(path, NonPlanar::Refuse) {
-        // Of a program that has estimated nothing.
+        // From a program without any estimate.
         Err(TumError::Empty { .. }) => Ok(Trajectory::default()),
         found => Ok(found?.trajectory),
     }

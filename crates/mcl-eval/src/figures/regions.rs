@@ -14,7 +14,7 @@ use crate::claims::regions::Verdicts;
 /// Draws a panel per statement.
 ///
 /// # Errors
-/// When a file cannot be made.
+/// When a file cannot be written.
 pub fn draw(stem: &Path, region: &Verdicts<'_>, medium: Medium) -> Result<Vec<PathBuf>> {
     Ok(draw_heat(stem, &figure(region), medium)?)
 }

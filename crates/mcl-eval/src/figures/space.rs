@@ -1,4 +1,4 @@
-//! Clouds in space, seen obliquely from above.
+//! Clouds in space, viewed obliquely from above.
 
 use std::f64::consts::FRAC_PI_6;
 
@@ -7,12 +7,12 @@ use mcl_core::{Point, PointMap, math};
 use mcl_maps::files::read_map;
 use mcl_study::store::results::{Pictured, Results};
 
-/// The direction looked from: turned by this about the vertical …
+/// The viewing direction: azimuth about the vertical …
 const AZIMUTH: f64 = FRAC_PI_6;
-/// … and so high above the horizon.
+/// … and elevation above the horizon.
 const ELEVATION: f64 = FRAC_PI_6 * 1.2;
-/// Share of the points at either end of the heights that are drawn in the colour of the end: a few stray
-/// points must not take the colours of all others.
+/// Share of the points at either end of the heights that are drawn in the colour of the end: a few outliers
+/// must not compress the colours of all others.
 const CLIPPED: f64 = 0.01;
 
 /// A parallel view from above, the same for all maps of a data set.
@@ -23,17 +23,16 @@ pub struct View {
     hide_above: Option<f64>,
 }
 
-/// Points as they are seen, the farthest first, so that nearer ones are drawn over them.
+/// Projected points, the farthest first, so that nearer ones are drawn over them.
 pub struct Seen {
-    /// Across and up the view (m).
+    /// Coordinates across and up the view (m).
     pub points: Vec<Point<2>>,
     /// Height of each, from 0 (low) to 1 (high).
     pub shades: Vec<f64>,
 }
 
 impl View {
-    /// The view of a data set in space, whose colours are those of the largest map that is shown; `None` in
-    /// the plane.
+    /// The view of a data set in space, with colours by the largest map shown; `None` in the plane.
     ///
     /// # Errors
     /// When that map cannot be read.
@@ -65,7 +64,7 @@ impl View {
         View { heights: [at(CLIPPED), at(1.0 - CLIPPED)], hide_above }
     }
 
-    /// A map as it is seen.
+    /// A map in this view.
     pub fn seen(&self, map: &PointMap<3>) -> Seen {
         let (sin, cos) = math::sin_cos(AZIMUTH);
         let (sin_up, cos_up) = math::sin_cos(ELEVATION);
@@ -90,9 +89,9 @@ impl View {
         }
     }
 
-    /// What the view and its colours are, for captions.
+    /// A description of the view and its colours, for captions.
     pub fn describe(&self) -> String {
-        // To decimetres; a zero is a plain one.
+        // To decimetres; -0 becomes 0.
         let [low, high] = self.heights.map(|height| (10.0 * height).round() / 10.0 + 0.0);
         let hidden = match self.hide_above {
             Some(limit) => format!("; points above {limit} m are not shown"),

@@ -1,4 +1,4 @@
-//! What was decided, in sentences: every number in them is one of `tests.csv`.
+//! The decisions in sentences: every number in them is one of `tests.csv`.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use crate::claims::claim::ALPHA;
 use crate::report::folder::Folder;
 use crate::report::text::shown;
 
-/// Columns of which more is better, and of which less is; of others, only that they differ is said.
+/// Columns of which more is better, and of which less is; of others, only the difference is reported.
 const MORE: [&str; 7] = [
     "log_likelihood",
     "held_out_log_likelihood",
@@ -36,21 +36,21 @@ const LESS: [&str; 11] = [
     "kilobytes",
 ];
 
-/// Columns of tests that say what was compared and what came out; those before are settings.
+/// The first column of a test that describes comparison and result; those before are settings.
 const FIRST_OF_TEST: &str = "y";
-/// The setting that makes the columns of a comparison's table.
+/// The setting for the columns of a comparison's table.
 const SIZE: &str = "size_percent";
-/// Settings of a test that are no context: they are places in the table.
+/// Settings of a test that are positions in the table.
 const PLACES: [&str; 2] = ["dataset", SIZE];
 
-/// What comes of a test.
+/// The verdict of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// The first is better, or more where neither is.
+    /// The first is better, or larger for measures without a better direction.
     First,
     /// The second is.
     Second,
-    /// The difference may be chance.
+    /// Not significant.
     Open,
 }
 
@@ -61,9 +61,9 @@ pub struct Cell {
     pub effect: String,
     /// Blocks and p value; or why there was no test.
     pub detail: String,
-    /// What comes of it; `None` where nothing could be tested.
+    /// The verdict; `None` where nothing could be tested.
     pub verdict: Option<Verdict>,
-    /// How strong the effect is, to name the largest: |difference| or |ln ratio|.
+    /// Size of the effect, to find the largest: |difference| or |ln ratio|.
     strength: f64,
 }
 
@@ -74,7 +74,7 @@ pub struct Comparison {
     pub title: String,
     /// "log-likelihood \[nats per point\]".
     pub measure: String,
-    /// What was found, in a sentence or two.
+    /// The result, in a sentence or two.
     pub sentence: String,
     /// Names of the columns of the table: sizes, or one without name.
     pub sizes: Vec<String>,
@@ -86,14 +86,14 @@ pub struct Comparison {
     column: String,
     /// Its two values.
     sides: [String; 2],
-    /// The sizes, to be sorted.
+    /// The sizes, to sort by.
     values: Vec<Value>,
 }
 
-/// Which map builders, or localizers, no test shows to be worse than another one, by size.
+/// Which map builders, or localizers, are not shown by any test to be worse than another one, by size.
 #[derive(Debug)]
 pub struct Unbeaten {
-    /// What it is measured by.
+    /// The measure.
     pub measure: String,
     /// Columns of the table.
     pub sizes: Vec<String>,
@@ -101,7 +101,7 @@ pub struct Unbeaten {
     pub rows: Vec<(String, Vec<Share>)>,
 }
 
-/// On how many of how many rows of the comparisons; `None` where nothing was tested.
+/// In how many of how many rows of the comparisons; `None` where nothing was tested.
 pub type Share = Option<[usize; 2]>;
 
 /// A row of a comparison's table.
@@ -177,7 +177,7 @@ impl Cell {
     }
 }
 
-/// What a test compares, and by what.
+/// What a test compares, and by which measure.
 type Key<'a> = (&'a str, &'a str, String, String);
 
 /// The comparisons of a study over its data sets, in the order of their tables.
@@ -245,7 +245,7 @@ fn comparison((y, column, a, b): Key<'_>, tests: &[(&Folder, Row<'_>)]) -> Compa
     Comparison { title, measure, sentence, sizes, rows, words, column, sides: [a, b], values }
 }
 
-/// [`Unbeaten`] by each measure by which several pairs are compared.
+/// [`Unbeaten`] for each measure with several comparisons.
 pub fn unbeaten(comparisons: &[Comparison]) -> Vec<Unbeaten> {
     let is_shown = |comparison: &&Comparison| {
         ["map", LOCALIZER].contains(&comparison.column.as_str()) && comparison.words[0] == "better"
@@ -316,7 +316,7 @@ impl Unbeaten {
     }
 }
 
-/// Settings that tell tests of the same comparison apart, but for data set and size.
+/// Settings that distinguish tests of the same comparison, except data set and size.
 fn varying<'a>(tests: &[(&'a Folder, Row<'a>)]) -> Vec<&'a str> {
     let columns = tests.iter().flat_map(|(folder, _)| {
         folder.tests.columns().iter().take_while(|column| *column != FIRST_OF_TEST)
@@ -397,7 +397,8 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
     text + "."
 }
 
-/// " By preset: carmen better in 20, worse in 1 of 75; book …": filters are not to be taken together unseen.
+/// " By preset: carmen better in 20, worse in 1 of 75; book …": results of several filters must not be pooled
+/// unseen.
 fn by_preset(tests: &[(&Folder, Row<'_>)], [better, worse]: [&str; 2]) -> String {
     let mut presets: Vec<(&str, [usize; 3])> = Vec::new();
     for (_, row) in tests {
@@ -416,7 +417,7 @@ fn by_preset(tests: &[(&Folder, Row<'_>)], [better, worse]: [&str; 2]) -> String
     format!(" By preset: {}.", told.collect::<Vec<_>>().join("; "))
 }
 
-/// "0.1 % to 5 %, 20 %" of places among sizes.
+/// "0.1 % to 5 %, 20 %", for indices of sizes.
 fn ranges(places: &[usize], sizes: &[String]) -> String {
     let mut runs: Vec<[usize; 2]> = Vec::new();
     for &place in places {
@@ -498,7 +499,7 @@ mod tests {
         };
         assert_eq!(symbols(&found.rows[0]), ["▲", "▲", "·"]);
         assert_eq!(symbols(&found.rows[1]), ["▲", "▼", ""]);
-        // One pair says no more than its own table.
+        // A single pair says no more than its own table.
         assert!(unbeaten(std::slice::from_ref(found)).is_empty());
     }
 

@@ -1,4 +1,4 @@
-//! Data of result folders, as far as it is at hand to compute something again.
+//! Data of result folders, where it is available for recomputing something.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,11 +16,11 @@ use mcl_study::trial::division::StudyData;
 pub struct AtHand<'a> {
     /// Logs by path, beside the data sets of the registry.
     logs: &'a [String],
-    /// What was opened last: several studies are about one log.
+    /// The last source opened: several studies use the same log.
     last: Option<(Key, Arc<StudyData>, DataFacts)>,
 }
 
-/// What decides how a log is opened: name, `max_range` and number of scans.
+/// The options for opening a log: name, `max_range` and number of scans.
 type Key = (String, Option<u64>, Option<usize>);
 
 impl<'a> AtHand<'a> {
@@ -29,7 +29,8 @@ impl<'a> AtHand<'a> {
         AtHand { logs, last: None }
     }
 
-    /// The log of a result folder, cut off after so many scans, if rows computed from it now would stand beside those that are there.
+    /// The log of a result folder, truncated after a number of scans, if rows computed from it now would
+    /// match the existing ones.
     ///
     /// # Errors
     /// Why they would not.
@@ -42,7 +43,7 @@ impl<'a> AtHand<'a> {
         let facts = &there.data;
         let key = (facts.name.clone(), facts.max_range.map(f64::to_bits), scans);
         if !matches!(&self.last, Some((last, ..)) if *last == key) {
-            // Two logs at once take more memory than one.
+            // Two logs at once need more memory than one.
             self.last = None;
             let mut log = self.open(facts)?;
             if let Some(scans) = scans {
@@ -63,7 +64,7 @@ impl<'a> AtHand<'a> {
         if let Some(log) = self.logs.iter().find(|log| name_of(log) == facts.name) {
             return LogSource::open(log, &options);
         }
-        // The name is from a file of somebody: it shall open nothing but what the registry has.
+        // The name is read from a file of unknown origin: only data sets of the registry may be opened.
         let registry = Registry::from_environment()?;
         let known = is_plain_name(&facts.name).then(|| registry.get(&facts.name).ok()).flatten();
         let Some(dataset) = known else {

@@ -1,4 +1,5 @@
-//! Two maps of one size over one another, with the likelihood of the data's points: where each explains them badly.
+//! Two maps of one size, overlaid, with the likelihood of the data's points: it shows where each map explains
+//! them badly.
 
 use anyhow::{Context, Result};
 use mcl_core::text::number;
@@ -18,9 +19,9 @@ use crate::report::pack::{Packer, Steps, thinned};
 use crate::report::record::MOST_MAP_POINTS;
 use crate::report::watch::{check_same, distance_from_shown, row_of};
 
-/// Points of the data that are shown, at most.
+/// Largest number of data points shown.
 pub const MOST_POINTS: usize = 6_000;
-/// The share of the points whose likelihood is below what the colours tell apart.
+/// The share of the points whose likelihood is below the range of the colours.
 const BELOW: f64 = 0.02;
 /// Shades of likelihood.
 const SHADES: f64 = 255.0;
@@ -32,9 +33,9 @@ const SHADES: f64 = 255.0;
 /// (`i16`).
 #[derive(Debug, Serialize)]
 pub struct MapPair {
-    /// What they are maps of.
+    /// A description of the maps.
     pub title: String,
-    /// Which maps they are, in a sentence.
+    /// How they were chosen, in a sentence.
     pub rule: String,
     /// σ of the mixture (m).
     pub sigma_m: f64,
@@ -46,13 +47,13 @@ pub struct MapPair {
     pub low: f64,
     /// See `low`.
     pub high: f64,
-    /// The place (m) that coordinates count from.
+    /// The origin of the coordinates (m).
     pub origin: [f64; 2],
     /// Unit of the coordinates (m).
     pub step_m: f64,
     /// The maps.
     pub maps: [PairedMap; 2],
-    /// What the rest is.
+    /// The packed arrays.
     pub data: String,
 }
 
@@ -61,9 +62,9 @@ pub struct MapPair {
 pub struct PairedMap {
     /// The map in words.
     pub label: String,
-    /// Its points that are shown, of `size`.
+    /// Number of its points that are shown, of `size`.
     pub points: usize,
-    /// Its points.
+    /// Number of its points.
     pub size: usize,
     /// Log-likelihood of all points that built it (nats per point).
     pub log_likelihood: f64,
@@ -71,19 +72,19 @@ pub struct PairedMap {
     pub below: f64,
 }
 
-/// The maps of a study that are compared.
+/// The maps of a study to compare.
 #[derive(Debug)]
 pub struct ChosenMaps {
-    /// Which they are, in a sentence.
+    /// How they were chosen, in a sentence.
     pub rule: String,
-    /// The initial map, and what a refinement makes of it.
+    /// The initial map, and the refined one.
     pub recipes: [MapRecipe; 2],
-    /// What was measured of each, as their rows say.
+    /// The measurements of each, from their rows.
     rows: [Cells; 2],
 }
 
-/// The maps of a study that are compared: an initial map and what a refinement makes of it, of the builder and the
-/// size nearest to [`distance_from_shown`], of the first draw. `None` where a study has no such two.
+/// Chooses the maps of a study to compare: an initial map and its refinement, of the builder and the size
+/// nearest to [`distance_from_shown`], of the first draw. `None` where a study has no such two.
 ///
 /// # Errors
 /// When its recipes cannot be made, or their rows are missing.
@@ -130,10 +131,10 @@ pub fn choose(results: &Results, plan: &Plan) -> Result<Option<ChosenMaps>> {
     Ok(Some(ChosenMaps { rule, recipes, rows }))
 }
 
-/// Builds the two maps again, and takes the measures of their study.
+/// Builds the two maps again, and computes the measures of their study.
 ///
 /// # Errors
-/// When one cannot be built, or comes out otherwise than its row says.
+/// When one cannot be built, or differs from its row.
 pub fn repeat(
     title: String,
     chosen: &ChosenMaps,
@@ -221,7 +222,7 @@ fn of_each(points: &[Point<2>], map: &PointMap<2>, sigma: f64) -> Result<Vec<f64
 }
 
 impl MapPair {
-    /// What there is to see, for those who cannot see it.
+    /// A text description for readers who cannot see it.
     pub fn describe(&self) -> String {
         let of_map = |map: &PairedMap| {
             format!(

@@ -1,4 +1,5 @@
-//! What a page shows beside charts and tables, within its limits: runs to watch and maps to compare.
+//! Interactive parts of a page beside charts and tables, within its limits: runs to watch and maps to
+//! compare.
 
 use std::collections::HashSet;
 use std::fs::{self, DirEntry};
@@ -19,10 +20,10 @@ use crate::report::compare_maps::{self, ChosenMaps, MapPair};
 use crate::report::slot::{Slot, SlotKind};
 use crate::report::watch::{self, Chosen, Watch};
 
-/// Bytes of all runs of a page, and of all maps, at most.
+/// Limits in bytes for all runs of a page, and for all maps.
 const RUN_BYTES: usize = 1_500_000;
 const MAP_BYTES: usize = 400_000;
-/// Processor time of computing runs and maps again, at most (s), as estimated before.
+/// Limit on the estimated processor time of recomputing runs and maps (s).
 const SECONDS: f64 = 60.0;
 
 /// What a result folder could show.
@@ -31,27 +32,27 @@ pub struct Wanted {
     study: String,
     facts: DataFacts,
     measures: Measures,
-    /// Number of scans that the study cuts the log off after.
+    /// Number of scans after which the study truncates the log.
     scans: Option<usize>,
-    /// Whether the study pictures a run.
+    /// Whether the study has a picture of a run.
     pictures_run: bool,
-    /// Its runs, or why they are not shown; `None` of a study without runs.
+    /// Its runs, or why they are not shown; `None` for a study without runs.
     runs: Option<Result<Chosen, String>>,
-    /// Its maps, or why they are not shown; `None` of a study without two that can be compared.
+    /// Its maps, or why they are not shown; `None` for a study without two that can be compared.
     maps: Option<Result<ChosenMaps, String>>,
 }
 
-/// What a result folder has to show.
+/// What a result folder shows.
 #[derive(Debug, Default)]
 pub struct Exhibits {
-    /// Its runs, or why they are not shown; `None` of a study without runs.
+    /// Its runs, or why they are not shown; `None` for a study without runs.
     pub runs: Option<Result<Shown<Watch>, String>>,
-    /// Its maps, or why they are not shown; `None` of a study without two that can be compared, and where those of
-    /// another study on the same data are shown.
+    /// Its maps, or why they are not shown; `None` for a study without two that can be compared, and where
+    /// those of another study on the same data are shown.
     pub maps: Option<Result<Shown<MapPair>, String>>,
 }
 
-/// Something to show, and its place on the page.
+/// An exhibit, and its slot on the page.
 #[derive(Debug)]
 pub struct Shown<T> {
     /// What it is.
@@ -60,7 +61,7 @@ pub struct Shown<T> {
     pub slot: Slot,
 }
 
-/// What is left of the limits of a page.
+/// The remaining budget of a page.
 pub struct Room {
     run_bytes: usize,
     map_bytes: usize,
@@ -74,7 +75,7 @@ impl Default for Room {
 }
 
 impl Wanted {
-    /// Of rows, which are not needed any more when this is known.
+    /// From rows, which are not needed any more afterwards.
     ///
     /// # Errors
     /// As [`Results::plan`].
@@ -133,9 +134,9 @@ impl Shown<Watch> {
     }
 }
 
-/// Computes again what the page shows of each result folder, in their order. Logs are those of the registry, and
-/// `logs` by path. Runs of studies that picture one come first; maps are shown once per data set, of a study without
-/// runs if there is one. What comes after the limits is said not to be shown.
+/// Recomputes what the page shows for each result folder, in order. Logs are those of the registry, and
+/// `logs` by path. Runs of studies with a picture of one come first; maps are shown once per data set, of a
+/// study without runs if there is one. What exceeds the limits is reported as not shown.
 pub fn repeat(
     wanted: &[Wanted],
     logs: &[String],
@@ -185,7 +186,7 @@ pub fn repeat(
     exhibits
 }
 
-/// The runs that `localize` recorded in a folder.
+/// The runs recorded by `localize` in a folder.
 ///
 /// # Errors
 /// When they cannot be read, or the page has no room for them.
@@ -193,8 +194,8 @@ pub fn localized(folder: &Path, room: &mut Room) -> Result<Shown<Watch>> {
     Shown::watch(watch::localized(folder)?, room)
 }
 
-/// The folders with runs that `localize` recorded: a root, those in it, and those in these, sorted. Links are not
-/// followed, and what cannot be read is left out.
+/// The folders with runs recorded by `localize`: a root, those in it, and those in these, sorted. Links are
+/// not followed, and folders that cannot be read are left out.
 pub fn recorded_folders(root: &Path) -> Vec<PathBuf> {
     let mut found = vec![root.to_owned()];
     let mut level = 0..1;
@@ -213,7 +214,7 @@ pub fn recorded_folders(root: &Path) -> Vec<PathBuf> {
 }
 
 impl Room {
-    /// Takes the time of trials off.
+    /// Subtracts the time of trials from the budget.
     fn spend<'t>(
         &mut self,
         facts: &DataFacts,

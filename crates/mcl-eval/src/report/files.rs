@@ -11,13 +11,13 @@ use mcl_study::table::{Row, Table, Value};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
 use mcl_study::view::labels::axis_label;
 
-/// A table of a result folder at most (bytes).
+/// Size limit of a table of a result folder (bytes).
 const MAX_BYTES: u64 = 64 << 20;
 
-/// A table that was saved as CSV; `None` where there is none.
+/// A table saved as CSV; `None` where there is no file.
 ///
 /// # Errors
-/// When it cannot be read, or is no table.
+/// When it cannot be read, or is not a table.
 pub fn read_table(path: &Path) -> Result<Option<Table>> {
     let cannot = || format!("cannot read {}", path.display());
     let metadata = match fs::metadata(path) {
@@ -58,7 +58,7 @@ fn value(cell: &str) -> Value {
     }
 }
 
-/// A chart from the table of its points, drawn as the study says, where that is known.
+/// A chart from the table of its points, laid out as in the study, where that is known.
 pub fn chart(name: &str, points: &Table, study: Option<&Study>) -> ChartData {
     let view = study.and_then(|study| study.views.charts.iter().find(|view| is_of(view, name)));
     let mut panels: Vec<Panel> = Vec::new();
@@ -86,7 +86,7 @@ pub fn chart(name: &str, points: &Table, study: Option<&Study>) -> ChartData {
     }
 }
 
-/// Whether a figure is one of a chart: its name may have a part per value of a column.
+/// Whether a figure belongs to a chart: its name may have a part per value of a column.
 pub fn is_of(view: &Chart, name: &str) -> bool {
     match view.name.split_once('{') {
         None => view.name == name,
@@ -121,7 +121,7 @@ fn panel(title: &str, view: Option<&Chart>) -> Panel {
     }
 }
 
-/// A row of the table as a point of a panel; its label and place are added where they are new.
+/// A row of the table as a point of a panel; its label and position are added if they are new.
 fn point(row: &Row<'_>, panel: &mut Panel) -> Option<Point> {
     let place_of = |names: &mut Vec<String>, name: &str| {
         names.iter().position(|known| known == name).unwrap_or_else(|| {
@@ -192,7 +192,7 @@ mod tests {
             (small.part, small.y.scale, &small.x.places[..]),
             (1, Scale::Linear, &["auto".to_owned()][..])
         );
-        // Of a study that is not known, values are laid out evenly.
+        // Without a study, values are on a linear scale.
         let bare = chart("errors-same", &table, None);
         assert_eq!((bare.panels[0].x.label.as_str(), bare.panels[0].x.scale), ("x", Scale::Linear));
     }

@@ -1,4 +1,4 @@
-//! A result folder, as far as the page shows it.
+//! The parts of a result folder that the page shows.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,17 +20,17 @@ use crate::report::slot::Slot;
 /// A study on a data set.
 #[derive(Debug)]
 pub struct Folder {
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
     /// Name of the study.
     pub study: String,
     /// Name of the data set.
     pub dataset: String,
-    /// Build and data; `None` where the manifest is none of this version's.
+    /// Build and data; `None` where the manifest is not of this version.
     pub identity: Option<Identity>,
-    /// What was asked for, as text.
+    /// The study's file, as text.
     pub settings: Option<String>,
-    /// Rows behind what is shown; `None` where only tables and figures lie there.
+    /// Rows behind the results; `None` where only tables and figures exist.
     pub rows: Option<Rows>,
     /// Charts.
     pub charts: Vec<ChartData>,
@@ -50,24 +50,24 @@ pub struct Folder {
     pub notes: Vec<String>,
 }
 
-/// The rows of a folder.
+/// Counts of a folder's rows.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows {
-    /// Trials that have theirs.
+    /// Number of trials with all rows.
     pub done: usize,
-    /// Trials that the study asks for.
+    /// Total number of trials.
     pub asked: usize,
-    /// Rows.
+    /// Number of rows.
     pub count: usize,
-    /// When they were last written to, where the system says.
+    /// Time of the last change, where the system reports it.
     pub written: Option<SystemTime>,
 }
 
 impl Folder {
-    /// Of rows.
+    /// From rows.
     ///
     /// # Errors
-    /// When a value cannot be computed with, or a file cannot be read.
+    /// When a value is not usable, or a file cannot be read.
     pub fn of_rows(results: &Results) -> Result<Self> {
         let Results { folder, done, asked, .. } = results;
         let mut found = Folder::bare(folder);
@@ -88,7 +88,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// Of the files beside rows that are not there.
+    /// From the tables and figures, without rows.
     ///
     /// # Errors
     /// When a file cannot be read.
@@ -106,7 +106,7 @@ impl Folder {
             let (Some(points), Some(name)) = (files::read_table(&path)?, stem(&path)) else {
                 continue;
             };
-            // Those of regions have other columns.
+            // Tables of regions have other columns.
             if ["panel", "curve", "x", "y"].iter().all(|column| points.column(column).is_some()) {
                 found.charts.push(files::chart(&name, &points, study.as_ref()));
             }
@@ -116,7 +116,7 @@ impl Folder {
         Ok(found)
     }
 
-    /// What the folder's path and manifest say.
+    /// The information in the folder's path and manifest.
     fn bare(path: &Path) -> Self {
         let name = |path: Option<&Path>| {
             let name = path.and_then(Path::file_name).unwrap_or_default();
@@ -145,7 +145,7 @@ impl Folder {
         }
     }
 
-    /// What is read the same way of every folder. Charts come in the study's order.
+    /// Reads what is common to all folders. Charts are in the study's order.
     fn read_further(&mut self, study: Option<&Study>) -> Result<()> {
         let table = |name| {
             Ok::<_, anyhow::Error>(files::read_table(&self.path.join(name))?.unwrap_or_default())
@@ -168,7 +168,7 @@ impl Folder {
     }
 }
 
-/// The files of a folder with an ending, sorted; none where there is no folder.
+/// The files of a folder with an ending, sorted; empty where there is no folder.
 fn entries(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
     let cannot = || format!("cannot read {}", folder.display());
     let found = match fs::read_dir(folder) {

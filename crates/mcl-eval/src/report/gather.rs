@@ -14,22 +14,22 @@ use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
 use crate::report::folder::Folder;
 use crate::report::slot::Slot;
 
-/// What the page shows.
+/// The content of the page.
 #[derive(Debug, Default)]
 pub struct Report {
     /// Folders by the name of their study, each sorted by data set.
     pub studies: BTreeMap<String, Vec<Folder>>,
     /// The paper's claims, decided from the folders with rows.
     pub claims: Vec<DatasetClaims>,
-    /// Data sets that studies with claims list and that have no results.
+    /// Data sets that are listed by studies with claims and have no results.
     pub without_results: Vec<String>,
-    /// Folders that could not be read, and why.
+    /// Folders that could not be read, with the error.
     pub damaged: Vec<(PathBuf, String)>,
-    /// Folders with runs that `localize` recorded: the place of these, or why they are not shown.
+    /// Folders with runs recorded by `localize`: their slot, or why they are not shown.
     pub localized: Vec<(PathBuf, Result<Slot, String>)>,
 }
 
-/// What the folders of one data set say.
+/// The content of the folders of one data set.
 #[derive(Default)]
 struct OfDataset {
     folders: Vec<Folder>,
@@ -40,8 +40,9 @@ struct OfDataset {
     wanted: Vec<(PathBuf, Wanted)>,
 }
 
-/// Reads the result folders below some roots. A folder that cannot be read stops no other. Claims compare studies on
-/// the same data, so the rows of one data set are in memory together, and no others with them on the same thread.
+/// Reads the result folders below some roots. A folder that cannot be read does not stop the others. Claims
+/// compare studies on the same data, so the rows of one data set are in memory together, and no others with
+/// them on the same thread.
 ///
 /// # Errors
 /// When a root cannot be read, or holds no result folder.
@@ -88,10 +89,10 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
     Ok(report)
 }
 
-/// The result folders of a root. One that holds recorded runs needs none.
+/// The result folders of a root; a root with recorded runs may have none.
 ///
 /// # Errors
-/// When the root cannot be read, or holds neither.
+/// When the root cannot be read, or has neither.
 pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>> {
     match folders(root) {
         Err(_) if !recorded.is_empty() => Ok(Vec::new()),
@@ -99,7 +100,7 @@ pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>>
     }
 }
 
-/// Adds to each folder what it has to show, or a note of why it has not.
+/// Adds to each folder its exhibits, or a note why it has none.
 fn exhibit(
     report: &mut Report,
     mut wanted: Vec<(PathBuf, Wanted)>,

@@ -10,15 +10,15 @@ use crate::report::text::shown;
 pub struct Matrix {
     /// Names of the data sets.
     pub datasets: Vec<String>,
-    /// Claims that some data set decides.
+    /// Claims decided on some data set.
     pub decided: Vec<ClaimRow>,
-    /// Claims that none decides.
+    /// Claims decided on none.
     pub undecided: Vec<ClaimRow>,
     /// What could not be decided as a whole, a sentence each.
     pub notes: Vec<String>,
-    /// What several symbols in a cell stand for, in their order.
+    /// The conditions that several symbols in a cell stand for, in order.
     pub places: String,
-    /// How often claims hold, do not, or cannot be tested.
+    /// How many claims hold, do not hold, or cannot be tested.
     pub counts: [usize; 3],
 }
 
@@ -29,29 +29,29 @@ pub struct ClaimRow {
     pub id: &'static str,
     /// Section of the paper.
     pub section: &'static str,
-    /// What it says.
+    /// The statement.
     pub statement: &'static str,
-    /// How it is tested.
+    /// The test.
     pub test: &'static str,
-    /// By data set: what came of it, under each split, preset and study.
+    /// By data set: the verdicts, under each split, preset and study.
     pub cells: Vec<Vec<Decided>>,
 }
 
-/// What came of a claim in one place.
+/// The verdict on a claim under one condition.
 #[derive(Debug)]
 pub struct Decided {
     /// Study, split and preset.
     pub place: String,
-    /// What was measured, or why nothing could be tested.
+    /// The measurement, or why nothing could be tested.
     pub measured: String,
     /// Effect, interval and p value.
     pub evidence: String,
-    /// What comes of it.
+    /// The verdict.
     pub verdict: Verdict,
 }
 
 impl Decided {
-    /// A symbol, so that nothing depends on colour.
+    /// A symbol, so that nothing depends on colour alone.
     pub fn symbol(&self) -> &'static str {
         ["✓", "✗", "–"][self.verdict as usize]
     }
@@ -91,7 +91,7 @@ fn evidence(claim: &Claim) -> String {
     [effect, blocks, found.p.map(p_value)].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
-/// Names from data are within what was measured; it is longer than a name.
+/// Escaped text without the length limit of names, as measurements contain names and are longer.
 fn shown_long(text: &str) -> String {
     match text.char_indices().nth(600) {
         None => printable(text).into_owned(),
@@ -127,7 +127,7 @@ pub fn matrix(datasets: &[DatasetClaims]) -> Matrix {
     let places =
         longest.map(|cell| cell.iter().map(|decided| decided.place.as_str()).collect::<Vec<_>>());
     matrix.places = places.map_or(String::new(), |places| places.join("; "));
-    // Stable: within a section claims keep the paper's order.
+    // A stable sort: within a section claims keep the paper's order.
     rows.sort_by_key(|row| row.section);
     let is_decided = |row: &ClaimRow| {
         row.cells.iter().flatten().any(|decided| decided.verdict != Verdict::NotTestable)
@@ -136,11 +136,11 @@ pub fn matrix(datasets: &[DatasetClaims]) -> Matrix {
     matrix
 }
 
-/// Claims of one kind.
+/// A group of claims.
 pub struct Part<'a> {
-    /// What they have in common.
+    /// Its caption.
     pub caption: &'static str,
-    /// Whether they are shown on demand.
+    /// Whether they are collapsed at first.
     pub is_folded: bool,
     /// The claims.
     pub rows: &'a [ClaimRow],

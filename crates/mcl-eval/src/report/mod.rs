@@ -1,6 +1,6 @@
-//! The report: one page that shows what lies in result folders. [`gather`] reads folder after folder, and
-//! [`page`] makes one HTML file of it that asks nothing of any server. Everything on it comes from rows or, where
-//! there are none (as in folders that are committed), from the tables beside them.
+//! The report: one page for the content of result folders. [`gather`] reads folder after folder, and [`page`]
+//! makes a single HTML file that sends no request to any server. Everything on it is from rows or, where
+//! there are no rows (as in folders that are committed), from the tables beside them.
 
 pub mod answer;
 pub mod at_hand;

@@ -1,4 +1,4 @@
-//! Numbers as a page carries them: whole, in planes of bytes, compressed, as base64.
+//! Encoding of numbers on a page: integers, in planes of bytes, compressed, as base64.
 
 use std::io::Read;
 
@@ -10,37 +10,37 @@ use mcl_core::{Bounds, Point};
 
 use crate::report::payload;
 
-/// Places are given to this (m), unless they are so far apart that 16 bits would not hold them.
+/// Resolution of positions (m), unless their extent would exceed 16 bits.
 const FINEST_STEP: f64 = 0.01;
-/// Steps from one end of all places to the other, at most: differences of places fit into 16 bits, too.
+/// Largest extent of all positions, in steps: differences of positions fit into 16 bits, too.
 const STEPS: f64 = 32_000.0;
-/// What stands for a pose that is not known.
+/// Stands for an unknown pose.
 pub const ABSENT: i16 = i16::MIN;
 
-/// How places become whole numbers: steps from an origin.
+/// Quantization of positions: steps from an origin.
 #[derive(Debug, Clone, Copy)]
 pub struct Steps {
-    /// The middle of all places (m).
+    /// The middle of all positions (m).
     pub origin: Point<2>,
     /// Length of a step (m).
     pub step: f64,
 }
 
 impl Steps {
-    /// For places within these bounds.
+    /// For positions within these bounds.
     pub fn over(bounds: &Bounds<2>) -> Self {
         let extent = bounds.extent(0).max(bounds.extent(1));
         Steps { origin: bounds.center(), step: FINEST_STEP.max(extent / STEPS) }
     }
 
-    /// A place along an axis (m).
+    /// A position along an axis (m), in steps.
     pub fn place(&self, axis: usize, metres: f64) -> i16 {
         self.length(metres - self.origin[axis])
     }
 
-    /// A length (m).
+    /// A length (m), in steps.
     pub fn length(&self, metres: f64) -> i16 {
-        // Saturates; nothing within the bounds does.
+        // Saturates; values within the bounds do not reach the limit.
         (metres / self.step).round().clamp(-32_767.0, 32_767.0) as i16
     }
 }
@@ -56,7 +56,7 @@ pub fn coarse_angle(radians: f64) -> u8 {
 }
 
 /// Arrays of numbers one after the other, little-endian; of each array first all first bytes, then all second
-/// ones, which compresses well.
+/// bytes, which compresses well.
 #[derive(Default)]
 pub struct Packer {
     bytes: Vec<u8>,
@@ -73,16 +73,16 @@ impl Packer {
     /// The arrays, compressed, as base64.
     ///
     /// # Errors
-    /// When there is no memory for it.
+    /// When memory is exhausted.
     pub fn finish(self) -> Result<String> {
         payload::pack(&self.bytes)
     }
 }
 
-/// Sees whether a text holds arrays of so many bytes, without more memory than these take.
+/// Checks that a text contains arrays of this many bytes, with memory limited to that size.
 ///
 /// # Errors
-/// What it holds instead.
+/// What it contains instead.
 pub fn check(text: &str, bytes: usize) -> Result<()> {
     let packed = STANDARD.decode(text).context("data is no base64")?;
     let mut found = Vec::new();
@@ -97,7 +97,7 @@ pub fn check(text: &str, bytes: usize) -> Result<()> {
     Ok(())
 }
 
-/// As many of these as a page carries, evenly from the first to the last.
+/// At most `most` of these, evenly spaced from the first to the last.
 pub fn thinned<T: Copy>(all: &[T], most: usize) -> impl Iterator<Item = T> + '_ {
     let kept = all.len().min(most);
     (0..kept).map(move |k| all[k * all.len() / kept.max(1)])

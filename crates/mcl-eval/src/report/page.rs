@@ -1,7 +1,7 @@
-//! One HTML file of what was gathered.
+//! One HTML file of the gathered results.
 //!
-//! Whatever comes from files is escaped by the templates, and the page allows no script but its own: a content
-//! security policy names their digests, and forbids every request.
+//! Everything from files is escaped by the templates, and the page allows only its own scripts: a content
+//! security policy lists their digests, and forbids every request.
 
 use std::collections::HashMap;
 use std::fs;
@@ -29,14 +29,14 @@ use crate::report::text::{argument, bytes, date, duration, shown, shown_lines};
 
 /// plotly.js, compressed by the build script.
 const PLOTLY: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
-/// Styles and scripts of the page, in their order. What stands in a [`Slot`] brings its own.
+/// Styles and scripts of the page, in order. The content of a [`Slot`] brings its own.
 const STYLES: [&str; 2] =
     [include_str!("../../assets/report.css"), include_str!("../../assets/watch.css")];
 const SCRIPTS: [&str; 2] =
     [include_str!("../../assets/report.js"), include_str!("../../assets/watch.js")];
-/// Bytes of all figures for print on the page, at most.
+/// Limit on the size of all figures for print on the page (bytes).
 const FIGURE_BYTES: usize = 1_800_000;
-/// Studies that are answered first; the others follow in a list that opens.
+/// Studies shown first; the others follow in a collapsed list.
 const FIRST: [&str; 3] = ["likelihood", "localization", "localizers"];
 
 #[derive(Template)]
@@ -55,7 +55,7 @@ struct Page<'a> {
     studies: Vec<StudySection<'a>>,
 }
 
-/// A folder with runs that `localize` recorded.
+/// A folder with runs recorded by `localize`.
 struct LocalizedSection<'a> {
     path: String,
     slot: Option<&'a Slot>,
@@ -63,7 +63,7 @@ struct LocalizedSection<'a> {
 }
 
 impl Page<'_> {
-    /// Whether studies that are answered first, or others, have an answer.
+    /// Whether the studies shown first, or the others, have an answer.
     fn has_answers(&self, first: bool) -> bool {
         self.studies.iter().any(|study| study.is_first == first && !study.comparisons.is_empty())
     }
@@ -84,7 +84,7 @@ struct StudySection<'a> {
     id: String,
     name: String,
     about: String,
-    /// By column of data sets.
+    /// By data set.
     cells: Vec<Vec<RunCell>>,
     is_first: bool,
     comparisons: Vec<Comparison>,
@@ -186,7 +186,7 @@ fn localized((path, slot): &(PathBuf, Result<Slot, String>)) -> LocalizedSection
     LocalizedSection { path, slot: slot.as_ref().ok(), note }
 }
 
-/// No request to anywhere, and no script but these.
+/// The content security policy: no requests, and no scripts but these.
 fn policy<'a>(scripts: impl Iterator<Item = &'a str>) -> String {
     let digest = |script: &str| format!("'sha256-{}'", STANDARD.encode(Sha256::digest(script)));
     let digests: Vec<String> = scripts.map(digest).collect();
@@ -200,7 +200,7 @@ fn folders(report: &Report) -> impl Iterator<Item = &Folder> {
     report.studies.values().flatten()
 }
 
-/// What was run, in sentences.
+/// A summary of what was run, in sentences.
 fn summary(report: &Report, datasets: usize) -> Vec<String> {
     let with_rows: Vec<_> = folders(report).filter_map(|folder| folder.rows).collect();
     let all = folders(report).count();
@@ -229,7 +229,7 @@ fn summary(report: &Report, datasets: usize) -> Vec<String> {
     lines
 }
 
-/// What is not there, in sentences.
+/// What is missing, in sentences.
 fn missing(report: &Report) -> Vec<String> {
     let mut lines = Vec::new();
     let without = folders(report).filter(|folder| folder.rows.is_none()).count();
@@ -449,7 +449,7 @@ fn times(timings: &Table) -> Table {
     table
 }
 
-/// What computes the folder again, and shows it.
+/// The commands that recompute and show the folder.
 fn commands(folder: &Folder) -> String {
     let root = folder.path.parent().and_then(|study| study.parent());
     let root = root.map_or(".".into(), |root| root.to_string_lossy());
@@ -464,8 +464,8 @@ fn commands(folder: &Folder) -> String {
         )
 }
 
-/// Figures for print, compressed: all of them as long as there is room, the smaller ones first, so that one large
-/// picture does not keep many charts away.
+/// Figures for print, compressed: as many as fit, the smaller ones first, so that one large picture does not
+/// displace many charts.
 struct Figures(HashMap<PathBuf, String>);
 
 impl Figures {
@@ -484,7 +484,7 @@ impl Figures {
         Ok(Figures(packed.into_iter().collect()))
     }
 
-    /// Those of a folder that are on the page, and the paths of the others.
+    /// The figures of a folder that are on the page, and the paths of the others.
     fn take(&mut self, id: &str, folder: &Folder) -> (Vec<FigureSection>, Vec<String>) {
         let (mut on_page, mut left_out) = (Vec::new(), Vec::new());
         for (number, figure) in folder.figures.iter().enumerate() {

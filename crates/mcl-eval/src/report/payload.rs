@@ -1,4 +1,4 @@
-//! What the page's script draws and lists, as compressed JSON: points of charts, rows of tables.
+//! The data for the page's script, as compressed JSON: points of charts, rows of tables.
 
 use std::io::Write;
 
@@ -20,14 +20,14 @@ use crate::report::text::shown;
 /// Bytes, compressed, as base64.
 ///
 /// # Errors
-/// When there is no memory for it.
+/// When memory is exhausted.
 pub fn pack(bytes: &[u8]) -> Result<String> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(bytes)?;
     Ok(STANDARD.encode(encoder.finish()?))
 }
 
-/// What is drawn and listed of a result folder.
+/// Charts and tables of a result folder.
 #[derive(Serialize)]
 pub struct Payload {
     /// Its charts.
@@ -40,7 +40,7 @@ pub struct Payload {
 #[derive(Serialize)]
 pub struct Chart {
     name: String,
-    /// Whether values are colours.
+    /// Whether values are shown as colours.
     heat: bool,
     panels: Vec<Drawn>,
 }
@@ -52,7 +52,7 @@ struct Drawn {
     y: Axis,
     labels: Vec<String>,
     styles: Vec<Style>,
-    /// Panels of the same number share their axes.
+    /// Panels with the same number share their axes.
     part: usize,
     points: Vec<DrawnPoint>,
 }
@@ -67,10 +67,10 @@ struct Axis {
     places: Vec<String>,
 }
 
-/// How a curve is drawn.
+/// The style of a curve.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Style {
-    /// Place in the palette.
+    /// Index in the palette.
     pub color: usize,
     /// Name of the dash pattern in plotly.
     pub dash: &'static str,
@@ -81,7 +81,7 @@ pub struct Style {
 /// A table, with all digits.
 #[derive(Serialize)]
 pub struct Listed {
-    /// What it is.
+    /// Its title.
     pub title: String,
     columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
@@ -114,7 +114,7 @@ impl Style {
     }
 }
 
-/// The curves of a chart, each once, with the style that it has in the figures for print.
+/// The curves of a chart, each once, with the same style as in the figures for print.
 pub fn curves(chart: &ChartData) -> Vec<(String, Style)> {
     let labels: Vec<&String> = chart.panels.iter().flat_map(|panel| &panel.labels).collect();
     let mut curves: Vec<(String, Style)> = Vec::new();
@@ -127,7 +127,7 @@ pub fn curves(chart: &ChartData) -> Vec<(String, Style)> {
     curves
 }
 
-/// A chart as the script draws it.
+/// A chart for the script.
 pub fn chart(chart: &ChartData) -> Chart {
     let curves = curves(chart);
     let axis = |axis: &PanelAxis| Axis {
@@ -161,12 +161,12 @@ pub fn chart(chart: &ChartData) -> Chart {
     }
 }
 
-/// A number to seven digits, more than a screen shows, in half the bytes; the tables have all digits.
+/// A number rounded to seven digits, more than a screen shows, in half the bytes; the tables have all digits.
 fn on_screen(number: f64) -> f64 {
     format!("{number:.6e}").parse().unwrap_or(number)
 }
 
-/// A table as the script lists it.
+/// A table for the script.
 pub fn listed(title: &str, table: &Table) -> Listed {
     let column = |name: &String| Column { name: shown(name), label: shown(&name_and_unit(name).0) };
     let cell = |value: &Value| match value {

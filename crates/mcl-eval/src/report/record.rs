@@ -1,4 +1,5 @@
-//! A run as a page plays it: some of its scans, each with the particles, the beams, the poses and the error.
+//! A recording of a run for playback on a page: some of its scans, each with the particles, the beams, the
+//! poses and the error.
 
 use anyhow::{Context, Result, bail, ensure};
 use mcl_core::{Bounds, Point, Pose2, Recording, is_usable_range, math};
@@ -9,43 +10,44 @@ use serde::{Deserialize, Serialize};
 
 use crate::report::pack::{self, ABSENT, Packer, Steps};
 
-/// Scans that are shown, at most.
+/// Largest number of scans shown.
 pub const MOST_FRAMES: usize = 250;
-/// Particles that are shown of each scan: drawn by their weights, in even steps.
+/// Number of particles shown per scan, drawn by their weights with systematic sampling.
 pub const PARTICLES: usize = 40;
-/// Beams that are shown of each scan, at most.
+/// Largest number of beams shown per scan.
 pub const MOST_BEAMS: usize = 60;
-/// Poses of a path that are shown, at most.
+/// Largest number of poses shown of a path.
 pub const MOST_PATH_POSES: usize = 1_500;
-/// Points of a map that are shown, at most; of a map of lines their ends.
+/// Largest number of points shown of a map; for a map of lines, of their ends.
 pub const MOST_MAP_POINTS: usize = 6_000;
-/// What the file of a recorded run says that it is.
+/// The format identifier in the file of a recorded run.
 const FORMAT: &str = "mcl-eval recorded run 1";
-/// How the files of recorded runs end.
+/// Ending of the files of recorded runs.
 pub const RECORDED_END: &str = ".watch.json";
-/// Units of a range (m).
+/// Unit of a range (m).
 const RANGE_STEP: f64 = 0.01;
 
-/// What a map looks like.
+/// The appearance of a map.
 #[derive(Debug, Clone, Default)]
 pub struct MapLooks {
     /// Points, or ends of lines in pairs.
     pub points: Vec<Point<2>>,
     /// Whether they are ends of lines.
     pub are_lines: bool,
-    /// Of how many parts the map consists: points, lines, Gaussians or occupied cells.
+    /// Number of elements of the map: points, lines, Gaussians or occupied cells.
     pub size: usize,
 }
 
 impl MapLooks {
-    /// Of points.
+    /// From points.
     pub fn of_points(points: &[Point<2>]) -> Self {
         let size = points.len();
         let points = pack::thinned(points, MOST_MAP_POINTS).collect();
         MapLooks { points, are_lines: false, size }
     }
 
-    /// Of a map of a study: of NDT maps the means are shown, of grids the occupied cells that beams end on.
+    /// From a map of a study: for NDT maps the means are shown, for grids the occupied cells that beams end
+    /// on.
     ///
     /// # Errors
     /// When a grid has no such cells.
@@ -67,7 +69,7 @@ impl MapLooks {
     }
 }
 
-/// A run as a page plays it.
+/// A run for playback on a page.
 ///
 /// `data` holds, by [`Packer`]: per shown scan the time (`u32`, ms), the scan's number in the log and the number of
 /// poses of the paths until then (`u32`); x, y, θ of the
@@ -80,38 +82,38 @@ impl MapLooks {
 #[serde(deny_unknown_fields)]
 pub struct RecordedRun {
     format: String,
-    /// The run in words.
+    /// A description of the run.
     pub label: String,
-    /// Shown scans, of `scans`.
+    /// Number of shown scans, of `scans`.
     pub frames: usize,
-    /// Scans of the run.
+    /// Number of scans of the run.
     pub scans: usize,
-    /// Particles per shown scan.
+    /// Number of particles per shown scan.
     pub particles: usize,
-    /// Beams per shown scan.
+    /// Number of beams per shown scan.
     pub beams: usize,
-    /// Poses of each path.
+    /// Number of poses of each path.
     pub path_poses: usize,
-    /// Shown points of the map.
+    /// Number of shown points of the map.
     pub map_points: usize,
-    /// Of how many parts the map consists.
+    /// Number of elements of the map.
     pub map_size: usize,
     /// Whether the map's points are ends of lines, in pairs.
     pub map_is_lines: bool,
-    /// Whether times are from stamps; else they count scans (s).
+    /// Whether times are from stamps; otherwise they count scans, as seconds.
     pub is_stamped: bool,
-    /// The place (m) that coordinates count from.
+    /// The origin of the coordinates (m).
     pub origin: [f64; 2],
     /// Unit of the coordinates (m).
     pub step_m: f64,
     /// Means over the scans that have a reference: weighted error, translation (m), heading (rad).
     pub mean_errors: Option<[f64; 3]>,
-    /// What the rest is.
+    /// The packed arrays.
     pub data: String,
 }
 
 impl RecordedRun {
-    /// Reads what [`RecordedRun::to_json`] wrote, or somebody else.
+    /// Parses the output of [`RecordedRun::to_json`], which may have been changed by others.
     ///
     /// # Errors
     /// What is wrong with it.
@@ -141,13 +143,13 @@ impl RecordedRun {
     /// Its text.
     ///
     /// # Errors
-    /// When there is no memory for it.
+    /// When memory is exhausted.
     pub fn to_json(&self) -> Result<String> {
         Ok(serde_json::to_string(self)?)
     }
 }
 
-/// What is recorded of a shown scan.
+/// The recording of a shown scan.
 struct Frame {
     time_s: f64,
     scan: usize,
@@ -158,18 +160,18 @@ struct Frame {
     worst: f64,
     particles: Vec<Pose2>,
     used_particles: usize,
-    /// Directions and ranges; 0 for none.
+    /// Directions (rad) and ranges (m); 0 for no return.
     beams: Vec<(f64, f64)>,
 }
 
-/// Records a run while it goes.
+/// Records a run in progress.
 pub struct Recorder {
-    /// Per scan of the run.
+    /// Time per scan of the run (s).
     times: Vec<f64>,
     reference: Vec<Option<Pose2>>,
-    /// Places of the shown scans in the run, increasing.
+    /// Indices of the shown scans in the run, increasing.
     shown: Vec<usize>,
-    /// Places of the run's scans in the log.
+    /// Indices of the run's scans in the log.
     scans: Vec<usize>,
     is_stamped: bool,
     max_range: f64,
@@ -180,13 +182,13 @@ pub struct Recorder {
     rated: usize,
     metric: WeightedPoseError,
     frames: Vec<Frame>,
-    /// Reference and estimate of every first, second, third, … scan.
+    /// Reference and estimate of every n-th scan.
     path: Vec<(Option<Pose2>, Pose2)>,
 }
 
 impl Recorder {
-    /// For a run over a replay. `reference` has an entry per scan of the run, and `scans` their places in the log;
-    /// `carried_off` is the first scan of the run after the robot was carried elsewhere, where the time of the log
+    /// For a run over a replay. `reference` has an entry per scan of the run, and `scans` has their indices
+    /// in the log; `carried_off` is the first scan of the run after a kidnapping, where the time of the log
     /// jumps.
     pub fn new(
         replay: &Replay<'_>,
@@ -224,7 +226,7 @@ impl Recorder {
         Self::new(&replay, reference, scans.clone(), None, max_range)
     }
 
-    /// Sees a step of the run on this recording.
+    /// Records a step of the run on this recording.
     pub fn step(&mut self, recording: &Recording, step: &Step<'_>) {
         let place = self.place;
         self.place += 1;
@@ -264,7 +266,7 @@ impl Recorder {
         });
     }
 
-    /// The run, which has ended, on this map.
+    /// Finishes the recording, with this map.
     ///
     /// # Errors
     /// When it has no scans.
@@ -367,12 +369,12 @@ fn packed(
     packer
 }
 
-/// The beams that are shown of so many: every first, second, third, …
+/// The indices of the shown beams: every n-th.
 fn shown_beams(beams: usize) -> impl Iterator<Item = usize> + Clone {
     (0..beams).step_by(beams.div_ceil(MOST_BEAMS).max(1))
 }
 
-/// Particles drawn by their weights, in even steps: as many as are shown. Poses of the laser.
+/// Particles drawn by their weights with systematic sampling: as many as are shown. Poses of the laser.
 fn drawn(particles: &Particles, robot_from_laser: &Pose2) -> Vec<Pose2> {
     let mut shown = Vec::with_capacity(PARTICLES);
     let mut sum = 0.0;
@@ -384,12 +386,12 @@ fn drawn(particles: &Particles, robot_from_laser: &Pose2) -> Vec<Pose2> {
             shown.push(pose.compose(robot_from_laser));
         }
     }
-    // Weights sum to one but for rounding.
+    // Weights sum to one up to rounding.
     shown.resize(PARTICLES, last.compose(robot_from_laser));
     shown
 }
 
-/// Seconds since the first scan of the run, never going back, and whether stamps say so.
+/// Seconds since the first scan of the run, never decreasing, and whether they are from stamps.
 fn times(replay: &Replay<'_>, carried_off: Option<usize>) -> (Vec<f64>, bool) {
     let stamps: Option<Vec<_>> =
         replay.scans.iter().map(|&scan| replay.recording.scans[scan].stamp).collect();
@@ -409,7 +411,8 @@ fn times(replay: &Replay<'_>, carried_off: Option<usize>) -> (Vec<f64>, bool) {
     (times, true)
 }
 
-/// Places of times that do not decrease, at most so many, at even steps of time, with the first and the last.
+/// Indices into non-decreasing times, at most `most`, at even steps of time, including the first and the
+/// last.
 fn evenly(times: &[f64], most: usize) -> Vec<usize> {
     let Some((last, duration)) = times.len().checked_sub(1).zip(times.last()) else {
         return Vec::new();
@@ -436,7 +439,7 @@ mod tests {
     fn shown_scans_are_even_in_time_with_both_ends() {
         assert_eq!(evenly(&[], 3), [0; 0]);
         assert_eq!(evenly(&[0.0, 1.0, 2.0], 3), [0, 1, 2]);
-        // The robot stands still for long: fewer are shown than could be, and none twice.
+        // The robot stands still for long: fewer are shown than possible, and none twice.
         let times: Vec<f64> = (0..100).map(|k| if k < 50 { f64::from(k) } else { 1e4 }).collect();
         let shown = evenly(&times, 10);
         assert_eq!((shown.first(), shown.last()), (Some(&0), Some(&99)));
@@ -460,7 +463,7 @@ mod tests {
         Recording { scans, robot_from_laser: Pose2::IDENTITY }
     }
 
-    /// Logs step back in time, and robots are carried off to another time of the log.
+    /// Logs step back in time, and a kidnapped robot continues at another time of the log.
     #[test]
     fn time_never_goes_back_and_does_not_jump_where_the_robot_is_carried_off() {
         let log = recording(&[Some(10), Some(12), Some(11), Some(500), Some(501)]);

@@ -1,4 +1,4 @@
-//! Places on the page that another script fills: runs to watch and maps to compare.
+//! Slots on the page that another script fills: runs to watch and maps to compare.
 
 use anyhow::Result;
 use mcl_core::text::printable;
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::report::text::shown;
 
-/// What fills a place.
+/// The kind of content of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SlotKind {
     /// A run: `<div class="watch" data-run="ID"></div>`.
@@ -15,22 +15,22 @@ pub enum SlotKind {
     CompareMaps,
 }
 
-/// A place in the section of a result folder. The page gives it an ID, and beside it stands
-/// `<script type="application/json" id="ID">` with its data; `watch.js` mounts every such element.
+/// A slot in the section of a result folder. The page gives it an ID, and adds `<script
+/// type="application/json" id="ID">` with its data; `watch.js` mounts every such element.
 #[derive(Debug, Clone)]
 pub struct Slot {
-    /// What fills it.
+    /// Its kind.
     pub kind: SlotKind,
     /// Its heading.
     pub title: String,
-    /// What there is to see, for those who do not see it.
+    /// A text description for readers who cannot see it.
     pub text: String,
     /// Its data, safe within a script element.
     pub json: String,
 }
 
 impl Slot {
-    /// A place with its data.
+    /// A slot with its data.
     ///
     /// # Errors
     /// When the data cannot be written as JSON.
@@ -56,7 +56,7 @@ impl Slot {
     }
 }
 
-/// JSON that ends no script element and begins no comment in it: within JSON, `<` stands in strings only.
+/// JSON that cannot end a script element or begin a comment in it: in JSON, `<` occurs in strings only.
 pub fn script_safe(json: &str) -> String {
     json.replace('<', r"\u003c")
 }

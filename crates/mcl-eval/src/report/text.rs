@@ -4,11 +4,11 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use mcl_core::text::{printable, thousands};
 
-/// Characters of a name that are shown at most.
+/// Length limit of a shown name, in characters.
 const MOST: usize = 200;
 
-/// Text from files, to be shown: what acts becomes escapes, and what is too long is cut, with its length. Markup
-/// is escaped by the templates.
+/// Text from files, for display: control characters are escaped, and long text is truncated, with its length.
+/// Markup is escaped by the templates.
 pub fn shown(text: &str) -> String {
     match text.char_indices().nth(MOST) {
         None => printable(text).into_owned(),
@@ -19,7 +19,7 @@ pub fn shown(text: &str) -> String {
     }
 }
 
-/// A file's text: as [`shown`], but of any length, and lines stay lines.
+/// A file's text: as [`shown`], but of any length, and with its line breaks.
 pub fn shown_lines(text: &str) -> String {
     let lines: Vec<_> = text.lines().map(|line| printable(line).replace(r"\u{9}", "\t")).collect();
     lines.join("\n")
@@ -52,8 +52,8 @@ pub fn date(time: SystemTime) -> String {
     format!("{year:04}-{month:02}-{day:02} {:02}:{:02} UTC", minutes / 60, minutes % 60)
 }
 
-/// Year, month and day of a day since 1970, in the Gregorian calendar. Years begin in March here, so that
-/// leap days end them.
+/// Year, month and day for a day since 1970, in the Gregorian calendar. Years begin in March here, so that
+/// leap days come last.
 fn civil(days: u64) -> [u64; 3] {
     let days = days + 719_468;
     let (era, of_era) = (days / 146_097, days % 146_097);
@@ -65,7 +65,7 @@ fn civil(days: u64) -> [u64; 3] {
     [era * 400 + year + carry, month, day]
 }
 
-/// An argument of a command, as a shell takes it.
+/// An argument of a command, quoted for a shell.
 pub fn argument(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=:@%".contains(c);
     match !text.is_empty() && text.chars().all(is_plain) {

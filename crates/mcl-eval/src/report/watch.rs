@@ -1,5 +1,5 @@
-//! Runs to watch: of a study the best, the median and the worst of one setting, computed again; of a folder that
-//! `localize` wrote those that it recorded.
+//! Runs to watch: of a study the best, the median and the worst of one setting, recomputed; of an output
+//! folder of `localize` the recorded ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,27 +27,27 @@ use serde::Serialize;
 use crate::report::record::{MapLooks, RECORDED_END, RecordedRun, Recorder};
 use crate::report::text::shown;
 
-/// What the mean of which runs are ranked by.
+/// The column whose mean ranks the runs.
 const RANKED_BY: &str = "weighted";
-/// The size (percent) that is shown where a study has several and pictures none.
+/// The preferred size (percent) where a study has several and no picture.
 const SIZE: f64 = 1.0;
-/// A file of a recorded run at most (bytes).
+/// Size limit of the file of a recorded run (bytes).
 const MOST_BYTES: u64 = 2 << 20;
-/// Recorded runs of a folder that are looked at, at most.
+/// Largest number of recorded runs read from a folder.
 const MOST_FILES: usize = 10_000;
 
-/// Runs to watch beside one another.
+/// Runs to watch side by side.
 #[derive(Debug, Serialize)]
 pub struct Watch {
-    /// What they are runs of.
+    /// A description of the runs.
     pub title: String,
-    /// Which runs they are, in a sentence.
+    /// How they were chosen, in a sentence.
     pub rule: String,
     /// The runs, the best first.
     pub runs: Vec<WatchedRun>,
 }
 
-/// A run, and why it is shown.
+/// A run, and why it was chosen.
 #[derive(Debug, Serialize)]
 pub struct WatchedRun {
     /// "best", "median" or "worst".
@@ -56,27 +56,27 @@ pub struct WatchedRun {
     pub run: RecordedRun,
 }
 
-/// The runs of a study that are shown.
+/// The chosen runs of a study.
 #[derive(Debug)]
 pub struct Chosen {
-    /// Which they are, in a sentence.
+    /// How they were chosen, in a sentence.
     pub rule: String,
-    /// Each with its role and what its row says of it.
+    /// Each with its role and its row.
     pub runs: Vec<ChosenRun>,
 }
 
-/// A run of a study that is shown.
+/// A chosen run of a study.
 #[derive(Debug)]
 pub struct ChosenRun {
     /// "best", "median" or "worst".
     pub role: &'static str,
     /// The map and the run.
     pub trial: Trial,
-    /// What was measured of the run.
+    /// The measurements of the run.
     row: Cells,
 }
 
-/// The best, the median and the worst of so many that are sorted, each once.
+/// The indices of the best, the median and the worst of `number` sorted runs, each once.
 fn ranked(number: usize) -> Vec<(&'static str, usize)> {
     match number {
         0 => Vec::new(),
@@ -86,7 +86,7 @@ fn ranked(number: usize) -> Vec<(&'static str, usize)> {
     }
 }
 
-/// How far a map is from the one that a study without pictures is shown by: the paper's builder, improved, at
+/// The distance of a map from the preferred one of a study without pictures: the paper's builder, refined, at
 /// `SIZE`.
 pub fn distance_from_shown(map: &MapRecipe) -> (u8, f64) {
     let kind = match map.kind.kind {
@@ -102,11 +102,11 @@ pub fn distance_from_shown(map: &MapRecipe) -> (u8, f64) {
     (kind, size)
 }
 
-/// The settings of a study whose runs are shown: those of its first picture of a run, else the ones nearest to
-/// [`distance_from_shown`]. Runs of programs of others are left out.
+/// Chooses the settings whose runs are shown: those of the study's first picture of a run, else the ones
+/// nearest to [`distance_from_shown`]. Runs of external programs are left out.
 ///
 /// # Errors
-/// Why there are none.
+/// Why there are no runs to show.
 pub fn choose(results: &Results, plan: &Plan) -> Result<Chosen> {
     let of_own = |run: &&RunRecipe| run.program().is_none();
     let mut all: Vec<(&MapRecipe, &RunRecipe)> = Vec::new();
@@ -149,11 +149,11 @@ pub fn choose(results: &Results, plan: &Plan) -> Result<Chosen> {
     bail!("its rows are missing")
 }
 
-/// Of runs that differ in draw and run only.
+/// Ranks runs that differ in draw and run only.
 fn rank(found: Vec<(Trial, Row<'_>)>, map: &MapRecipe, run: &RunRecipe) -> Chosen {
     let mut found: Vec<(f64, Trial, Row<'_>)> = found
         .into_iter()
-        // One that was never located has no mean, and is worse than any.
+        // A run without estimate has no mean, and ranks worst.
         .map(|(trial, row)| (row.number(RANKED_BY).unwrap_or(f64::INFINITY), trial, row))
         .collect();
     found.sort_by(|(a, ..), (b, ..)| a.total_cmp(b));
@@ -196,7 +196,7 @@ fn rule(runs: &str, of: &str, number: usize) -> String {
 
 /// The row whose recipe has these cells.
 pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
-    // What differs most often comes first: draw and kind of map.
+    // Settings that differ most often come first: draw and kind of map.
     let told = |name: &str| matches!(name, "draw" | "map" | "size_percent");
     let (first, others): (Vec<_>, Vec<_>) = recipe.iter().partition(|(name, _)| told(name));
     let is_it =
@@ -204,10 +204,10 @@ pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
     results.table.rows().find(is_it)
 }
 
-/// Computes the chosen runs of a study again.
+/// Recomputes the chosen runs of a study.
 ///
 /// # Errors
-/// When a run cannot be repeated, or comes out otherwise than its row says.
+/// When a run cannot be repeated, or differs from its row.
 pub fn repeat(title: String, chosen: &Chosen, data: &StudyData) -> Result<Watch> {
     let maps = Maps::<2>::new(data, chosen.runs.iter().map(|chosen| &chosen.trial.map))?;
     let one = |chosen: &ChosenRun| -> Result<WatchedRun> {
@@ -247,7 +247,7 @@ fn repeat_one(chosen: &ChosenRun, maps: &Maps<'_, 2>, data: &StudyData) -> Resul
     recorder.context("the run has no scans")?.finish(label, &MapLooks::of(&map.shape)?)
 }
 
-/// Sees whether what was measured again is what a row says, to the last bit.
+/// Checks that recomputed measurements equal those of a row, bit for bit.
 ///
 /// # Errors
 /// The first difference.
@@ -275,15 +275,16 @@ pub fn recorded_runs(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Whether `localize` recorded runs in a folder. One that cannot be read has none.
+/// Whether a folder has runs recorded by `localize`; false if it cannot be read.
 pub fn has_recorded(folder: &Path) -> bool {
     recorded_runs(folder).is_ok_and(|files| !files.is_empty())
 }
 
-/// The recorded runs of a folder that `localize` wrote.
+/// The recorded runs of an output folder of `localize`.
 ///
 /// # Errors
-/// When the folder or a file in it cannot be read, a file is no recorded run, or there are none or too many.
+/// When the folder or a file in it cannot be read, a file is not a recorded run, or there are none or too
+/// many.
 pub fn localized(folder: &Path) -> Result<Watch> {
     let in_folder = || folder.display().to_string();
     let files = recorded_runs(folder).with_context(in_folder)?;
@@ -294,7 +295,7 @@ pub fn localized(folder: &Path) -> Result<Watch> {
     }
     let (first, _) = found.first().with_context(|| format!("{}: no recorded runs", in_folder()))?;
     let is_rated = first.is_finite();
-    // Without a reference nobody knows which is better.
+    // Without a reference it is not known which is better.
     found.truncate(if is_rated { found.len() } else { 1 });
     found.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let runs = ranked(found.len())
@@ -322,7 +323,7 @@ fn read(path: &Path) -> Result<RecordedRun> {
 }
 
 impl Watch {
-    /// What there is to see, for those who cannot see it.
+    /// A text description for readers who cannot see it.
     pub fn describe(&self) -> String {
         let of_run = |WatchedRun { role, run }: &WatchedRun| match run.mean_errors {
             Some([weighted, translation, heading]) => format!(

@@ -1,4 +1,4 @@
-//! Where points without scans come from: a point cloud file, the point clouds of a bag, or a simulated cloud.
+//! Points without scans: from a point cloud file, the point clouds of a bag, or a simulated cloud.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 
 use crate::data::options::{SourceOptions, stem};
 
-/// Points in the dimension that they have, or that was asked for.
+/// Points in their own dimension, or the requested one.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Points {
     /// In the plane.
@@ -45,7 +45,7 @@ impl Points {
     }
 }
 
-/// Points without scans, opened under a name: maps can be built of them, but no robot localized.
+/// Points without scans, opened under a name: maps can be built from them, but no robot can be localized.
 #[derive(Debug, Clone)]
 pub struct CloudSource {
     /// Name of the data set, or the file's name without its ending: names the results.
@@ -54,7 +54,7 @@ pub struct CloudSource {
     pub title: String,
     /// The points, in the file's order.
     pub points: Points,
-    /// What kind of file it is.
+    /// The kind of file.
     pub kind: &'static str,
     /// Number of clouds that were joined.
     pub clouds: usize,
@@ -65,15 +65,15 @@ pub struct CloudSource {
     /// Largest distance from the origin of a cloud's frame that counts, in metres, inclusive; then points at
     /// the origin do not count either. `None`: all points count.
     pub max_range: Option<f64>,
-    /// What of a bag was ignored or skipped.
+    /// What was ignored or skipped of a bag.
     pub report: ReadReport,
     /// How a bag was read, a line each.
     pub notes: Vec<String>,
-    /// What a bag left open and how that was settled, a line each.
+    /// What a bag leaves open, and what was assumed, a line each.
     pub assumptions: Vec<String>,
 }
 
-/// Points in space as a reader gave them.
+/// Points in space as returned by a reader.
 #[derive(Default)]
 struct Read {
     points: Vec<Point<3>>,
@@ -102,7 +102,7 @@ impl CloudSource {
     /// Opens a data set of a registry that is a point cloud.
     ///
     /// # Errors
-    /// When its file is not at hand or cannot be read.
+    /// When its file is not available or cannot be read.
     pub fn open_dataset(
         registry: &Registry,
         dataset: &Dataset,
@@ -112,7 +112,7 @@ impl CloudSource {
         let read = match &dataset.source {
             Source::File(_) => read(&registry.locate(dataset)?, Some(max_range), options)?,
             Source::Simulated { seed } => {
-                // The lidar measures no farther; its points stand in the map's frame.
+                // The lidar has the same range; its points are in the map's frame.
                 let lidar = LidarSettings { max_range, ..LidarSettings::default() };
                 let points = simulate_cloud(&OfficeSettings::default(), &lidar, Seed::new(*seed))?;
                 let readings = points.len();
@@ -156,7 +156,7 @@ impl CloudSource {
         })
     }
 
-    /// What the registry knows of a data set that is a point cloud, of one of its files.
+    /// The facts of a data set that is a point cloud, computed from one of its files.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -220,7 +220,7 @@ fn dimensions(points: &[Point<3>]) -> usize {
     if points.iter().any(|point| point[2] != points[0][2]) { 3 } else { 2 }
 }
 
-/// What a cloud is, where a log is needed.
+/// The usage error for a point cloud where a log is needed.
 pub fn refuse_cloud<T>(name: &str) -> Result<T> {
     None.with_context(|| {
         format!(

@@ -1,4 +1,4 @@
-//! What the data of a study was.
+//! Facts about the data of a study.
 
 use anyhow::Result;
 use mcl_core::text::thousands;
@@ -6,21 +6,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::source::{DataSource, digest};
 
-/// What the data of a study was.
+/// Facts about the data of a study.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DataFacts {
-    /// Name in the registry, or of the file; it seeds draws.
+    /// Name in the registry, or of the file; part of the seed of random draws.
     pub name: String,
     /// Title for figures.
     pub title: String,
-    /// SHA-256 of the content, whatever the file it came from.
+    /// SHA-256 of the content, independent of the file it was read from.
     pub sha256: String,
     /// Dimensions of its points.
     pub dimensions: usize,
     /// Number of scans or clouds.
     pub scans: usize,
-    /// Largest reading that counted, in metres; of a point cloud without limit none.
+    /// Largest reading that counted, in metres; `None` for a point cloud without limit.
     pub max_range: Option<f64>,
     /// Number of points.
     pub points: usize,

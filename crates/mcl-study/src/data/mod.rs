@@ -1,4 +1,4 @@
-//! The data that maps are built of: logs and point clouds, opened by path or by name.
+//! The data that maps are built from: logs and point clouds, opened by path or by name.
 
 pub mod cloud_source;
 pub mod facts;

@@ -1,4 +1,4 @@
-//! How to read what is opened, and what it is called.
+//! Options for opening data.
 
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -9,31 +9,31 @@ use mcl_datasets::log::{ReadOptions, ReferencePoses};
 
 use crate::data::reference;
 
-/// How to read a log, as far as the user says.
+/// Options for reading a log, as far as the user sets them.
 #[derive(Debug, Clone, Default)]
 pub struct SourceOptions {
     /// Largest reading that counts, in metres.
     pub max_range: Option<f64>,
-    /// Where the reference is from.
+    /// The source of the reference.
     pub reference: Option<ReferenceSource>,
-    /// What the content of a log leaves open; its reference follows from the one above.
+    /// Options for what the content of a log leaves open; its reference follows from the field above.
     pub read: ReadOptions,
     /// Topic of a bag's point clouds.
     pub cloud_topic: Option<String>,
-    /// 2 or 3, whatever a point cloud says itself; 2 drops its heights.
+    /// 2 or 3, overriding the dimensions of a point cloud; 2 drops its heights.
     pub dimensions: Option<usize>,
 }
 
-/// Where the reference of a log is from.
+/// The source of a log's reference.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ReferenceSource {
     /// The log itself.
     Log(ReferencePoses),
-    /// A file of its own: a TUM file, a bag or a CARMEN log.
+    /// A separate file: a TUM file, a bag or a CARMEN log.
     File(PathBuf),
 }
 
-/// `auto`, `recorded` and `none`, and anything else as the name of a file.
+/// `auto`, `recorded` and `none`; anything else is the name of a file.
 impl FromStr for ReferenceSource {
     type Err = Infallible;
 
@@ -46,7 +46,7 @@ impl FromStr for ReferenceSource {
 }
 
 impl SourceOptions {
-    /// How to read the log, where the user does not say whether there is a reference: `reference`.
+    /// Options for reading the log; `reference` applies where the user does not choose one.
     ///
     /// # Errors
     /// When the reference is a file that cannot be read.
@@ -67,7 +67,7 @@ impl SourceOptions {
 
 /// The file's name up to its first dot: `intel.gfs.log.gz` is `intel`.
 pub fn stem(path: &Path) -> String {
-    // The folder of a bag may be given as `.` or `..`, which name nothing.
+    // The folder of a bag may be given as `.` or `..`, which are not names.
     let absolute = path.canonicalize();
     let path = match path.file_name() {
         Some(_) => path,

@@ -1,4 +1,4 @@
-//! Reference poses from a file of their own.
+//! Reference poses from a separate file.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -14,12 +14,12 @@ use mcl_metrics::trajectory_file::{
 use mcl_metrics::tum::TumError;
 use serde::Deserialize;
 
-/// A row per run, some hundred bytes each.
+/// Size limit of `summary.json` (bytes): it has a row per run of some hundred bytes.
 const MAX_SUMMARY_BYTES: u64 = 1 << 28;
 const LASER: &str = "laser";
 
-/// Where the laser is on the robot, of a trajectory that `localize` wrote: its folder's `summary.json` says so, and the
-/// poses are those of the laser.
+/// Mount of the laser for a trajectory written by `localize`: it is stated in the folder's `summary.json`,
+/// and the poses are those of the laser.
 pub fn mount_of_run(path: &Path) -> Option<Pose2> {
     #[derive(Deserialize)]
     struct Summary {
@@ -37,7 +37,7 @@ pub fn mount_of_run(path: &Path) -> Option<Pose2> {
     Some(setup.robot_from_laser)
 }
 
-/// The poses of a TUM file in space; rows that are none are passed over, as what reads them refuses those.
+/// The poses of a TUM file in space; malformed rows are skipped here, as the reader of the file refuses them.
 fn in_space(path: &Path) -> Result<impl Iterator<Item = PoseInSpace>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let lines = BufReader::new(file).lines().map_while(|line| line.ok());
@@ -55,7 +55,7 @@ fn in_space(path: &Path) -> Result<impl Iterator<Item = PoseInSpace>> {
 /// Reads the reference from a file of a trajectory, a topic of a bag, or the corrected poses of a CARMEN log.
 ///
 /// # Errors
-/// When it cannot be read, has no poses, or a topic is asked for of what is no bag.
+/// When it cannot be read, has no poses, or a topic is requested of a file that is not a bag.
 pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
     let told = path.display();
     if is_bag(path)? {

@@ -1,4 +1,4 @@
-//! Where scans come from: a log file, a data set of the registry, or the simulated office.
+//! Sources of scans: a log file, a data set of the registry, or the simulated office.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -18,8 +18,8 @@ use sha2::{Digest, Sha256};
 use crate::data::cloud_source::{CloudSource, Points, refuse_cloud};
 use crate::data::options::{SourceOptions, stem};
 
-/// Readings beyond this (m) are no measurements, unless a data set or the user says otherwise; the
-/// paper's limit.
+/// Readings beyond this (m) do not count as measurements, unless a data set or the user sets another limit;
+/// the paper's limit.
 pub const DEFAULT_MAX_RANGE: f64 = 10.0;
 
 /// A log, opened under a name.
@@ -33,7 +33,7 @@ pub struct LogSource {
     pub recording: Recording,
     /// Where reference and odometry come from; `None` for the simulation, which knows both.
     pub kind: Option<LogKind>,
-    /// The reference, and whose poses it has; `None` without one.
+    /// The reference, and the frame of its poses; `None` without one.
     pub reference: Option<String>,
     /// What was ignored or skipped.
     pub report: ReadReport,
@@ -41,13 +41,13 @@ pub struct LogSource {
     pub notes: Vec<String>,
     /// The topics of a bag, and which of them were read.
     pub survey: Option<Survey>,
-    /// What a bag left open and how that was settled, a line each.
+    /// What a bag leaves open, and what was assumed, a line each.
     pub assumptions: Vec<String>,
     /// Largest reading that counts as a measurement, in metres, inclusive.
     pub max_range: f64,
 }
 
-/// What maps can be built of.
+/// Data that maps can be built from.
 #[derive(Debug, Clone)]
 pub enum DataSource {
     /// Scans along a path.
@@ -58,8 +58,8 @@ pub enum DataSource {
 
 impl DataSource {
     /// Opens a log, a point cloud (.ply, .pcd, .csv) or a data set of either kind. A bag is read for its
-    /// point clouds when it has no scans, when a topic of clouds is named, or three dimensions are asked for.
-    /// Of a log as [`LogSource::open`], whole as [`LogSource::open_whole`].
+    /// point clouds when it has no scans, when a topic of clouds is given, or three dimensions are requested.
+    /// A log is opened as by [`LogSource::open`], or, if `whole`, by [`LogSource::open_whole`].
     ///
     /// # Errors
     /// As [`LogSource::open`] and [`CloudSource::open`].
@@ -137,7 +137,7 @@ impl DataSource {
     }
 }
 
-/// What a log, point cloud or data set will be called once it is open: see [`LogSource::name`].
+/// The name that a log, point cloud or data set will have once it is open: see [`LogSource::name`].
 pub fn name_of(name_or_path: &str) -> String {
     match Path::new(name_or_path) {
         path if is_path(path) => stem(path),
@@ -145,13 +145,13 @@ pub fn name_of(name_or_path: &str) -> String {
     }
 }
 
-/// Whether a name is that of a file or folder, and not of a data set.
+/// Whether a name refers to a file or folder, and not to a data set.
 fn is_path(path: &Path) -> bool {
     let looks_like_path = path.components().count() > 1 || path.extension().is_some();
     path.is_file() || looks_like_path || is_bag_folder(path)
 }
 
-/// Whether an error is that a bag has no scans, or no point clouds.
+/// Whether the error is that a bag has no scans, or no point clouds.
 fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
     match error.downcast_ref::<LogError>() {
         Some(LogError::Bag { error, .. }) => what(error),
@@ -160,7 +160,7 @@ fn is_missing(error: &anyhow::Error, what: fn(&BagError) -> bool) -> bool {
 }
 
 impl LogSource {
-    /// Of scans that are at hand, under a name that is the title as well, and the paper's limit of readings.
+    /// A source of scans in memory, with the name as title, and the paper's limit of readings.
     pub fn of_recording(name: &str, recording: Recording) -> Self {
         LogSource {
             name: name.to_owned(),
@@ -176,12 +176,12 @@ impl LogSource {
         }
     }
 
-    /// Opens a log by path or a data set by name. A file of that path (or the folder of a bag) comes
-    /// first, then the registry. Scans at either end of a bag that lie outside of its odometry or its
-    /// reference are left out, and [`LogSource::assumptions`] says so: nothing could be done with them.
+    /// Opens a log by path or a data set by name. A file of that path (or the folder of a bag) comes first,
+    /// then the registry. Scans at either end of a bag that lie outside of its odometry or its reference are
+    /// left out, as they cannot be used, and listed in [`LogSource::assumptions`].
     ///
     /// # Errors
-    /// When there is neither, or it cannot be read; the message says where it was looked for.
+    /// When there is neither, or it cannot be read; the message lists where it was looked for.
     pub fn open(name_or_path: &str, options: &SourceOptions) -> Result<Self> {
         Ok(Self::open_whole(name_or_path, options)?.covered())
     }
@@ -213,7 +213,7 @@ impl LogSource {
     /// Opens a data set of a registry.
     ///
     /// # Errors
-    /// When its file is not at hand or cannot be read.
+    /// When its file is not available or cannot be read.
     pub fn open_dataset(
         registry: &Registry,
         dataset: &Dataset,
@@ -262,7 +262,7 @@ impl LogSource {
     /// Without the scans at either end of a bag that lie outside of its odometry or its reference.
     pub fn covered(mut self) -> Self {
         let scans = &self.recording.scans;
-        // Poses of CARMEN logs stand beside the scans: only those from elsewhere may begin later.
+        // Poses of CARMEN logs are in the records of the scans: only those of other sources may begin later.
         let has_reference_apart = scans.iter().any(|scan| scan.map_from_laser.is_some())
             && scans.iter().any(|scan| scan.map_from_laser.is_none());
         if self.kind != Some(LogKind::Bag) && !has_reference_apart {
@@ -270,7 +270,7 @@ impl LogSource {
         }
         let scans = &self.recording.scans;
         let with_reference = span(scans.len(), |index| scans[index].map_from_laser.is_some());
-        // A step connects its scan with the one before.
+        // A step connects its scan with the previous one.
         let with_odometry = span(scans.len(), |index| {
             let next = scans.get(index + 1);
             (index > 0 && scans[index].odometry.is_some())
@@ -290,7 +290,8 @@ impl LogSource {
         self
     }
 
-    /// What the reader of the log says of its odometry or its reference, to follow a sentence that there is none.
+    /// The reader's remarks on the odometry or the reference, to be appended to a sentence that there is
+    /// none.
     pub fn reasons(&self, what: &str) -> String {
         let said = self.report.doubts.iter().chain(&self.assumptions);
         let told: Vec<&str> =
@@ -298,14 +299,14 @@ impl LogSource {
         if told.is_empty() { String::new() } else { format!(" ({})", told.join("; ")) }
     }
 
-    /// The log, cut off after this many scans.
+    /// The log, truncated after this many scans.
     pub fn first_scans(mut self, count: usize) -> Self {
         self.recording.scans.truncate(count);
         self
     }
 
-    /// The point set D. Scans in a gap of the reference, which the reader of the log has reported, have no part
-    /// in it.
+    /// The point set D. Scans in a gap of the reference, which the reader of the log has reported, contribute
+    /// nothing.
     ///
     /// # Errors
     /// When the log has no reference poses, or no usable reading.
@@ -361,7 +362,7 @@ pub(crate) fn placed(recording: &Recording) -> Cow<'_, Recording> {
     Cow::Owned(placed)
 }
 
-/// From the first to the last scan that has something; all of them where none has.
+/// The range from the first to the last scan for which `has` holds; all scans where there is none.
 fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
     let with = || (0..scans).filter(|&index| has(index));
     match (with().next(), with().next_back()) {
@@ -370,8 +371,8 @@ fn span(scans: usize, has: impl Fn(usize) -> bool) -> Range<usize> {
     }
 }
 
-/// SHA-256 of what a recording holds (where the laser is mounted, readings, directions, poses, odometry,
-/// stamps), whatever the file it came from.
+/// SHA-256 of the content of a recording (mount of the laser, readings, directions, poses, odometry, stamps),
+/// independent of the file it was read from.
 pub fn digest(recording: &Recording) -> String {
     let mut hash = Sha256::new();
     let mut number = |value: f64| hash.update(value.to_bits().to_le_bytes());
@@ -387,7 +388,7 @@ pub fn digest(recording: &Recording) -> String {
             let parts = pose.map_or([f64::NAN; 3], |pose| [pose.x, pose.y, pose.theta]);
             parts.into_iter().for_each(&mut number);
         }
-        // Nanoseconds since 1970 exceed a float's digits; seconds and the rest do not.
+        // Nanoseconds since 1970 exceed the digits of a float; seconds and remainder do not.
         let stamp = scan.stamp.map_or(-1, |stamp| stamp.nanoseconds());
         number((stamp / 1_000_000_000) as f64);
         number((stamp % 1_000_000_000) as f64);

@@ -1,4 +1,4 @@
-//! What a program is given of a run.
+//! The input of an external program for a run.
 
 use std::path::{Path, PathBuf};
 
@@ -27,15 +27,16 @@ pub const OUTPUT: &str = "estimate";
 pub const RUN: &str = "run.json";
 const START: &str = "start.json";
 
-/// What a program is given of a run, apart from the map. Nothing in it says where the robot really was after its start.
+/// The input of a program for a run, apart from the map. It does not contain the robot's true pose after the
+/// start.
 pub struct Input {
-    /// The scans that the robot sees, with its odometry and without reference poses. Stamps increase strictly.
+    /// The scans of the run, with odometry and without reference poses. Stamps increase strictly.
     pub recording: Recording,
-    /// Reference poses of the laser at these scans, which no program is given.
+    /// Reference poses of the laser at these scans, which are not given to programs.
     pub reference: Vec<Pose2>,
     /// Stamps of the scans.
     pub stamps: Stamps,
-    /// Scans before which a part of the odometry is not known, which then says that the robot stood still.
+    /// Scans before which part of the odometry is not known; it is written as standing still there.
     bridged: Vec<usize>,
     start: Start,
     dataset: String,
@@ -44,17 +45,17 @@ pub struct Input {
     max_range: f64,
 }
 
-/// What is known of where the robot starts.
+/// What is known about the robot's start.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Start {
     /// A pose in the map's frame, of the robot and of its laser, and standard deviations (m, rad).
     Known { robot: Pose2, laser: Pose2, std: Pose2 },
-    /// Nothing.
+    /// Nothing is known.
     Unknown,
 }
 
-/// Where the files of an [`Input`] are.
+/// Paths of the files of an [`Input`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Files {
     /// The log.
@@ -63,13 +64,13 @@ pub struct Files {
     pub map: PathBuf,
     /// The start.
     pub start: PathBuf,
-    /// All of it.
+    /// The description of the run.
     pub run: PathBuf,
-    /// What the program is to write.
+    /// The output of the program.
     pub output: PathBuf,
 }
 
-/// What `run.json` says.
+/// The content of `run.json`.
 #[derive(Serialize)]
 struct Described<'a> {
     dataset: &'a str,
@@ -80,7 +81,7 @@ struct Described<'a> {
     map: &'a Path,
     map_format: MapFormat,
     output: &'a Path,
-    /// Whose poses are to be written, in the frame of the map.
+    /// Whose poses the program has to write, in the frame of the map.
     poses: Whose,
     topics: Option<Topics>,
     frames: Frames,
@@ -89,7 +90,7 @@ struct Described<'a> {
     max_range_m: f64,
     beams: ScanGeometry,
     scans: usize,
-    /// Decimal seconds: a float loses digits.
+    /// Seconds as a decimal: a float would lose digits.
     first_stamp: String,
     last_stamp: String,
     made_stamps: usize,
@@ -114,7 +115,7 @@ struct Frames {
 }
 
 impl Input {
-    /// Of a course. `seed` is that of the program's random numbers.
+    /// The input for a course. `seed` is that of the program's random numbers.
     ///
     /// # Errors
     /// When the course has no scan, or odometry that is not finite.
@@ -151,7 +152,7 @@ impl Input {
             reference: course.reference.clone(),
             dataset: log.name.clone(),
             run: recipe.run,
-            // Programs take it as an int of 32 bits.
+            // Programs read it as a 32-bit int.
             seed: (seed.number() >> 33) as u32,
             max_range: log.max_range,
             recording,
@@ -168,8 +169,8 @@ impl Input {
     /// Writes log, map, start and description into a folder.
     ///
     /// # Errors
-    /// When the map is of a kind that programs cannot be given, the log cannot be held by the format, or a file
-    /// cannot be written.
+    /// When programs cannot read a map of this kind, the format cannot hold the log, or a file cannot be
+    /// written.
     pub fn write(
         &self,
         folder: &Path,
@@ -241,7 +242,7 @@ impl Input {
         Ok(files)
     }
 
-    /// Writes the reference poses of the robot or its laser, at the stamps of the scans as they were given.
+    /// Writes the reference poses of the robot or its laser, at the stamps written to the input.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -262,7 +263,8 @@ fn save_json(path: &Path, value: &impl Serialize) -> Result<()> {
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Writes a map as points or cells. Cells of points have the free space that the beams crossed by which the map was built.
+/// Writes a map as points or cells. Cells made from points include the free space crossed by the beams that
+/// built the map.
 fn write_shape(
     path: &Path,
     formats: &Formats,

@@ -1,15 +1,15 @@
-//! The processes of a program, as Linux lists them below `/proc`.
+//! The processes of a program, as listed by Linux below `/proc`.
 
 use std::fs;
 
 /// A process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Member {
-    /// Its number.
+    /// Its process id.
     pub pid: i32,
-    /// What it has in memory (kB).
+    /// Resident memory (kB).
     pub resident_kb: u64,
-    /// The most that it ever had (kB).
+    /// Peak resident memory (kB).
     pub peak_kb: u64,
 }
 
@@ -19,7 +19,7 @@ pub fn of_group(group: i32) -> Vec<Member> {
     processes.filter_map(member).collect()
 }
 
-/// The processes that are alive and belong to a group or have a line of their environment in common, which those
+/// The processes that are alive and belong to a group, or share a line of their environment, which processes
 /// that left the group keep.
 pub fn of_group_or_mark(group: i32, mark: &str) -> Vec<i32> {
     let has_mark = |pid: i32| {
@@ -29,7 +29,7 @@ pub fn of_group_or_mark(group: i32, mark: &str) -> Vec<i32> {
     processes().filter(|&pid| group_of(pid) == Some(group) || has_mark(pid)).collect()
 }
 
-/// The most that this process ever had in memory (kB).
+/// Peak resident memory of this process (kB).
 pub fn own_peak_kb() -> u64 {
     member(std::process::id() as i32).map_or(u64::MAX, |member| member.peak_kb)
 }
@@ -42,7 +42,7 @@ fn processes() -> impl Iterator<Item = i32> {
 /// The group of a process that is alive.
 fn group_of(pid: i32) -> Option<i32> {
     let text = fs::read(format!("/proc/{pid}/stat")).ok()?;
-    // The name stands in brackets, and may hold some.
+    // The name is in brackets, and may contain some.
     let end = text.iter().rposition(|&byte| byte == b')')?;
     let text = std::str::from_utf8(&text[end + 1..]).ok()?;
     let mut fields = text.split_whitespace();

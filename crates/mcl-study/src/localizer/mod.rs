@@ -1,5 +1,5 @@
-//! Programs of others that localize a robot: what they are given of a run, how they are run, and what is made of what
-//! they write.
+//! External programs that localize a robot: their input for a run, how they are run, and how their output is
+//! read.
 //!
 //! ```text
 //! course of a run, map ─► input: a folder with log, map, start, run.json ─► process ─► output ─► estimates

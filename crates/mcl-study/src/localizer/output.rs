@@ -1,4 +1,4 @@
-//! What a program has written.
+//! The output of a program.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,31 +16,32 @@ use crate::recipe::localizer::Whose;
 pub enum Missing {
     /// Nothing was written.
     Nothing,
-    /// What was written cannot be used, and why.
+    /// The output cannot be used, for this reason.
     Malformed(String),
 }
 
-/// Poses that a program wrote, in the order of their stamps.
+/// Poses written by a program, sorted by stamp.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     /// The poses.
     pub trajectory: Trajectory,
-    /// Whose they are.
+    /// The frame whose poses they are.
     pub whose: Whose,
 }
 
-/// A stamp that is off a scan's by as little (ns) is the scan's: programs write times as floats.
+/// A stamp that differs from a scan's by at most this (ns) is the scan's: programs write times as floats.
 const ROUNDING: i64 = 1_000_000;
-/// Nothing that is mapped is farther away (m); sums of such coordinates lose millimetres.
+/// No mapped place is farther away (m); sums of such coordinates lose millimetres.
 const FARTHEST: f64 = 0.5 * MAX_COORDINATE;
-/// Characters of a reason at most.
+/// Length limit of a reason, in characters.
 const LONGEST: usize = 160;
 
-/// Reads what a program wrote into a folder: a trajectory in the TUM format, or a bag. `is_whole` is whether the program
-/// came to its own end: one that was stopped may have left half a line, which does not count.
+/// Reads the output that a program wrote into a folder: a trajectory in the TUM format, or a bag. `is_whole`
+/// says whether the program ended by itself: one that was stopped may have left an incomplete line, which is
+/// ignored.
 ///
 /// # Errors
-/// Why there are none.
+/// Why there are no poses.
 pub fn read(folder: &Path, poses: Whose, is_whole: bool) -> Result<Estimate, Missing> {
     let malformed =
         |why: &dyn std::fmt::Display| Missing::Malformed(shortened(&why.to_string(), folder));
@@ -84,7 +85,7 @@ pub fn read(folder: &Path, poses: Whose, is_whole: bool) -> Result<Estimate, Mis
     Ok(Estimate { trajectory, whose })
 }
 
-/// The file or folder of the output; one with an ending where there is one such.
+/// The file or folder of the output; the one with an ending if there is one.
 fn written(folder: &Path) -> Option<PathBuf> {
     let path = folder.join(OUTPUT);
     if path.exists() {
@@ -95,7 +96,7 @@ fn written(folder: &Path) -> Option<PathBuf> {
     found.next().filter(|_| found.next().is_none())
 }
 
-/// Only files and folders are read: a pipe never ends, and a link leads to what no limit holds for.
+/// Only files and folders are read: a pipe may never end, and limits do not hold for the target of a link.
 fn check_regular(path: &Path) -> Result<(), String> {
     let kind = fs::symlink_metadata(path).map_err(|error| error.to_string())?.file_type();
     if kind.is_dir() {
@@ -108,7 +109,7 @@ fn check_regular(path: &Path) -> Result<(), String> {
     }
 }
 
-/// A reason of one line that is the same in every folder.
+/// The reason in one line, independent of the folder.
 fn shortened(reason: &str, folder: &Path) -> String {
     let place = format!("{}/", folder.display());
     let reason = reason.replace(&place, "").split_whitespace().collect::<Vec<_>>().join(" ");
@@ -119,8 +120,9 @@ fn shortened(reason: &str, folder: &Path) -> String {
 }
 
 impl Estimate {
-    /// The estimated pose of the laser at each stamp, which increase: that of the same stamp, else between its
-    /// neighbours ([`poses_at`]). Of several poses of one stamp the last counts.
+    /// The estimated pose of the laser at each of these increasing stamps: that of the same stamp, else
+    /// interpolated between its neighbours ([`poses_at`]). Of several poses with the same stamp the last
+    /// counts.
     pub fn lasers_at(&self, stamps: &[Stamp], robot_from_laser: Pose2) -> Vec<Option<Pose2>> {
         let intervals = stamps.windows(2).map(|pair| pair[1].nanoseconds() - pair[0].nanoseconds());
         let tolerance = (intervals.min().unwrap_or(ROUNDING) / 4).min(ROUNDING);

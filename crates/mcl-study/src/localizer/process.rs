@@ -1,9 +1,9 @@
-//! Running a program of others within limits, with nothing left of it afterwards.
+//! Runs an external program within limits, and leaves no process behind.
 //!
-//! A program is the leader of a process group of its own. It is asked to end at its time limit and killed a few seconds
-//! later, with its whole group; one that takes too much memory or disk is killed at once. Whatever it wrote to
-//! stdout and stderr is read, and the end of it kept. A process that left the group is known by a variable of its
-//! environment where the system tells of that (Linux).
+//! A program is the leader of its own process group. It is asked to end at its time limit and killed a few
+//! seconds later, with its whole group; one that uses too much memory or disk is killed at once. Its stdout
+//! and stderr are read, and the last part of each is kept. A process that left the group is recognized by a
+//! variable of its environment where the system provides that (Linux).
 
 use std::fmt;
 use std::time::Duration;
@@ -15,9 +15,9 @@ pub enum Ended {
     Ok,
     /// It was stopped at its time limit.
     TimeLimit,
-    /// It was killed for its memory.
+    /// It was killed for exceeding its memory limit.
     MemoryLimit,
-    /// It was killed for what it had written.
+    /// It was killed for exceeding its output limit.
     OutputLimit,
     /// With another exit code.
     ExitCode(i32),
@@ -25,11 +25,11 @@ pub enum Ended {
     Signal(i32),
     /// With exit code 0 and nothing written.
     NoOutput,
-    /// With exit code 0 and something that cannot be used, and why.
+    /// With exit code 0 and output that cannot be used, for this reason.
     Malformed(String),
 }
 
-/// As in the column `ended`.
+/// As written in the column `ended`.
 impl fmt::Display for Ended {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -45,15 +45,15 @@ impl fmt::Display for Ended {
     }
 }
 
-/// What is left of a program that ended.
+/// The result of a program that ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finished {
-    /// How it ended; [`Ended::Ok`] whatever it has written.
+    /// How it ended; [`Ended::Ok`] whatever its output.
     pub ended: Ended,
     /// Processor time of it and of the processes that it waited for (s).
     pub processor_s: f64,
-    /// The most that its processes had in memory together, as seen now and then, and at least what each had at most
-    /// (MB); `None` where the system does not tell.
+    /// Peak memory of its processes together, sampled, and at least the peak of any single one (MB); `None`
+    /// where the system does not report it.
     pub peak_memory_mb: Option<f64>,
     /// The end of its stdout.
     pub stdout: Vec<u8>,
@@ -61,7 +61,7 @@ pub struct Finished {
     pub stderr: Vec<u8>,
 }
 
-/// A program that was asked to end has so long to do it.
+/// Time that a program has to end after it was asked to.
 pub const GRACE: Duration = Duration::from_secs(3);
 #[cfg(unix)]
 pub use on_unix::{end_all, run};
@@ -86,21 +86,21 @@ mod on_unix {
     use crate::localizer::tail::Tail;
     use crate::recipe::localizer::Limits;
 
-    /// Variables of the environment that programs get as they are.
+    /// Environment variables that are passed on to programs.
     const PASSED_ON: [&str; 3] = ["PATH", "HOME", "LANG"];
-    /// The variable by which a program's processes are known.
+    /// The environment variable that marks a program's processes.
     const MARK: &str = "MCL_EVAL_PROGRAM";
-    /// How often a program is looked at: soon after its start often, later seldom.
+    /// Intervals between two checks of a program: short after its start, longer later.
     const SHORTEST: Duration = Duration::from_millis(2);
     const LONGEST: Duration = Duration::from_millis(200);
-    /// A folder of more files is over any limit.
+    /// A folder with more files exceeds any limit.
     const MOST_FILES: usize = 100_000;
     const MEGABYTE: f64 = 1e6;
 
-    /// The programs that run, by their groups, each with its mark; `None` when no further one may start.
+    /// The running programs, by process group, each with its mark; `None` when no further one may start.
     static RUNNING: Mutex<Option<BTreeMap<i32, String>>> = Mutex::new(Some(BTreeMap::new()));
 
-    /// Ends all programs and lets no other start: for a process that is about to end.
+    /// Ends all programs and lets no other start: for a process that is about to exit.
     pub fn end_all() {
         let mut running = RUNNING.lock().unwrap_or_else(PoisonError::into_inner);
         let groups = running.take().unwrap_or_default();
@@ -117,10 +117,10 @@ mod on_unix {
         }
     }
 
-    /// Runs a program in a folder, which is its working directory and may grow by its output limit.
+    /// Runs a program in a folder, which is its working directory and may grow up to its output limit.
     ///
     /// # Errors
-    /// When it cannot be started. However it ends is no error.
+    /// When it cannot be started. No way of ending is an error.
     pub fn run(
         command: &[String],
         environment: &[(String, String)],
@@ -153,7 +153,7 @@ mod on_unix {
         let group = child.id() as i32;
         limit_files(group, limits);
         let watched = watch(&mut child, (folder, before), limits, &mark);
-        // The leader is not waited for yet, so that the group's number is still its own.
+        // The leader has not been waited for yet, so that the group id is still its own.
         kill_all(group, &mark);
         if let Some(running) = RUNNING.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
             running.remove(&group);
@@ -169,7 +169,7 @@ mod on_unix {
             (None, None, signal) => Ended::Signal(signal),
         };
         let time = used.rusage.utime + used.rusage.stime;
-        // The system counts what the process had before it became the program: the memory of this one.
+        // The system includes the memory of the process before it became the program: that of this process.
         let by_system = used.rusage.maxrss / 1024;
         let peak_kb = if by_system > own_peak_kb() { peak_kb.max(by_system) } else { peak_kb };
         Ok(Finished {
@@ -181,7 +181,8 @@ mod on_unix {
         })
     }
 
-    /// Waits until the leader has ended, or was stopped: why, and what its processes had in memory at most (kB).
+    /// Waits until the leader has ended or was stopped; returns why, and the peak memory of its processes
+    /// (kB).
     fn watch(
         child: &mut Child,
         (folder, before): (&Path, u64),
@@ -260,7 +261,7 @@ mod on_unix {
     }
 
     fn signal_group(group: i32, signal: Signal) {
-        // There may be nobody left.
+        // There may be no process left.
         let _ = Pid::from_raw(group).map(|group| kill_process_group(group, signal));
     }
 
@@ -282,7 +283,7 @@ mod on_unix {
         }
     }
 
-    /// The processes of a program that are alive, as far as the system tells.
+    /// The processes of a program that are alive, as far as the system reports them.
     #[cfg(target_os = "linux")]
     fn alive(group: i32, mark: &str) -> Vec<i32> {
         crate::localizer::members::of_group_or_mark(group, mark)
@@ -293,7 +294,8 @@ mod on_unix {
         Vec::new()
     }
 
-    /// What a group has in memory together, and what one of it had at most (kB); 0 where the system does not tell.
+    /// Memory of a group together, and the peak of any of its processes (kB); 0 where the system does not
+    /// report it.
     #[cfg(target_os = "linux")]
     fn memory(group: i32) -> (u64, u64) {
         let members = crate::localizer::members::of_group(group);
@@ -316,13 +318,13 @@ mod on_unix {
         u64::MAX
     }
 
-    /// No file of a program becomes much larger than all of them may be: one that writes fast would be far over the
-    /// limit before anybody looks.
+    /// Limits the size of any single file to about the limit of all together: a program that writes fast
+    /// would exceed it by far before the next check.
     #[cfg(target_os = "linux")]
     fn limit_files(pid: i32, limits: &Limits) {
         use rustix::process::{Resource, Rlimit, prlimit};
         let most = Some(bytes(limits.output_limit) + (1 << 20));
-        // The folder is watched all the same.
+        // The folder is watched in any case.
         let _ =
             prlimit(Pid::from_raw(pid), Resource::Fsize, Rlimit { current: most, maximum: most });
     }
@@ -331,11 +333,11 @@ mod on_unix {
     fn limit_files(_: i32, _: &Limits) {}
 }
 
-/// Nothing to end where no programs are run.
+/// Does nothing where programs cannot be run.
 #[cfg(not(unix))]
 pub fn end_all() {}
 
-/// Programs of others are run on Unix only.
+/// External programs are run on Unix only.
 ///
 /// # Errors
 /// Always.

@@ -1,4 +1,4 @@
-//! A run of a program: its folder, what came of it, and what is kept of a run that failed.
+//! A run of a program: its folder, its result, and what is kept of a failed run.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -19,16 +19,16 @@ use crate::recipe::localizer::{Program, filled};
 use crate::trial::division::Division;
 use crate::trial::map::StudyMap;
 
-/// Folder of what failed runs of programs wrote to stderr, below a result folder.
+/// Folder for the stderr of failed runs of programs, below a result folder.
 pub const FAILED_RUNS: &str = "localizer-failures";
 /// Folder of the folders in which programs run, below a result folder.
 const RUNNING: &str = "running";
-/// File in such a folder that the process which made it keeps locked.
+/// File in such a folder that is locked by the process that created it.
 const OWNER: &str = "owner";
-/// A folder without such a file that is so old has no owner.
+/// A folder without such a file is abandoned after this time.
 const ABANDONED_AFTER: Duration = Duration::from_secs(6 * 3600);
 
-/// Where programs of a study run.
+/// The folders in which programs of a study run.
 pub struct Programs {
     /// The result folder.
     results: PathBuf,
@@ -36,7 +36,7 @@ pub struct Programs {
     study: Option<PathBuf>,
 }
 
-/// What came of a run of a program.
+/// The result of a run of a program.
 pub struct ProgramRun {
     /// How the program ended.
     pub ended: Ended,
@@ -49,29 +49,29 @@ pub struct ProgramRun {
 }
 
 impl Programs {
-    /// Of a result folder and of the folder of the study, where that is known. What killed processes left of their
-    /// programs' folders is removed.
+    /// For a result folder and the folder of the study, where that is known. Removes folders of programs that
+    /// killed processes left behind.
     pub fn new(results: &Path, study: Option<&Path>) -> Self {
         let running = results.join(RUNNING);
         for entry in fs::read_dir(&running).into_iter().flatten().flatten() {
             if is_abandoned(&entry.path()) {
-                // Nobody needs it, and it is in nobody's way.
+                // A failure is ignored: the folder does no harm.
                 drop(remove_folder(&entry.path()));
             }
         }
         Programs { results: results.to_owned(), study: study.map(Path::to_owned) }
     }
 
-    /// Leaves nothing where no program runs any more.
+    /// Removes the folder when no program runs any more.
     pub fn end(self) {
-        // It may hold folders of other processes, or not be there.
+        // It may hold folders of other processes, or not exist.
         let _ = fs::remove_dir(self.results.join(RUNNING));
     }
 
     /// Runs a program on an input and a map. `identity` is that of the row.
     ///
     /// # Errors
-    /// When the input cannot be written or the program not started. However it ends is no error.
+    /// When the input cannot be written or the program not started. No way of ending is an error.
     pub fn run(
         &self,
         program: &Program,
@@ -95,7 +95,7 @@ impl Programs {
         let place = std::path::absolute(&place).with_context(cannot)?;
         let own = TempDir::new_in(&place).with_context(cannot)?;
         let owner = File::create(own.path().join(OWNER)).with_context(cannot)?;
-        // Where there are no locks, its age says whether it is abandoned.
+        // Where locks are not supported, its age decides whether it is abandoned.
         let _ = owner.try_lock();
         let folder = own.path().join("run");
         create_folder(&folder).with_context(cannot)?;
@@ -128,7 +128,7 @@ impl Programs {
         Ok(ProgramRun { ended, map_from_laser, processor_s, peak_memory_mb })
     }
 
-    /// Keeps the end of what a program said that failed.
+    /// Keeps the last part of a failed program's stdout and stderr.
     fn keep(
         &self,
         identity: &str,
@@ -150,7 +150,7 @@ impl Programs {
     }
 }
 
-/// Name of the file in [`FAILED_RUNS`] of a row.
+/// Name of a row's file in [`FAILED_RUNS`].
 pub fn failed_run(identity: &str) -> String {
     format!("{identity}.txt")
 }
@@ -169,7 +169,7 @@ fn placeholder(name: &str, files: &Files, seed: u32, study: &Path) -> Option<Str
     Some(path.display().to_string())
 }
 
-/// Whether the process that made a folder is gone.
+/// Whether the process that created a folder is gone.
 fn is_abandoned(folder: &Path) -> bool {
     match File::open(folder.join(OWNER)).map(|owner| owner.try_lock()) {
         Ok(Ok(())) => true,
@@ -181,7 +181,7 @@ fn is_abandoned(folder: &Path) -> bool {
     }
 }
 
-/// What a study would run: each program with its command.
+/// The commands that a study would run, by program.
 pub fn commands(programs: &[std::sync::Arc<Program>]) -> BTreeMap<&str, String> {
     programs.iter().map(|program| (program.name.as_str(), program.command.join(" "))).collect()
 }

@@ -1,26 +1,26 @@
-//! Stamps of the scans that a program is shown.
+//! Stamps of the scans in the input of a program.
 
 use mcl_core::Stamp;
 
 const SECOND: i64 = 1_000_000_000;
-/// The interval of scans of which too few have a stamp (ns).
+/// The interval used where too few scans have a stamp (ns).
 const INTERVAL: i64 = SECOND / 10;
-/// The last time that messages of ROS can hold.
+/// The latest time that ROS messages can hold.
 const LAST: i64 = i32::MAX as i64 * SECOND;
 
-/// Strictly increasing stamps of a run's scans, by which every one of them can be told.
+/// Strictly increasing stamps of a run's scans, which identify each of them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stamps {
     /// One per scan.
     pub all: Vec<Stamp>,
-    /// How many are not those of the log.
+    /// Number of stamps that are not those of the log.
     pub made: usize,
 }
 
 impl Stamps {
-    /// As many stamps of the log as can be kept in their order; those between are spread evenly. After
-    /// `carried_off`, the first scan from another part of the log, time goes on as if there had been no jump.
-    /// Times before the epoch, and beyond what bags can hold, are moved as a whole.
+    /// Keeps as many stamps of the log as are in order; those between are spread evenly. After `carried_off`,
+    /// the first scan from another part of the log, time continues as if there had been no jump. Times before
+    /// the epoch, or beyond what bags can hold, are shifted as a whole.
     pub fn of(log: &[Option<Stamp>], carried_off: Option<usize>) -> Self {
         let nanoseconds: Vec<Option<i64>> =
             log.iter().map(|stamp| stamp.map(Stamp::nanoseconds)).collect();
@@ -42,7 +42,7 @@ impl Stamps {
     }
 }
 
-/// Strictly increasing times, most of them as given.
+/// Strictly increasing times, most of them unchanged.
 fn increasing(times: &[Option<i64>]) -> Vec<i64> {
     let kept = most_in_order(times);
     let at = |place: usize| times[place].unwrap_or_default();
@@ -67,10 +67,11 @@ fn increasing(times: &[Option<i64>]) -> Vec<i64> {
     all
 }
 
-/// Places of the most times that increase by at least a nanosecond per place, so that there is room between them.
+/// Indices of the largest set of times that increase by at least a nanosecond per index, so that there is
+/// room between them.
 fn most_in_order(times: &[Option<i64>]) -> Vec<usize> {
-    // Patience sorting, from the last to the first: of chains as long as each other, the one that begins with the
-    // earlier scans. `ends` has the place at which the lowest chain of each length ends.
+    // Patience sorting, from the last to the first: among chains of the same length, the one that begins with
+    // the earlier scans. `ends` has the index at which the lowest chain of each length ends.
     let mut ends: Vec<usize> = Vec::new();
     let mut after: Vec<Option<usize>> = vec![None; times.len()];
     let depth = |place: usize| place as i64 - times[place].unwrap_or_default();
@@ -108,17 +109,17 @@ mod tests {
         (all.iter().map(|at| at.nanoseconds() / (SECOND / 2)).collect(), made)
     }
 
-    /// In halves of seconds.
+    /// In half seconds.
     #[test]
     fn stamps_of_the_log_are_kept_where_they_increase() {
         assert_eq!(of(&[5, 6, 9], None), (vec![10, 12, 18], 0));
-        // A step back, a repetition, one without.
+        // A step back, a repetition, a missing stamp.
         assert_eq!(of(&[5, 3, 6, 7], None), (vec![10, 11, 12, 14], 1));
         assert_eq!(of(&[5, 5, 6, -1, 8], None), (vec![10, 11, 12, 14, 16], 2));
         // From there on the robot is at another place, earlier or later in the log.
         assert_eq!(of(&[50, 51, 10, 11], Some(2)), (vec![100, 102, 104, 106], 2));
         assert_eq!(of(&[50, 51, 900, 901], Some(2)), (vec![100, 102, 104, 106], 2));
-        // None at all, and one that no bag can hold.
+        // None at all, and one beyond what a bag can hold.
         assert_eq!(of(&[-1, -1], None).1, 2);
         assert_eq!(of(&[0, 1], None), (vec![2, 4], 2));
         assert_eq!(of(&[i64::MAX / SECOND, 3, 4], None), (vec![4, 6, 8], 1));

@@ -1,4 +1,4 @@
-//! The end of what a program says.
+//! The last part of a program's output stream.
 
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read};
@@ -6,22 +6,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Of a stream, so many bytes are kept.
+/// Number of bytes kept of a stream.
 const KEPT_BYTES: usize = 64 << 10;
-/// How long streams may stay open after all processes are gone, where some may have been missed.
+/// How long to wait for streams after all known processes are gone, where some may have been missed.
 const LINGER: Duration = Duration::from_millis(500);
 
-/// The end of a stream that another thread reads.
+/// The last part of a stream, read by another thread.
 pub struct Tail {
     kept: Arc<Mutex<VecDeque<u8>>>,
     reader: Option<JoinHandle<()>>,
 }
 
 impl Tail {
-    /// Begins to read a stream to its end.
+    /// Starts to read a stream to its end.
     ///
     /// # Errors
-    /// When there is no room for a thread.
+    /// When no thread can be created.
     pub fn of(mut stream: impl Read + Send + 'static) -> std::io::Result<Self> {
         let kept = Arc::new(Mutex::new(VecDeque::new()));
         let own = kept.clone();
@@ -44,7 +44,7 @@ impl Tail {
         Ok(Tail { kept, reader })
     }
 
-    /// What is kept when the stream has ended. One that a process holds open which nobody knows of is left behind.
+    /// The part kept when the stream has ended. A stream held open by an unknown process is abandoned.
     pub fn end(mut self) -> Vec<u8> {
         if let Some(reader) = self.reader.take() {
             let since = Instant::now();

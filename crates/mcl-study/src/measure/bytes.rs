@@ -1,4 +1,4 @@
-//! What a map takes to keep (docs/representations.md says how bytes are counted).
+//! The storage size of a map (docs/representations.md defines how bytes are counted).
 
 use anyhow::Result;
 use mcl_maps::bytes::{grid_bytes, grid_run_lengths, ndt_bytes, point_bytes, segment_bytes};
@@ -7,7 +7,7 @@ use super::{MapContext, MapMeasure};
 use crate::table::Value;
 use crate::trial::map::Shape;
 
-/// Kilobytes (1,000 bytes) as they are, and of grids by run lengths.
+/// Kilobytes (1,000 bytes) uncompressed, and for grids with run-length encoding.
 pub const BYTES: MapMeasure = MapMeasure {
     name: "bytes",
     columns: &["kilobytes", "run_length_kilobytes"],

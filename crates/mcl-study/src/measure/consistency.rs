@@ -1,4 +1,4 @@
-//! Whether the filter knows how sure it may be.
+//! Whether the filter's covariance agrees with its errors.
 
 use anyhow::Result;
 use mcl_core::Pose2;
@@ -9,10 +9,11 @@ use serde::Serialize;
 use super::{RunContext, RunMeasure};
 use crate::table::Value;
 
-/// Mean and median of the normalized estimation error squared (3 and 2.37 for a filter that is right about itself),
-/// the share of scans whose reference lies in the 95 % ellipsoid of the estimate, mean ln evidence of a scan, and
-/// mean share of beams that the map explains. Scans whose covariance is singular have none of the first three, those
-/// without used beams none of the last two. A single scan after which one particle has all the weight decides the
+/// Mean and median of the normalized estimation error squared (3 and 2.37 for a consistent filter), the share
+/// of scans whose reference lies in the 95 % ellipsoid of the estimate, mean ln evidence of a scan, and mean
+/// share of beams that the map explains. Scans with a singular covariance do not count for the first three,
+/// those without used beams not for the last two. A single scan after which one particle has all the weight
+/// dominates the mean, but not the median.
 /// mean, not the median.
 pub const CONSISTENCY: RunMeasure = RunMeasure {
     name: "consistency",
@@ -20,7 +21,7 @@ pub const CONSISTENCY: RunMeasure = RunMeasure {
     measure,
 };
 
-/// What the filter said of itself, over scans; `None` over none.
+/// The filter's consistency over scans; `None` without any.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Consistency {
     /// Mean normalized estimation error squared.
@@ -35,7 +36,7 @@ pub struct Consistency {
     pub explained_beams: Option<f64>,
 }
 
-/// What [`Consistency`] is computed of.
+/// The sums behind [`Consistency`].
 #[derive(Debug, Clone, Default)]
 pub struct Tally {
     nees: Vec<f64>,
@@ -44,14 +45,14 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Takes in a scan, with its [`scan_nees`] if it has one.
+    /// Adds a scan, with its [`scan_nees`] if it has one.
     pub fn add(&mut self, report: &StepReport, nees: Option<f64>) {
         self.nees.extend(nees);
         self.log_evidence.extend((report.used_beams > 0).then_some(report.log_evidence));
         self.explained_beams.extend(report.explained_beams);
     }
 
-    /// Takes in the scans of another run.
+    /// Adds the scans of another run.
     pub fn merge(&mut self, other: &Tally) {
         self.nees.extend(&other.nees);
         self.log_evidence.extend(&other.log_evidence);
@@ -81,7 +82,7 @@ impl Tally {
 /// Normalized estimation error squared of a scan, from the reference pose of the laser; `None` where the
 /// covariance is singular.
 pub fn scan_nees(reference: &Pose2, report: &StepReport, laser_from_robot: &Pose2) -> Option<f64> {
-    // The filter's covariance is of the robot, the reference of the laser.
+    // The filter's covariance is that of the robot, the reference that of the laser.
     let map_from_robot = reference.compose(laser_from_robot);
     let error = PoseError::between(&map_from_robot, &report.estimate.map_from_robot);
     let covariance = &report.estimate.covariance;

@@ -1,4 +1,4 @@
-//! What the criteria of an automatic size and σ say of a map.
+//! The scores of a map by the criteria of an automatic size and σ.
 
 use anyhow::Result;
 use mcl_maps::size_criteria::description_length;
@@ -10,9 +10,9 @@ use crate::recipe::criterion::Criterion;
 use crate::table::Value;
 use crate::trial::map::sample;
 
-/// Nats per point, smaller is better: the description length of map and points, and minus the
-/// log-likelihood of blocks of time that are left out in turn, under maps of the same size
-/// built from the others; the last is empty for clouds and for maps that fit no fold.
+/// Nats per point, smaller is better: the description length of map and points, and minus the log-likelihood
+/// of blocks of time left out in turn, under maps of the same size built from the others; the latter is empty
+/// for clouds and for maps that fit no fold.
 pub const CRITERIA: MapMeasure =
     MapMeasure { name: "criteria", columns: &["mdl", "held_out"], planar, spatial };
 

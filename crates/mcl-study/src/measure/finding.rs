@@ -6,14 +6,15 @@ use mcl_metrics::{LossSettings, found_for_good};
 use super::{RunContext, RunMeasure};
 use crate::table::Value;
 
-/// A robot should be found within so many scans after the start …
+/// A robot should be found within this number of scans after the start …
 const AFTER_START: usize = 30;
-/// … and within so many after it was carried off.
+/// … and within this number after it was kidnapped.
 const AFTER_CARRYING: usize = 50;
 
-/// Whether the robot was found (an error below 0.5 m, and none above 1 m after it), whether within 30 scans, and after
-/// how many: all scans where it was not found, so that a mean takes in every run. Of a run in which it is carried off,
-/// the scans before; and the same of those from then on, within 50 scans. These are empty for other runs.
+/// Whether the robot was found (an error below 0.5 m, and none above 1 m after it), whether within 30 scans,
+/// and after how many: all scans where it was not found, so that a mean includes every run. For a run with a
+/// kidnapping, of the scans before it; and the same of the scans after it, within 50 scans. The latter are
+/// empty for other runs.
 pub const FINDING: RunMeasure = RunMeasure {
     name: "finding",
     columns: &[

@@ -8,9 +8,10 @@ use super::{MapContext, MapMeasure};
 use crate::table::Value;
 use crate::trial::map::Shape;
 
-/// Log-likelihood in nats per point of the points that built the map, and of those held out; the
-/// Bayesian information criterion (nats per point, smaller is better); and of a refinement how it went. `fitted_log_likelihood` is that of the means before each is replaced by its
-/// nearest data point; `iterations` are updates of EM, `evaluations` all evaluations of the likelihood.
+/// Log-likelihood in nats per point of the points that built the map, and of those held out; the Bayesian
+/// information criterion (nats per point, smaller is better); and the course of a refinement.
+/// `fitted_log_likelihood` is that of the means before each is replaced by its nearest data point;
+/// `iterations` are updates of EM, `evaluations` all evaluations of the likelihood.
 pub const LIKELIHOOD: MapMeasure = MapMeasure {
     name: "likelihood",
     columns: &[

@@ -1,7 +1,7 @@
-//! What is measured of a map, or of a run on it.
+//! Measures of a map, or of a run on it.
 //!
-//! A measure is a file here and a line in [`OF_MAPS`] or [`OF_RUNS`]. It gives a value per column; a
-//! study lists measures by name. What cannot be known of a map is empty, never zero.
+//! A measure is a file here and a line in [`OF_MAPS`] or [`OF_RUNS`]. It has a value per column; a study
+//! lists measures by name. A value that is not known is empty, never zero.
 
 pub mod bytes;
 pub mod consistency;
@@ -31,9 +31,9 @@ pub const OF_MAPS: [&MapMeasure; 4] =
 pub const OF_RUNS: [&RunMeasure; 4] =
     [&tracking::TRACKING, &consistency::CONSISTENCY, &finding::FINDING, &particles::PARTICLES];
 
-/// A map, and what a measure may look at.
+/// The input of a measure of a map.
 pub struct MapContext<'a, const D: usize> {
-    /// How the map came about.
+    /// How the map was built.
     pub recipe: &'a MapRecipe,
     /// The points that built it, and those held out.
     pub division: &'a Division<D>,
@@ -43,13 +43,13 @@ pub struct MapContext<'a, const D: usize> {
     pub data: &'a StudyData,
 }
 
-/// A run on a map, and what a measure may look at.
+/// The input of a measure of a run.
 pub struct RunContext<'a> {
     /// How the robot was localized.
     pub recipe: &'a RunRecipe,
     /// Estimates, reports of the filter, and errors, per scan.
     pub tracked: &'a TrackedRun,
-    /// The robot as the laser sees it.
+    /// Pose of the robot in the laser's frame.
     pub laser_from_robot: Pose2,
 }
 
@@ -62,9 +62,9 @@ pub struct MapMeasure {
     pub name: &'static str,
     /// The names of its values.
     pub columns: &'static [&'static str],
-    /// Takes it in the plane.
+    /// Computes it in the plane.
     pub planar: OfMap<2>,
-    /// Takes it in space.
+    /// Computes it in space.
     pub spatial: OfMap<3>,
 }
 
@@ -74,16 +74,16 @@ pub struct RunMeasure {
     pub name: &'static str,
     /// The names of its values.
     pub columns: &'static [&'static str],
-    /// Takes it.
+    /// Computes it.
     pub measure: fn(&RunContext<'_>) -> Result<Vec<Value>>,
 }
 
 /// A measure in `D` dimensions.
 pub trait OfDimension<const D: usize> {
-    /// Takes the measure of a map.
+    /// Computes the measure of a map.
     ///
     /// # Errors
-    /// When it cannot be taken.
+    /// When it cannot be computed.
     fn take(&self, context: &MapContext<'_, D>) -> Result<Cells>;
 }
 
@@ -100,10 +100,10 @@ impl OfDimension<3> for MapMeasure {
 }
 
 impl RunMeasure {
-    /// Takes the measure of a run.
+    /// Computes the measure of a run.
     ///
     /// # Errors
-    /// When it cannot be taken.
+    /// When it cannot be computed.
     pub fn take(&self, context: &RunContext<'_>) -> Result<Cells> {
         Ok(named(self.columns, (self.measure)(context)?))
     }
@@ -114,7 +114,7 @@ fn named(columns: &[&str], values: Vec<Value>) -> Cells {
     columns.iter().map(|&column| column.to_owned()).zip(values).collect()
 }
 
-/// The measures that a study takes.
+/// The measures of a study.
 #[derive(Clone)]
 pub struct Measures {
     /// Of maps.
@@ -124,10 +124,10 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// The measures of these names, and those that are always taken.
+    /// The measures with these names, and those that are always computed.
     ///
     /// # Errors
-    /// Says which name is of no measure, and which there are.
+    /// The name that is not a measure, and the names of all measures.
     pub fn of(names: &[String]) -> Result<Self, String> {
         let of_maps = OF_MAPS[1..].iter().map(|measure| measure.name);
         let known: Vec<&str> = of_maps.chain(OF_RUNS[1..].iter().map(|m| m.name)).collect();

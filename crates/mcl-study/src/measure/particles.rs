@@ -1,4 +1,4 @@
-//! How many particles the filter took.
+//! The number of particles of the filter.
 
 use anyhow::Result;
 

@@ -1,20 +1,20 @@
-//! What came of a localizer, whoever it is by.
+//! The outcome of a localizer, built-in or external.
 
 use anyhow::Result;
 
 use super::{RunContext, RunMeasure};
 use crate::table::Value;
 
-/// Taken in studies that have programs of others, without being asked for: how the localizer ended, the share of the
-/// scans at which it has an estimate, processor time (s) and peak memory of a program (MB). The last two differ from run
-/// to run.
+/// Always computed in studies with external programs: how the localizer ended, the share of the scans at
+/// which it has an estimate, processor time (s) and peak memory of a program (MB). The last two differ from
+/// run to run.
 pub const PROGRAM: RunMeasure = RunMeasure {
     name: "localizer",
     columns: &[ENDED, "coverage", MEASURED_ANEW[0], MEASURED_ANEW[1]],
     measure,
 };
 
-/// The column that says how a localizer ended.
+/// The column with the way in which a localizer ended.
 pub const ENDED: &str = "ended";
 
 /// The columns that differ whenever a row is computed.

@@ -1,4 +1,4 @@
-//! How large a map is.
+//! The size of a map.
 
 use anyhow::Result;
 
@@ -6,9 +6,9 @@ use super::{MapContext, MapMeasure};
 use crate::table::Value;
 use crate::trial::map::Shape;
 
-/// Points of data and map, and of a grid cell size and offset (m). `elements` are points, cells,
-/// Gaussians or segments; `used_sigma_m` is σ as given or as the data chose it, `tried` how many values were
-/// tried for a size or σ that the data chose.
+/// Points of data and map, and for a grid cell size and offset (m). `elements` are points, cells, Gaussians
+/// or segments; `used_sigma_m` is σ as given or as chosen by the data, `tried` the number of values tried for
+/// a size or σ chosen by the data.
 pub const SIZE: MapMeasure = MapMeasure {
     name: "size",
     columns: &[

@@ -9,10 +9,10 @@ use mcl_metrics::{
 use super::{RunContext, RunMeasure};
 use crate::table::Value;
 
-/// Means over the scans that have an estimate of the weighted error (equation 7, ξ = 0.8), translation (m) and heading
-/// (rad); when the robot was lost, and for which share of the scans; and the filter's effective sample
-/// size. `found_after_scans` is the number of scans before the error first was below that of a robot
-/// that has been found again.
+/// Means over the scans that have an estimate of the weighted error (equation 7, ξ = 0.8), translation (m)
+/// and heading (rad); when the robot was lost, and for which share of the scans; and the filter's effective
+/// sample size. `found_after_scans` is the number of scans until the error first falls below the threshold
+/// for a robot that has been found again.
 pub const TRACKING: RunMeasure = RunMeasure {
     name: "tracking",
     columns: &[
@@ -50,7 +50,7 @@ fn measure(context: &RunContext<'_>) -> Result<Vec<Value>> {
         tracked.errors[*scan].is_none() || episodes.iter().any(|episode| is_in(*scan, episode))
     };
     let lost = (0..scans).filter(is_lost).count();
-    // Of nothing, and of what only the own filter says, there is none.
+    // Without values there is no mean, as for external programs where only the built-in filter reports them.
     let mean = |values: &mut dyn Iterator<Item = f64>, of: usize| values.sum::<f64>() / of as f64;
     let of_covered = |values: &mut dyn Iterator<Item = f64>| mean(values, covered.len());
     let sample_sizes = || reports.iter().map(|report| report.effective_sample_size);
@@ -74,7 +74,8 @@ fn measure(context: &RunContext<'_>) -> Result<Vec<Value>> {
     ])
 }
 
-/// Whether a run ended lost. One that has no estimate at half of the scans that decide has, whatever the others say.
+/// Whether a run ended lost. A run without estimates at half of the scans that decide did, whatever the other
+/// scans say.
 fn has_diverged(errors: &[Option<PoseError>]) -> Result<bool> {
     let settings = DivergenceSettings::default();
     let last = &errors[errors.len().saturating_sub(settings.last_scans)..];

@@ -1,11 +1,11 @@
-//! What decides a size or σ that the data chooses.
+//! Criteria for a size or σ chosen by the data.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// What decides an automatic size or σ (docs/refinement.md).
+/// Criterion for an automatic size or σ (docs/refinement.md).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Criterion {
@@ -15,7 +15,7 @@ pub enum Criterion {
     Bic,
     /// The description length of data and map (size).
     Mdl,
-    /// The likelihood of the points that the map is built from, as EM would estimate it (σ).
+    /// The likelihood of the points that the map is built from, as estimated by EM (σ).
     Likelihood,
 }
 
@@ -36,7 +36,7 @@ impl Criterion {
 
     /// Whether it can decide a size.
     pub fn decides_size(self) -> bool {
-        // More points are always likelier.
+        // The likelihood always increases with the number of points.
         self != Criterion::Likelihood
     }
 

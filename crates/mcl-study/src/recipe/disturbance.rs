@@ -1,25 +1,25 @@
-//! What goes wrong in a run beside noise, and which part of the log it is on.
+//! Disturbances of a run beside noise, and the part of the log that it uses.
 
 use serde::{Deserialize, Serialize};
 
 use crate::table::{Cells, Value};
 
-/// Disturbances of a log. All are drawn for data set, split and run, never for map or filter, so that everything
-/// is compared in pairs. None by default.
+/// Disturbances of a log. Random draws depend on data set, split and run, never on map or filter, so that
+/// everything is compared in pairs. None by default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Disturbance {
     /// People around the robot.
     pub people: Option<People>,
-    /// Share of the readings that are lost: nothing comes back.
+    /// Share of the readings that are lost (no return).
     pub lost_beams: Option<f64>,
-    /// The robot is carried off.
+    /// The robot is kidnapped.
     pub kidnapped: Option<Kidnapped>,
     /// Wheels slip.
     pub slip: Option<Slip>,
 }
 
-/// People who walk along with the robot, like the visitors around a guide in a museum.
+/// People who accompany the robot, like the visitors around a guide in a museum.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct People {
@@ -27,13 +27,13 @@ pub struct People {
     pub share: f64,
 }
 
-/// A robot that is carried to another place of the log without its odometry noticing.
+/// A robot that is moved to another place of the log without its odometry noticing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kidnapped {
-    /// After which share of the run's scans.
+    /// Share of the run's scans after which it happens.
     pub at: f64,
-    /// How far it is carried at least (m).
+    /// Smallest distance moved (m).
     #[serde(default = "distance")]
     pub distance: f64,
 }
@@ -42,17 +42,17 @@ fn distance() -> f64 {
     5.0
 }
 
-/// Wheels that slip: the odometry reports more (or less) translation than there was.
+/// Slipping wheels: the odometry reports more (or less) translation than there was.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slip {
-    /// Share of the steps on which it happens.
+    /// Share of the steps on which they slip.
     pub share: f64,
-    /// How many times the translation of such a step the odometry reports.
+    /// Reported translation of such a step over the true one.
     pub factor: f64,
 }
 
-/// More of the readings cannot end at people who keep their distance from the robot.
+/// A larger share of the readings cannot end at people who keep their distance from the robot.
 pub const MOST_PEOPLE: f64 = 0.8;
 
 /// Where in the log a run begins.
@@ -62,7 +62,7 @@ pub enum Start {
     /// At the first scan.
     #[default]
     First,
-    /// At a scan drawn for data set, split and run, of those from which the run's length fits.
+    /// At a scan drawn for data set, split and run, among those from which the run's length fits.
     Anywhere,
 }
 
@@ -77,12 +77,12 @@ impl Start {
 }
 
 impl Disturbance {
-    /// Whether there is none.
+    /// Whether there is no disturbance.
     pub fn is_none(&self) -> bool {
         *self == Disturbance::default()
     }
 
-    /// Checks every value; what changes nothing is none.
+    /// Checks every value; disturbances without effect are removed.
     ///
     /// # Errors
     /// What was found, and what was expected.
@@ -111,7 +111,7 @@ impl Disturbance {
         Ok(self)
     }
 
-    /// The columns of a row. A share that is not there is 0, so that it has its place on an axis of shares.
+    /// The columns of a row. A share that is not set is 0, so that it has its place on an axis of shares.
     pub fn cells(&self) -> Cells {
         let Disturbance { people, lost_beams, kidnapped, slip } = self;
         let cells: [(&str, Value); 6] = [

@@ -32,11 +32,11 @@ impl Builder {
 pub enum MapKind {
     /// Every point.
     All,
-    /// Points chosen by a builder, and what a refinement makes of them.
+    /// Points chosen by a builder, possibly refined.
     Sampled {
         /// Who chose the points.
         builder: Builder,
-        /// What is made of them.
+        /// The refinement, if any.
         refinement: Option<Refinement>,
     },
     /// Occupancy grid with a likelihood field of one distance per cell.
@@ -68,11 +68,11 @@ pub fn refinement_names() -> impl Iterator<Item = (&'static str, Refinement)> {
 }
 
 impl NamedKind {
-    /// The kind of a name. `named` are refinements that a study defines, which come before the
-    /// built-in ones of the same name.
+    /// Parses a kind by name. `named` are refinements defined by a study, which take precedence over built-in
+    /// ones of the same name.
     ///
     /// # Errors
-    /// A text that says what was expected.
+    /// A message with what was expected.
     pub fn parse(name: &str, named: &[(String, Refinement)]) -> Result<Self, String> {
         let kind = match name {
             "all" => MapKind::All,

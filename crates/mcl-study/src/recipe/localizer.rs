@@ -1,4 +1,4 @@
-//! Localizers of others: programs that a study runs on what the own filter is run on.
+//! External localizers: programs that a study runs on the same data as the built-in filter.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -8,16 +8,16 @@ use mcl_datasets::bag;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
-/// The name of the own filter among localizers.
+/// The name of the built-in filter among localizers.
 pub const OWN: &str = "own";
 
-/// The column, and the factor, that says which localizer a run is of.
+/// The column, and the factor, with the localizer of a run.
 pub const LOCALIZER: &str = "localizer";
 
-/// The localizer of a run in a study that has programs of others.
+/// The localizer of a run in a study with external programs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Localizer {
-    /// The own filter.
+    /// The built-in filter.
     Own,
     /// A program.
     Program(Arc<Program>),
@@ -33,15 +33,15 @@ impl Localizer {
     }
 }
 
-/// A program that localizes a robot, and what it is given. All of it is part of the identity of its rows; of the
-/// files that it reads, their digests.
+/// A program that localizes a robot, and its input. All fields are part of the identity of its rows; of the
+/// files that it reads, the digests.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Program {
     /// Its name in the study.
     pub name: String,
     /// Program and arguments, with [placeholders](PLACEHOLDERS).
     pub command: Vec<String>,
-    /// What it is given.
+    /// The formats of its input.
     #[serde(flatten)]
     pub formats: Formats,
     /// Whose poses it writes.
@@ -50,7 +50,7 @@ pub struct Program {
     pub files: BTreeMap<String, String>,
     /// Variables of its environment, with placeholders.
     pub environment: BTreeMap<String, String>,
-    /// When it is stopped.
+    /// Its resource limits.
     #[serde(flatten)]
     pub limits: Limits,
 }
@@ -66,7 +66,7 @@ pub struct Formats {
     pub resolution: Option<f64>,
 }
 
-/// Formats of logs that programs are given.
+/// Formats of logs for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LogFormat {
@@ -102,11 +102,11 @@ impl LogFormat {
     }
 }
 
-/// Formats of maps that programs are given.
+/// Formats of maps for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MapFormat {
-    /// Points, a line `x,y` each.
+    /// Points, one line `x,y` each.
     Csv,
     /// Points.
     Ply,
@@ -139,22 +139,22 @@ pub enum Whose {
     Laser,
 }
 
-/// When a program is stopped.
+/// Resource limits of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Limits {
-    /// Seconds, by the clock on the wall.
+    /// Wall-clock time in seconds.
     pub time_limit: f64,
-    /// What its processes have in memory together (MB).
+    /// Memory of its processes together (MB).
     pub memory_limit: Option<f64>,
-    /// What its folder holds (MB), with what it was given.
+    /// Size of its folder (MB), including its input.
     pub output_limit: f64,
 }
 
-/// What may stand in braces in a command and its environment.
+/// The placeholders, written in braces, of a command and its environment.
 pub const PLACEHOLDERS: [&str; 8] =
     ["bag", "log", "map", "start", "run", "output", "seed", "study"];
 
-/// A `[localizer.NAME]` as it stands in a file.
+/// A `[localizer.NAME]` as written in a file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProgramTable {
@@ -173,10 +173,10 @@ pub struct ProgramTable {
     output_limit: Option<Spanned<f64>>,
 }
 
-/// A folder of at most so many MB, unless a study says otherwise.
+/// Default limit of the folder's size (MB).
 const OUTPUT_LIMIT: f64 = 1000.0;
 
-/// A mistake in a file: at which bytes, at which key, and what was expected.
+/// A mistake in a file: its byte range, its key, and what was expected.
 type Mistake = (Range<usize>, &'static str, String);
 
 impl ProgramTable {
@@ -252,10 +252,10 @@ impl ProgramTable {
     }
 }
 
-/// A text with its placeholders filled in; `{{` and `}}` are braces.
+/// A text with its placeholders replaced; `{{` and `}}` stand for braces.
 ///
 /// # Errors
-/// Names what is in braces and no placeholder.
+/// The name in braces that is not a placeholder.
 pub fn filled(text: &str, value: impl Fn(&str) -> Option<String>) -> Result<String, String> {
     let mut filled = String::new();
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! How a map comes about.
+//! The recipe of a map.
 
 use std::fmt;
 
@@ -20,9 +20,9 @@ pub enum Size {
     Percent(f64),
     /// A number of points.
     Points(usize),
-    /// Edge of a cell, or how far points may be from the segment of their wall (m).
+    /// Edge of a cell, or largest distance of points from the segment of their wall (m).
     Resolution(f64),
-    /// What the data chooses by a criterion.
+    /// Chosen by the data by a criterion.
     Chosen(Criterion),
 }
 
@@ -44,11 +44,11 @@ impl fmt::Display for Size {
 pub enum Sigma {
     /// In metres.
     Metres(f64),
-    /// What the data chooses by a criterion.
+    /// Chosen by the data by a criterion.
     Chosen(Criterion),
 }
 
-/// Where the lines of a grid lie.
+/// The position of the lines of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Offset {
@@ -58,8 +58,8 @@ pub enum Offset {
     Origin,
 }
 
-/// How a map comes about: everything that it depends on, but for the content of the data and the
-/// build of the program.
+/// The recipe of a map: everything that it depends on, except the content of the data and the build of the
+/// program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapRecipe {
     /// Name of the data set.
@@ -70,7 +70,7 @@ pub struct MapRecipe {
     pub kind: NamedKind,
     /// How large it is; `None` for all points.
     pub size: Option<Size>,
-    /// Where the lines of a grid lie.
+    /// The position of the lines of a grid.
     pub offset: Offset,
     /// σ of the mixture, for refinements and likelihood.
     pub sigma: Sigma,
@@ -78,14 +78,14 @@ pub struct MapRecipe {
     pub tolerance: f64,
     /// EM stops after this many updates.
     pub max_iterations: usize,
-    /// Number of the draw: maps of one draw number are one independent unit.
+    /// Number of the draw: maps with the same draw number are one independent unit.
     pub draw: u32,
     /// Root of every seed of the study.
     pub seed: u64,
 }
 
-/// What a map depends on. A draw number matters only where something is drawn or held out by it, so
-/// that a map which does not depend on it is built once.
+/// What a map depends on. The draw number is part of it only where something is drawn or held out by it, so
+/// that a map that does not depend on it is built once.
 #[derive(Serialize)]
 struct Identity<'a> {
     dataset: &'a str,
@@ -101,7 +101,7 @@ struct Identity<'a> {
 }
 
 impl MapRecipe {
-    /// The identity of the map in a cache: recipes of the same identity make the same map.
+    /// The identity of the map in a cache: recipes with the same identity give the same map.
     ///
     /// # Errors
     /// When it cannot be written as JSON.
@@ -120,7 +120,7 @@ impl MapRecipe {
         })
     }
 
-    /// The recipe of the map that a refinement starts from; of a map without refinement itself.
+    /// The recipe of the map that a refinement starts from; itself for a map without refinement.
     pub fn initial(&self) -> Self {
         let MapKind::Sampled { builder, refinement: Some(_) } = self.kind.kind else {
             return self.clone();
@@ -129,13 +129,13 @@ impl MapRecipe {
         MapRecipe { kind: NamedKind { name: builder.name().to_owned(), kind }, ..self.clone() }
     }
 
-    /// Which fold the draw holds out, where the split has folds.
+    /// The fold that the draw holds out, where the split has folds.
     pub fn fold(&self) -> Option<usize> {
         (self.split == Some(Split::Blocks)).then_some(self.draw as usize % FOLDS)
     }
 
-    /// Seed of what is drawn for the map, as [`Seed::new`] takes it; `None` where nothing is. It
-    /// depends on data set, split, builder, size and draw, not on what is made of the initial map.
+    /// Seed of the map's random draws, as taken by [`Seed::new`]; `None` without any. It depends on data set,
+    /// split, builder, size and draw, not on the refinement of the initial map.
     pub fn draw_seed(&self) -> Option<u64> {
         let builder = self.kind.builder()?;
         let is_drawn = match builder {
@@ -158,7 +158,7 @@ impl MapRecipe {
         Some(seed.derive(builder.name()).derive(&size).derive_index(self.draw.into()).number())
     }
 
-    /// The initial map of a sampled one, of a size in points or percent.
+    /// The initial map of a sampled one, with a size in points or percent.
     pub fn initial_map<const D: usize>(&self, size: MapSize) -> InitialMap<D> {
         let seed = self.draw_seed().unwrap_or_default();
         match (self.kind.builder(), self.offset) {
@@ -185,7 +185,7 @@ impl MapRecipe {
         FkmSettings { sigma, tolerance: self.tolerance, max_iterations: self.max_iterations }
     }
 
-    /// The columns of a row that say how the map came about.
+    /// The columns of a row that describe the map's recipe.
     pub fn cells(&self) -> Cells {
         let [mut percent, mut points, mut resolution, mut size_by] = [const { Value::Empty }; 4];
         match self.size {
@@ -224,7 +224,7 @@ impl MapRecipe {
     }
 }
 
-/// The offset of a grid that belongs to a seed, in cells.
+/// The offset of a grid for a seed, in cells.
 pub fn random_offset<const D: usize>(seed: u64) -> GridOffset<D> {
     let mut rng = Seed::new(seed).derive("grid-offset").rng();
     GridOffset::Cells(std::array::from_fn(|_| rng.random::<f64>()))

@@ -1,8 +1,8 @@
-//! Recipes: how a map comes about, and how a robot is localized on it.
+//! Recipes: how a map is built, and how a robot is localized on it.
 //!
-//! A recipe says everything that its result depends on, apart from the content of the data and the
-//! build of the program. The same recipe is the same map or run, bit for bit, in every study, on the
-//! command line and on every machine: its identity seeds its draws.
+//! A recipe contains everything that its result depends on, apart from the content of the data and the build
+//! of the program. The same recipe gives the same map or run, bit for bit, in every study, on the command
+//! line and on every machine: its identity seeds its random draws.
 
 pub mod criterion;
 pub mod disturbance;
@@ -15,7 +15,7 @@ pub mod split;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// The identity of what a recipe (or several) makes: the [digest] of its JSON.
+/// The identity of the result of a recipe (or several): the [digest] of its JSON.
 ///
 /// # Errors
 /// When it cannot be written as JSON.

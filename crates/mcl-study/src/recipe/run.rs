@@ -1,4 +1,4 @@
-//! How a robot is localized on a map.
+//! The recipe of a run.
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,11 +13,11 @@ use crate::recipe::disturbance::{Disturbance, Start};
 use crate::recipe::localizer::{LOCALIZER, Localizer, Program};
 use crate::table::{Cells, Value};
 
-/// How a robot is localized on a map. Noise belongs to data set, split and run, never to map or
-/// filter, so that everything is compared in pairs.
+/// How a robot is localized on a map. Noise depends on data set, split and run, never on map or filter, so
+/// that everything is compared in pairs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecipe {
-    /// What localizes; `None` in a study without programs of others, where the own filter does.
+    /// The localizer; `None` in a study without external programs, which uses the built-in filter.
     pub localizer: Option<Localizer>,
     /// The set of settings that the study started from.
     pub preset: Preset,
@@ -27,15 +27,15 @@ pub struct RunRecipe {
     pub odometry_noise: OdometryNoise,
     /// Where in the log the run begins.
     pub start: Start,
-    /// Number of localized scans; to the end of the log without.
+    /// Number of localized scans; `None`: to the end of the log.
     pub length: Option<usize>,
-    /// What goes wrong beside noise.
+    /// Disturbances beside noise.
     pub disturbance: Disturbance,
     /// Number of the run: the same number has the same noise on every map.
     pub run: u32,
 }
 
-/// A run as it is written, which says what it depends on.
+/// A run as written to JSON, which contains everything it depends on.
 #[derive(Debug, Clone)]
 pub(crate) struct WrittenRun {
     /// [Its JSON](RunRecipe::to_json).
@@ -51,10 +51,10 @@ impl WrittenRun {
     }
 }
 
-/// The setting that is the data set's and not a run's.
+/// The setting that belongs to the data set and not to a run.
 const OF_DATASET: &str = "max_range";
 
-/// The setting of the filter that says how much is known of the start, which programs are told, too.
+/// The setting of the filter for the initial pose, which programs are given, too.
 const START: &str = "initial_pose";
 
 impl RunRecipe {
@@ -67,7 +67,7 @@ impl RunRecipe {
         if let Some(settings) = filter.as_object_mut() {
             settings.remove(OF_DATASET);
             if self.filter.beam_floor.is_some() {
-                // It does not count, and shall not make two recipes of one.
+                // It has no effect, and must not make two recipes of one.
                 settings.insert("z_rand".to_owned(), Json::Null);
             }
         }
@@ -77,8 +77,8 @@ impl RunRecipe {
             "odometry_noise": self.odometry_noise,
             "run": self.run,
         });
-        // Settings of the own filter are none of a program, but both start alike. That the own filter is meant
-        // where there are programs makes no other run of it.
+        // Settings of the built-in filter do not apply to a program, except for the initial pose. Naming the
+        // built-in filter explicitly does not change its runs.
         if let (Some(Localizer::Program(program)), Some(run)) =
             (&self.localizer, json.as_object_mut())
         {
@@ -87,7 +87,8 @@ impl RunRecipe {
             run.insert(LOCALIZER.to_owned(), serde_json::to_value(&**program)?);
             run.insert(START.to_owned(), serde_json::to_value(self.filter.initial_pose)?);
         }
-        // A run over the whole log without disturbance is what it is where there is nothing else.
+        // Without disturbance, a run over the whole log keeps the identity that it has without these
+        // settings.
         if self.start != Start::First {
             json["start"] = serde_json::to_value(self.start)?;
         }
@@ -100,11 +101,11 @@ impl RunRecipe {
         Ok(json)
     }
 
-    /// The columns of a row that say how the robot was localized: the preset, and every setting of the
-    /// filter, those of several parts flat (`alpha1`, `initial_pose_std_x`). They are the same whatever the
-    /// settings, with the localizer before them in studies that have several: settings that do not count for a
-    /// program and parts that a setting does not have are empty, and one that is there or not (`recover`) has a column
-    /// of yes and no beside those of its parts.
+    /// The columns of a row that describe the run's recipe: the preset, and every setting of the filter,
+    /// nested ones flattened (`alpha1`, `initial_pose_std_x`). They are the same whatever the settings,
+    /// preceded by the localizer in studies that have several: settings that do not apply to a program and
+    /// parts that a setting does not have are empty, and an optional one (`recover`) has a column of yes and
+    /// no beside those of its parts.
     ///
     /// # Errors
     /// When a setting cannot be written as JSON.
@@ -138,11 +139,11 @@ impl RunRecipe {
         Ok(cells)
     }
 
-    /// Sets a setting of the filter by its name in a settings file. Of one that is there or not, `false` is
-    /// none, and `true` all of its defaults.
+    /// Sets a setting of the filter by its name in a settings file. For an optional one, `false` removes it,
+    /// and `true` sets all of its defaults.
     ///
     /// # Errors
-    /// When there is none of that name, or the value is none for it.
+    /// When there is no setting of that name, or the value is not valid for it.
     pub fn set(&mut self, name: &str, value: &Json) -> Result<()> {
         let mut filter = serde_json::to_value(&self.filter)?;
         let settings = filter.as_object_mut().context("settings of the filter are a table")?;
@@ -153,14 +154,14 @@ impl RunRecipe {
         };
         settings.insert(name.to_owned(), value);
         if name == "z_rand" {
-            // The preset's floor would count in its place.
+            // Otherwise the preset's floor would be used instead.
             settings.insert("beam_floor".to_owned(), Json::Null);
         }
         self.filter = serde_json::from_value(filter)?;
         Ok(())
     }
 
-    /// Names of the settings of the filter that [`RunRecipe::set`] takes.
+    /// Names of the settings of the filter accepted by [`RunRecipe::set`].
     ///
     /// # Errors
     /// When they cannot be written as JSON.
@@ -170,7 +171,7 @@ impl RunRecipe {
         Ok(names.filter(|name| name != OF_DATASET).collect())
     }
 
-    /// The program that localizes, if it is not the own filter.
+    /// The program that localizes, unless it is the built-in filter.
     pub fn program(&self) -> Option<&Arc<Program>> {
         match &self.localizer {
             Some(Localizer::Program(program)) => Some(program),
@@ -179,7 +180,7 @@ impl RunRecipe {
     }
 }
 
-/// Settings of the filter with few parts, and with all parts that they can have: the shape of a row.
+/// Settings of the filter with the fewest parts, and with all possible parts: the shape of a row.
 fn shapes() -> Result<[Json; 2]> {
     let known = InitialPose::Known { std_x: 0.0, std_y: 0.0, std_theta: 0.0 };
     let without =
@@ -204,7 +205,7 @@ fn shapes() -> Result<[Json; 2]> {
     Ok([without, with])
 }
 
-/// A setting flat, with the columns of its shape.
+/// A flattened setting, with the columns of its shape.
 fn flatten_as(shape: &Json, name: &str, json: &Json, cells: &mut Cells) {
     match shape {
         Json::Object(parts) => {
@@ -293,8 +294,8 @@ mod tests {
         }
     }
 
-    /// Fault: the runs on a map share their columns in the file of rows, and those of a start from a scan were
-    /// others than those of a known start.
+    /// Fault: the runs on a map share their columns in the file of rows, and a start from a scan had other
+    /// columns than a known start.
     #[test]
     fn rows_have_the_same_columns_whatever_the_settings() {
         let columns = |run: &RunRecipe| -> Vec<String> {
@@ -328,7 +329,7 @@ mod tests {
         assert!(run.set("beams", &true.into()).is_err());
     }
 
-    /// Rows of studies without disturbances are those that they were.
+    /// Rows of studies without disturbances are unchanged.
     #[test]
     fn what_is_not_disturbed_keeps_its_identity() {
         let mut run = plain();
@@ -341,7 +342,7 @@ mod tests {
         run.disturbance.lost_beams = Some(0.1);
         assert_eq!(names(&run)[..2], ["disturbance", "filter"]);
         assert_eq!(names(&run).len(), 7);
-        // Programs beside the own filter make no other run of it, but another column.
+        // With programs in the study, the built-in filter has the same runs, but another column.
         let own = RunRecipe { localizer: Some(Localizer::Own), ..run.clone() };
         assert_eq!(own.to_json().unwrap(), run.to_json().unwrap());
         let [own, run] = [own, run].map(|run| run.cells().unwrap());

@@ -1,4 +1,4 @@
-//! Which scans build maps, and which these are rated by.
+//! Which scans build maps, and which scans rate them.
 
 use std::fmt;
 
@@ -23,10 +23,10 @@ pub enum Split {
     Blocks,
 }
 
-/// Scans of a block. In the logs used here the robot travels some metres meanwhile: far enough that the
-/// scans of other blocks differ, near enough that they see the place.
+/// Number of scans in a block. In the logs used here the robot travels some metres meanwhile: far enough that
+/// the scans of other blocks differ, near enough that they cover the same place.
 pub const BLOCK_SCANS: usize = 10;
-/// One in so many blocks is held out.
+/// One in this many blocks is held out.
 pub const FOLDS: usize = 5;
 
 impl Split {
@@ -42,8 +42,8 @@ impl Split {
         }
     }
 
-    /// The name in the derivation of seeds: `alternate` was called `held-out` in version 0.1, whose
-    /// draws stay what they were.
+    /// The name in the derivation of seeds: `alternate` was called `held-out` in version 0.1, and its draws
+    /// must not change.
     pub fn seed_name(self) -> &'static str {
         match self {
             Split::Alternate => "held-out",
@@ -98,7 +98,7 @@ pub fn divide(recording: &Recording, split: Option<Split>, fold: usize) -> Resul
                     (FOLDS - 1) * BLOCK_SCANS + 1
                 );
             }
-            // By time, where the log knows it: a log may step back.
+            // By time, where the log has stamps: a log may step back.
             let mut order = all();
             if recording.scans.iter().all(|scan| scan.stamp.is_some()) {
                 order.sort_by_key(|&index| recording.scans[index].stamp);
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn blocks_are_cut_by_time_whatever_the_order_of_scans() {
-        // 60 stamps in a wild order.
+        // 60 stamps out of order.
         let stamps: Vec<Option<i64>> = (0..60).map(|index| Some(index * 37 % 60)).collect();
         let log = recording(&stamps);
         let found = divide(&log, Some(Split::Blocks), 2).unwrap();

@@ -13,14 +13,14 @@ use crate::data::facts::DataFacts;
 pub struct Build {
     /// Version of the program.
     pub version: String,
-    /// Revision of its sources, where git knew it; ends in `+changes` when they had been changed since.
+    /// Revision of its sources, where git knew it; ends in `+changes` for a modified working copy.
     pub revision: Option<String>,
     /// Digest of the sources that rows depend on.
     pub sources: String,
 }
 
 impl Build {
-    /// This one.
+    /// The running build.
     pub fn this() -> Self {
         let revision = env!("MCL_REVISION");
         Build {
@@ -42,18 +42,18 @@ impl fmt::Display for Build {
     }
 }
 
-/// What all rows of a result folder have in common.
+/// The common identity of all rows of a result folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
-    /// What computed them.
+    /// The build that computed them.
     pub build: Build,
-    /// What they were computed from.
+    /// The data that they were computed from.
     pub data: DataFacts,
 }
 
 impl Identity {
-    /// Sees whether rows of another identity may stand beside rows of this one. Revisions may differ as
+    /// Checks that rows of another identity may be combined with rows of this one. Revisions may differ as
     /// long as the sources that rows depend on are the same.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Rows that are kept: written as trials end, read by everything that shows or decides something.
+//! The stored rows: written as trials end, read by tables, figures and claims.
 
 pub mod identity;
 pub mod parts;

@@ -1,6 +1,6 @@
-//! Rows as they are kept: every process that runs trials appends to a file of its own, and reads those
-//! of all others. No file is ever changed by anybody but the process that made it, so that no lock is
-//! needed. What was cut off or damaged is not there, and is computed again.
+//! Storage of rows: every process that runs trials appends to its own file, and reads those of all others. A
+//! file is only ever changed by the process that created it, so that no lock is needed. Truncated or damaged
+//! rows are ignored, and computed again.
 
 use std::borrow::Cow;
 use std::collections::hash_map::Entry;
@@ -24,15 +24,15 @@ use crate::table::{Cells, Value};
 /// Folder of the files of rows, below a result folder.
 pub const PARTS: &str = "parts";
 const PREFIX: &str = "rows";
-/// A line at most (bytes): a trial of [`MAX_ROWS`](crate::study) rows would not fit, but such a trial has
-/// no end either.
+/// Size limit of a line (bytes): only a trial with about [`MAX_ROWS`](crate::study) rows would exceed it, and
+/// such a trial would never end.
 const MAX_LINE: usize = 256 << 20;
 
 /// A line of a file of rows.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 enum Line<Trial> {
-    /// The first: what all rows of the file depend on.
+    /// The first line: what all rows of the file depend on.
     Identity(Box<Identity>),
     /// Rows of a trial that ended.
     Trial(Trial),
@@ -40,22 +40,22 @@ enum Line<Trial> {
     Failed(FailedTrial),
 }
 
-/// The JSON of a line as it is saved: with its digest, so that nothing damaged passes for a row.
+/// The JSON of a line as saved: with its digest, so that damage is detected.
 pub fn seal(json: &[u8]) -> Vec<u8> {
     [SEAL[0], digest(json).as_bytes(), SEAL[1], json, SEAL[2]].concat()
 }
 
-/// What stands before the digest, between digest and JSON, and behind it: the whole is JSON, too.
+/// The text before the digest, between digest and JSON, and after it: the whole is JSON, too.
 const SEAL: [&[u8]; 3] = [br#"{"sha256":""#, br#"","line":"#, b"}"];
 
-/// The digest and the JSON of a line as it is saved.
+/// The digest and the JSON of a saved line.
 fn sealed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (digest, rest) = bytes.strip_prefix(SEAL[0])?.split_at_checked(DIGITS)?;
     Some((digest, rest.strip_prefix(SEAL[1])?.strip_suffix(SEAL[2])?))
 }
 
 impl<'l> Line<ReadTrial<'l>> {
-    /// Of a line as it is saved, unless it is damaged.
+    /// Parses a saved line, unless it is damaged.
     fn unsealed(bytes: &'l [u8]) -> Option<Self> {
         let (found, json) = sealed(bytes)?;
         if found != digest(json).as_bytes() {
@@ -65,7 +65,7 @@ impl<'l> Line<ReadTrial<'l>> {
     }
 }
 
-/// As much of a line of a trial as says whose rows it holds.
+/// The part of a trial's line that identifies its rows.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Glance<'a> {
@@ -76,7 +76,7 @@ enum Glance<'a> {
 }
 
 impl Glance<'_> {
-    /// Whether a line as it is saved holds rows of other identities than the wanted ones only.
+    /// Whether a saved line holds only rows with other identities than the wanted ones.
     fn is_of_others(bytes: &[u8], wanted: &HashSet<String>) -> bool {
         let glance = sealed(bytes).and_then(|(_, json)| serde_json::from_slice(json).ok());
         glance.is_some_and(|Glance::Trial { rows }| {
@@ -98,7 +98,7 @@ pub struct Saved {
     pub seconds: Vec<(String, f64)>,
 }
 
-/// The same as it is read: the columns of most lines are, letter by letter, those of a line before.
+/// The same while reading: the columns of most lines are identical to those of an earlier line.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ReadTrial<'l> {
@@ -120,7 +120,7 @@ pub struct FailedTrial {
 }
 
 impl Saved {
-    /// Of rows that share their columns.
+    /// From rows that share their columns.
     pub fn new(trial: String, rows: Vec<(String, Cells)>, seconds: Vec<(String, f64)>) -> Self {
         let columns = rows.first().map_or(Vec::new(), |(_, cells)| {
             cells.iter().map(|(column, _)| column.clone()).collect()
@@ -131,7 +131,7 @@ impl Saved {
     }
 }
 
-/// The file of rows of this process, made with the first trial that ends.
+/// The file of rows of this process, created when the first trial ends.
 pub struct OwnPart<'a> {
     folder: &'a Path,
     identity: &'a Identity,
@@ -144,7 +144,7 @@ impl<'a> OwnPart<'a> {
         OwnPart { folder, identity, journal: None }
     }
 
-    /// Saves the rows of a trial, or why there are none: when this returns they are on the disk.
+    /// Saves the rows of a trial, or why it failed, and syncs them to the disk.
     ///
     /// # Errors
     /// When they cannot be written, or the folder was removed or replaced.
@@ -167,18 +167,18 @@ impl<'a> OwnPart<'a> {
     }
 }
 
-/// Everything that lies in the files of rows of a result folder.
+/// The content of the files of rows of a result folder.
 #[derive(Debug, Default)]
 pub struct Parts {
-    /// Values of rows by their identity, each with the columns that its trial has.
+    /// Values of rows by identity, each with the index of its columns.
     rows: HashMap<String, KeptRow>,
     /// Columns of trials; most trials share them.
     columns: Vec<Vec<String>>,
-    /// The same as they stand in the lines.
+    /// The same as written in the lines.
     written_columns: Vec<Box<RawValue>>,
     /// Processor times by trial.
     pub seconds: Vec<(String, Vec<(String, f64)>)>,
-    /// Trials that failed, in the order in which they did.
+    /// Trials that failed, in the order of failure.
     pub failed: Vec<FailedTrial>,
     /// What was damaged, a line each.
     pub damage: Vec<String>,
@@ -188,13 +188,13 @@ pub struct Parts {
 struct KeptRow {
     columns: usize,
     values: Vec<Value>,
-    /// The file, and the number of the line in it.
+    /// The file, and the line number in it.
     place: (Arc<Path>, usize),
 }
 
 impl Parts {
-    /// Reads the rows of all processes, which have to be of one identity. What a killed process or a
-    /// broken disk left damaged is not there.
+    /// Reads the rows of all processes, which must have the same identity. Rows damaged by a killed process
+    /// or a broken disk are ignored.
     ///
     /// # Errors
     /// When a file cannot be read, rows are of another identity (with the first difference), or two rows
@@ -203,11 +203,11 @@ impl Parts {
         Self::read_wanted(folder, identity, None)
     }
 
-    /// Reads as [`Parts::read`] does, but keeps no trials without rows of the wanted identities: a process of a
-    /// thousand needs a thousandth of the rows.
+    /// Reads as [`Parts::read`] does, but keeps only trials with rows of the wanted identities: one process
+    /// of a thousand needs a thousandth of the rows.
     ///
     /// # Errors
-    /// As [`Parts::read`]; of rows that are not wanted only that they are of another identity.
+    /// As [`Parts::read`]; for rows that are not wanted, only another identity.
     pub fn read_wanted(
         folder: &Path,
         identity: &Identity,
@@ -234,7 +234,7 @@ impl Parts {
             let damaged = |what: &str| format!("{} line {number}: {what}", path.display());
             let line = match line {
                 Ok(JournalLine::Whole(line)) => line,
-                // Cut off by the end of its process, or still being written by another one.
+                // Truncated by the end of its process, or still being written by another one.
                 Ok(JournalLine::Torn { .. }) => break,
                 Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
                     self.damage.push(damaged("too long, left out"));
@@ -262,7 +262,7 @@ impl Parts {
                 }
                 (Some(Line::Failed(_)), Some(Err(_))) => {}
                 (_, None) => {
-                    // Whose rows these are cannot be known.
+                    // The owner of these rows cannot be known.
                     self.damage.push(damaged(
                         "damaged, and with it what says whose rows follow; they are left out",
                     ));
@@ -299,7 +299,7 @@ impl Parts {
                 Entry::Vacant(entry) => {
                     entry.insert(KeptRow { columns, values, place: (path.clone(), line) });
                 }
-                // Two processes may run the same trial; what comes out is the same.
+                // Two processes may run the same trial, with the same result.
                 Entry::Occupied(entry) => {
                     let kept = entry.get();
                     if kept.columns == columns && kept.values == values {
@@ -330,7 +330,7 @@ impl Parts {
         Ok(())
     }
 
-    /// How the localizer of a row ended, where the row says so.
+    /// How the localizer of a row ended, where the row has it.
     pub fn ended(&self, identity: &str) -> Option<&str> {
         let ended = |(column, value)| if column == ENDED { Value::text(value) } else { None };
         self.row(identity)?.find_map(ended)
@@ -341,12 +341,12 @@ impl Parts {
         self.rows.contains_key(identity)
     }
 
-    /// The columns that rows have, each set of them once.
+    /// The distinct sets of columns of the rows.
     pub fn columns(&self) -> &[Vec<String>] {
         &self.columns
     }
 
-    /// Takes a row out: the place of its columns in [`Parts::columns`], and its values.
+    /// Removes a row: the index of its columns in [`Parts::columns`], and its values.
     pub fn take(&mut self, identity: &str) -> Option<(usize, Vec<Value>)> {
         self.rows.remove(identity).map(|row| (row.columns, row.values))
     }
@@ -358,8 +358,8 @@ impl Parts {
     }
 }
 
-/// Whether two rows of one identity may be what they are: times and memory differ whenever they are measured, and a
-/// program of others may differ in all that comes of it. Then the first one counts.
+/// Whether two rows with the same identity may differ as they do: times and memory differ from run to run,
+/// and an external program may differ in all results. Then the first one counts.
 fn may_differ(columns: &[String], kept: &[Value], values: &[Value]) -> bool {
     let place = columns.iter().position(|column| column == LOCALIZER);
     let localizer = place.and_then(|place| kept[place].text());
@@ -368,7 +368,7 @@ fn may_differ(columns: &[String], kept: &[Value], values: &[Value]) -> bool {
     is_program || cells.all(|(column, (a, b))| a == b || MEASURED_ANEW.contains(&column.as_str()))
 }
 
-/// Whether a result folder has files of rows. Those committed with the program have not.
+/// Whether a result folder has files of rows; those committed with the program do not.
 pub fn has_parts(folder: &Path) -> bool {
     fs::read_dir(folder.join(PARTS)).is_ok_and(|mut entries| entries.next().is_some())
 }

@@ -1,4 +1,4 @@
-//! What a result folder `<root>/<study>/<data set>/` holds of a study.
+//! The content of a result folder `<root>/<study>/<data set>/`.
 //!
 //! ```text
 //! manifest.json  build and data that the rows depend on
@@ -47,69 +47,69 @@ pub const SUMMARY: &str = "summary.csv";
 pub const TESTS: &str = "tests.csv";
 /// Folder of the figures.
 pub const FIGURES: &str = "figures";
-/// A file of a result folder that is read whole at most (bytes).
+/// Size limit of a small file of a result folder (bytes).
 const MAX_BYTES: u64 = 4 << 20;
 
-/// The rows of a study on a data set: those that the study asks for and no others that lie there.
+/// The rows of a study on a data set: those of the study's plan, and no others in the folder.
 #[derive(Clone)]
 pub struct Results {
     /// The folder.
     pub folder: PathBuf,
     /// Name of the study: that of its file without the ending.
     pub name: String,
-    /// What was asked for.
+    /// The study.
     pub study: Study,
-    /// The trials that were asked for.
+    /// The trials of the study.
     pub plan: Plan,
-    /// What the data was.
+    /// Facts about the data.
     pub facts: DataFacts,
     /// The rows, sorted, with the columns of [`Plan::columns`].
     pub table: Table,
     /// Trials that have all their rows.
     pub done: usize,
-    /// Trials that the study asks for.
+    /// Total number of trials.
     pub asked: usize,
-    /// Those of them that lack a row, in the order of the plan.
+    /// Trials that lack a row, in the order of the plan.
     pub without_rows: Vec<String>,
-    /// The rows of the maps (and runs) that pictures show, by picture and map as the study lists them;
-    /// `None` where one is missing. Each has the [`SHOWN`] files beside it.
+    /// The rows of the maps (and runs) of pictures, by picture and map as listed in the study; `None` where
+    /// one is missing. Each has the [`SHOWN`] files beside it.
     pub pictured: Vec<Vec<Option<Pictured>>>,
-    /// What of the saved rows was damaged, a line each.
+    /// Damage found in the saved rows, a line each.
     pub damage: Vec<String>,
 }
 
-/// A map that a picture shows.
+/// A map in a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pictured {
-    /// What was measured, as in a row.
+    /// The measurements, as in a row.
     pub cells: Cells,
     /// The map's points (`.ply`), below the result folder's [`SHOWN`].
     pub map: PathBuf,
-    /// Those of the run, where one is shown.
+    /// The paths of the run, where one is shown.
     pub paths: Option<Paths>,
 }
 
 /// The paths of a run (TUM).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Paths {
-    /// Where the robot was.
+    /// The reference.
     pub reference: PathBuf,
-    /// Where the localizer thought it was, at the same scans.
+    /// The estimate at the same scans.
     pub estimate: PathBuf,
-    /// Where it would have been by its odometry alone; versions before 0.2 did not keep it.
+    /// The odometry alone, from the first reference pose; versions before 0.2 did not keep it.
     pub odometry: PathBuf,
 }
 
 impl Pictured {
-    /// What was measured; empty where there is no such column.
+    /// The value of a column; empty where there is no such column.
     pub fn cell(&self, column: &str) -> &Value {
         let found = self.cells.iter().find(|(name, _)| name == column);
         found.map_or(&Value::Empty, |(_, value)| value)
     }
 }
 
-/// Studies that were read, by their text: reading one plans each of its data sets, and the folders of all of these have
-/// the same.
+/// Studies that were read, by their text: parsing one plans each of its data sets, and the folders of all of
+/// these hold the same text.
 #[derive(Default)]
 pub struct Studies(Mutex<HashMap<String, Study>>);
 
@@ -125,7 +125,7 @@ impl Studies {
     }
 }
 
-/// What `manifest.json` says.
+/// The content of `manifest.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -136,10 +136,10 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Reads the text of a manifest.
+    /// Parses the text of a manifest.
     ///
     /// # Errors
-    /// When it is none.
+    /// When it is not a manifest.
     pub fn parse(text: &str) -> Result<Self> {
         Ok(serde_json::from_str(text)?)
     }
@@ -152,10 +152,10 @@ impl Manifest {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    /// Of a result folder; `None` where there is none.
+    /// Reads the manifest of a result folder; `None` where there is none.
     ///
     /// # Errors
-    /// When it cannot be read, or is none of this version's.
+    /// When it cannot be read, or is not of this version.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(MANIFEST);
         let Some(text) = read_text(&path)? else { return Ok(None) };
@@ -166,8 +166,7 @@ impl Manifest {
     }
 }
 
-/// The text of a small file; `None` where there is none. A pipe in its place is refused, for it would
-/// be waited for.
+/// The text of a small file; `None` where there is none. A pipe is refused, as reading it could block.
 pub(crate) fn read_text(path: &Path) -> Result<Option<String>> {
     let cannot = || format!("cannot read {}", path.display());
     let metadata = match fs::metadata(path) {
@@ -187,12 +186,12 @@ impl Results {
         self.done == self.asked
     }
 
-    /// "32 of 36 trials", where some are missing: whatever is made of the rows says so.
+    /// "32 of 36 trials", where some are missing: everything made from the rows reports it.
     pub fn missing(&self) -> Option<String> {
         (!self.is_complete()).then(|| format!("{} of {} trials", self.done, self.asked))
     }
 
-    /// Reads a result folder; `None` where it has no rows, as those that are committed with the program.
+    /// Reads a result folder; `None` where it has no rows, as in those committed with the program.
     ///
     /// # Errors
     /// When a file is missing, cannot be read, or holds rows of another identity than the manifest's.
@@ -223,7 +222,7 @@ impl Results {
         Self::of(folder, &name, study, identity.data, parts).map(Some)
     }
 
-    /// Of rows that were read: those that the study asks for.
+    /// Selects, from the rows read, those of the study.
     ///
     /// # Errors
     /// When recipes cannot be written as JSON.
@@ -283,7 +282,7 @@ impl Results {
     }
 }
 
-/// The maps and paths that pictures show, as far as they are there.
+/// The maps and paths of pictures, as far as they exist.
 fn pictured(
     folder: &Path,
     study: &Study,
@@ -299,8 +298,8 @@ fn pictured(
     Ok(shown.map(|maps| maps.into_iter().map(of_map).collect()).collect())
 }
 
-/// A map that a picture shows, and where its files are: they are named after the identity of its row, so
-/// that a picture never shows another map than it says.
+/// A map of a picture, and the paths of its files: they are named after the identity of its row, so that a
+/// picture never shows another map than it names.
 pub struct Shown {
     /// The map, with the run on it where one is shown.
     pub trial: Trial,
@@ -312,11 +311,11 @@ pub struct Shown {
     pub paths: Option<Paths>,
 }
 
-/// Ends of the names of the files behind the identity.
+/// Endings of the names of the files after the identity.
 const SHOWN_ENDS: [&str; 4] = [".ply", "-reference.tum", "-estimate.tum", "-odometry.tum"];
 
 impl Shown {
-    /// By picture and map, as the study lists them.
+    /// All, by picture and map, as listed in the study.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.
@@ -336,7 +335,7 @@ impl Shown {
             .collect()
     }
 
-    /// Whether a path is named after an identity, as these are.
+    /// Whether a path has the name of such a file.
     pub fn is_name(path: &Path) -> bool {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         SHOWN_ENDS.iter().any(|end| {
@@ -356,13 +355,13 @@ impl Shown {
         paths.chain([&self.map])
     }
 
-    /// Whether those are there that a picture needs: odometry may be missing.
+    /// Whether the files that a picture needs exist: odometry may be missing.
     pub fn is_there(&self) -> bool {
         self.needed().all(|file| file.is_file())
     }
 }
 
-/// Writes a file, whole or not at all.
+/// Writes a file atomically.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -381,19 +380,19 @@ pub fn save_table(path: &Path, table: &Table) -> Result<()> {
     save(path, &table.to_csv()?)
 }
 
-/// What lies below a root of results.
+/// The content of a root of results.
 #[derive(Default)]
 pub struct Found {
     /// Folders with rows.
     pub results: Vec<Results>,
     /// Result folders without rows, such as those that are committed.
     pub without_rows: Vec<PathBuf>,
-    /// Folders that could not be read, and why.
+    /// Folders that could not be read, with the error.
     pub damaged: Vec<(PathBuf, anyhow::Error)>,
 }
 
-/// Reads the result folders `<study>/<data set>/` below a root, sorted. One that cannot be read stops no
-/// other.
+/// Reads the result folders `<study>/<data set>/` below a root, sorted. One that cannot be read does not stop
+/// the others.
 ///
 /// # Errors
 /// When the root cannot be read, or holds no result folder.
@@ -413,7 +412,7 @@ pub fn read_all(root: &Path) -> Result<Found> {
 /// The result folders below a root, sorted: all `<study>/<data set>/` with a manifest.
 ///
 /// # Errors
-/// When a folder cannot be read, or there are none.
+/// When a folder cannot be read, or no result folder exists.
 pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
     let subfolders = |folder: &Path| -> Result<Vec<PathBuf>> {
         let entries =

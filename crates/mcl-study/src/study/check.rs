@@ -1,4 +1,4 @@
-//! Whether views name what there is.
+//! Checks that views refer only to what exists.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,10 +13,10 @@ use crate::study::settings::{PRESET, SIZE, Setting, settings, text_of};
 use crate::study::views::{Chart, ChartKind, INITIALIZATIONS, Region, Views, made_of};
 use crate::table::{Row, Table, Value};
 
-/// More panels side by side could not be read.
+/// Largest number of panels side by side that can be read.
 const MOST_COLUMNS: usize = 4;
 
-/// What views can name: that of the plans on all data sets together.
+/// What views can refer to: everything in the plans of all data sets.
 pub struct Known<'a> {
     text: &'a str,
     plans: &'a [Plan],
@@ -26,7 +26,7 @@ pub struct Known<'a> {
 }
 
 impl<'a> Known<'a> {
-    /// Of the plans on all data sets; `text` is the study's file.
+    /// Collects it from the plans of all data sets; `text` is the study's file.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.
@@ -67,7 +67,7 @@ impl<'a> Known<'a> {
         Ok(values)
     }
 
-    /// What is wrong at a path: keys and places in lists, outermost first, joined by dots, such as
+    /// The error at a path: keys and indices, outermost first, joined by dots, such as
     /// `views.charts.0.y.column`.
     fn mistake(&self, path: &str, message: &str) -> Error {
         anyhow!("line {}: {path}: {message}", line_of(self.text, path))
@@ -110,8 +110,8 @@ impl<'a> Known<'a> {
     }
 }
 
-/// Checks that columns, values and entries of `[[trials]]` that views name exist, and that names of files
-/// are some.
+/// Checks that columns, values and entries of `[[trials]]` named in views exist, and that file names are
+/// valid.
 ///
 /// # Errors
 /// The first mistake, with its line; or when a recipe cannot be written as JSON.
@@ -198,8 +198,8 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Whether the statements can be decided from the trials that a region is of: there are runs on all kinds
-/// of map, and nothing else varies. The error is a message.
+/// Whether the statements can be decided from the trials of a region: there are runs on all kinds of map, and
+/// nothing else varies. The error is a message.
 fn check_trials(region: &Region, table: &Table, known: &Known<'_>) -> Result<(), String> {
     let Region { of, x, y, .. } = region;
     let is_own = |row: &Row<'_>| row.text(ENTRIES).split(' ').any(|name| name == of);
@@ -306,7 +306,7 @@ pub fn placeholders(name: &str) -> (Vec<&str>, String) {
     (columns, shown)
 }
 
-/// The line of a study's text on which a path ends, or as much of it as is there.
+/// The line of a study's text at which a path ends, or the part of it that exists.
 pub fn line_of(text: &str, path: &str) -> usize {
     let Ok(parsed) = DeTable::parse(text) else { return 1 };
     let mut offset = 0;
@@ -325,7 +325,7 @@ pub fn line_of(text: &str, path: &str) -> usize {
             _ => None,
         };
         let Some((start, value)) = next else { break };
-        // Tables that are only named by those below them stand nowhere.
+        // Tables that exist only implicitly, through their subtables, have no position.
         if start > 0 {
             offset = start;
         }
@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(placeholders("a{b"), (vec![], "a{b".to_owned()));
     }
 
-    /// A mistake would be seen after the last trial only, days later.
+    /// Otherwise a mistake would be reported only after the last trial, days later.
     #[test]
     fn regions_are_of_trials_that_decide_statements() {
         let right = r#"seed = 1
@@ -409,7 +409,7 @@ y = "sigma_hit"
             let is_named = found.starts_with(&format!("line {line}: views.regions.0."));
             assert!(is_named && found.contains(message), "{new}: {found}");
         }
-        // A preset decides σ_hit, but not the noise that comes with it.
+        // A preset sets σ_hit, but not the noise that varies with it.
         let noisy = "odometry_noise = [{ xy = 0, theta = 0 }, { xy = 0.1, theta = 0.1 }]\ndraws";
         let found = named(&by_preset.replacen("draws", noisy, 1));
         assert!(found.is_some_and(|found| found.contains("vary noise, too")));

@@ -1,4 +1,4 @@
-//! Reading a study's file.
+//! Reads a study's file.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -27,16 +27,16 @@ use crate::study::plan::Plan;
 use crate::study::views::Views;
 use crate::trial::run::Trial;
 
-/// A study's file at most (bytes): no study that a person writes has more.
+/// Size limit of a study's file (bytes): more than anybody writes by hand.
 const MAX_BYTES: u64 = 1 << 20;
-/// Rows of a data set at most: what is listed before the first trial is run.
+/// Limit on the rows of a data set, which are listed before the first trial is run.
 const MAX_ROWS: usize = 1_000_000;
-/// Characters of a message at most.
+/// Length limit of a message, in characters.
 const LONGEST_MESSAGE: usize = 1000;
-/// Values of a range at most.
+/// Limit on the values of a range.
 const MAX_STEPS: f64 = 1000.0;
 
-/// What a study compares, on what, and how it is shown. Made by [`Study::parse`] only, so that every
+/// What a study compares, on which data, and how it is shown. Created by [`Study::parse`] only, so that every
 /// value has been checked.
 #[derive(Clone)]
 pub struct Study {
@@ -46,11 +46,11 @@ pub struct Study {
     pub seed: u64,
     /// What is measured.
     pub measures: Measures,
-    /// What is made of the rows.
+    /// The tables and figures made from the rows.
     pub views: Views,
-    /// The data sets to run on, as far as they are at hand.
+    /// The data sets to run on, as far as they are available.
     pub datasets: Vec<ListedDataset>,
-    /// Folder of its file, where it was read from one: beside it lie the files that programs read.
+    /// Folder of its file, where it was read from one; files read by programs are relative to it.
     pub folder: Option<PathBuf>,
     base: Factors,
     defined: Definitions,
@@ -70,10 +70,10 @@ pub struct ListedDataset {
     entries: Vec<Entry>,
 }
 
-/// Values of factors, with where they stand in the file.
+/// Values of factors, with their position in the file.
 type Factors = BTreeMap<String, (Vec<Json>, usize)>;
 
-/// One of `[[trials]]`: all combinations of its values.
+/// An entry of `[[trials]]`: all combinations of its values.
 #[derive(Clone)]
 struct Entry {
     name: Option<String>,
@@ -85,7 +85,7 @@ struct Entry {
     line: usize,
 }
 
-/// The file as it stands.
+/// The file as written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -124,8 +124,8 @@ impl Study {
     /// Reads and checks a study.
     ///
     /// # Errors
-    /// When the file cannot be read, is no TOML, has unknown keys, or values out of range; the message
-    /// names file, line and key.
+    /// When the file cannot be read, is not TOML, has unknown keys, or values out of range; the message names
+    /// file, line and key.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<String> {
             let mut text = Vec::new();
@@ -219,9 +219,9 @@ impl Study {
         &self.defined.programs
     }
 
-    /// The same study with the digests of the files that its programs read, which lie below `folder`, at the end of
-    /// its text: whoever reads the text knows what its rows depend on. Digests that stand there already are held
-    /// against the files.
+    /// The same study with the digests of the files that its programs read, relative to `folder`, appended to
+    /// its text, so that the text contains everything the rows depend on. Digests that are there already are
+    /// checked against the files.
     fn pinned(self, folder: &Path) -> Result<Self> {
         let mut missing = BTreeMap::new();
         for (file, known) in self.programs().iter().flat_map(|program| &program.files) {
@@ -254,7 +254,7 @@ impl Study {
         Self::parse(&document)
     }
 
-    /// The data set as the study lists it, if it does.
+    /// The study's entry for a data set, if it has one.
     pub fn listed(&self, dataset: &str) -> Option<&ListedDataset> {
         self.datasets.iter().find(|listed| listed.name == dataset)
     }
@@ -264,8 +264,8 @@ impl Study {
         self.datasets.iter().map(|listed| listed.name.as_str())
     }
 
-    /// The names (of maps, splits, …) that the study's factors have, in the order of the file, but the
-    /// longest list first: shorter ones may pick from it in another order.
+    /// The names (of maps, splits, …) in the study's factors, in the order of the file, but the longest list
+    /// first: shorter ones may select from it in another order.
     pub fn names_of_factors(&self) -> Vec<&str> {
         let own = self.datasets.iter().flat_map(|dataset| &dataset.entries);
         let factors = self.entries.iter().chain(own).flat_map(|entry| entry.factors.values());
@@ -346,10 +346,10 @@ impl Study {
         Ok(())
     }
 
-    /// The trial of a map that a picture shows: draw 0, and a run where one is shown.
+    /// The trial of a map in a picture: draw 0, and a run where one is shown.
     ///
     /// # Errors
-    /// When a factor of it is none, or its value is out of range.
+    /// When one of its factors does not exist, or a value is out of range.
     pub fn pictured(&self, dataset: &str, map: &toml::Table, run: Option<u32>) -> Result<Trial> {
         let mut draft = self.draft(dataset)?;
         for (key, value) in map {
@@ -380,8 +380,8 @@ impl Study {
 }
 
 impl Entry {
-    /// Adds the trials of a combination: a map per draw, and the runs on each. Run `d + k·draws` is on
-    /// the map of draw `d`.
+    /// Adds the trials of a combination: a map per draw, and the runs on each. Run `d + k·draws` uses the map
+    /// of draw `d`.
     fn add(&self, mut map: MapRecipe, run: &RunRecipe, plan: &mut Plan) -> Result<()> {
         if self.runs > 0 {
             map.split.get_or_insert(Split::Same);
@@ -419,10 +419,10 @@ fn sha256_of(path: &Path) -> Result<String> {
     Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The text of a file, to say where in it something stands.
+/// The text of a file, to report positions in it.
 struct Source<'a>(&'a str);
 
-/// Keys as they stand in a file.
+/// Keys as written in a file.
 type Keys = BTreeMap<String, Spanned<toml::Value>>;
 
 impl Source<'_> {
@@ -454,7 +454,7 @@ impl Source<'_> {
             let start = value.span().start;
             let values = match is_factor(&key) {
                 true => listed(&key, value.into_inner()),
-                // Setting it says what there is.
+                // The error of setting it lists the valid keys.
                 false => Draft::new("", 0)
                     .and_then(|mut draft| draft.set(&key, &Json::Null, &Definitions::default()))
                     .map(|()| Vec::new()),
@@ -466,7 +466,7 @@ impl Source<'_> {
         Ok(factors)
     }
 
-    /// What `read` makes of a key that is no factor, if it stands there.
+    /// Applies `read` to a key that is not a factor, if it is present.
     fn own<T>(
         &self,
         table: &mut Keys,
@@ -545,13 +545,13 @@ fn steps(range: &serde_json::Map<String, Json>) -> Result<Vec<Json>, String> {
             "factor is {factor}, expected one above 1 that makes at most {MAX_STEPS} values"
         ));
     }
-    // A last one that rounding lifts above the end counts.
+    // A last value lifted above the end by rounding counts.
     let end = to * (1.0 + 1e-9);
     let values = (0..).map(|step| from * math::powi(factor, step));
     Ok(values.take_while(|&value| value <= end).map(Json::from).collect())
 }
 
-/// Words of a file may be as long as the file; messages that repeat them are not.
+/// Words of a file may be very long; messages that quote them are shortened.
 fn short(error: Error) -> Error {
     let message = format!("{error:#}");
     match message.char_indices().nth(LONGEST_MESSAGE) {

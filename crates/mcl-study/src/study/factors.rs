@@ -1,7 +1,7 @@
-//! What a study can vary, and how a value of it changes a recipe.
+//! The factors of a study: what it can vary, and how a value changes a recipe.
 //!
-//! A factor is a key of `[base]`, `[[trials]]` or a map of a picture: those of [`KEYS`], and every
-//! setting of the filter by its name.
+//! A factor is a key of `[base]`, `[[trials]]` or a map of a picture: those of [`KEYS`], and every setting of
+//! the filter by its name.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::recipe::localizer::{LOCALIZER, Localizer, MapFormat, OWN, Program};
 use crate::recipe::map::{MapRecipe, Offset, Sigma, Size};
 use crate::recipe::run::RunRecipe;
 
-/// The factors that are no settings of the filter.
+/// The factors that are not settings of the filter.
 pub const KEYS: [&str; 15] = [
     LOCALIZER,
     "split",
@@ -35,7 +35,7 @@ pub const KEYS: [&str; 15] = [
     "preset",
 ];
 
-/// What a study defines, for its factors to name.
+/// Names defined by a study, for use in its factors.
 #[derive(Debug, Clone, Default)]
 pub struct Definitions {
     /// Refinements with settings of their own.
@@ -45,7 +45,7 @@ pub struct Definitions {
 }
 
 impl Definitions {
-    /// The localizer of a name; `None` for the own filter where there is no other.
+    /// The localizer of a name; `None` for the built-in filter where there is no other.
     fn localizer(&self, name: &str) -> Result<Option<Localizer>, String> {
         if name == OWN {
             return Ok((!self.programs.is_empty()).then_some(Localizer::Own));
@@ -68,13 +68,13 @@ pub struct Draft {
     percent: Option<Size>,
     points: Option<Size>,
     resolution: Option<Size>,
-    /// What changes settings of the preset, in order.
+    /// Changes to settings of the preset, in order.
     settings: Vec<(String, Json)>,
 }
 
 impl Draft {
-    /// A recipe of a data set before any factor is set: all points, σ = 0.05 m, the default preset,
-    /// odometry as it is.
+    /// A recipe of a data set before any factor is set: all points, σ = 0.05 m, the default preset, unchanged
+    /// odometry.
     pub fn new(dataset: &str, seed: u64) -> Result<Self, String> {
         Ok(Draft {
             map: MapRecipe {
@@ -109,7 +109,7 @@ impl Draft {
     /// Sets a factor.
     ///
     /// # Errors
-    /// What was expected, where the value is none for the factor or there is no such factor.
+    /// What was expected, where the value is not valid for the factor or there is no such factor.
     pub fn set(&mut self, key: &str, value: &Json, defined: &Definitions) -> Result<(), String> {
         match key {
             LOCALIZER => self.run.localizer = defined.localizer(text(value)?)?,
@@ -186,7 +186,7 @@ impl Draft {
                         RunRecipe::setting_names().unwrap_or_default().join(", ")
                     ));
                 }
-                // What is none for the setting is told here, where its line is known.
+                // An invalid value is reported here, where its line is known.
                 self.run.set(setting, value).map_err(|error| error.to_string())?;
                 self.settings.push((setting.to_owned(), value.clone()));
             }
@@ -194,11 +194,11 @@ impl Draft {
         Ok(())
     }
 
-    /// The recipes, once all factors are set. What does not matter for a kind of map is put back to what
-    /// it is without being set, so that it makes no difference.
+    /// The recipes, once all factors are set. Factors that have no effect on a kind of map are reset to their
+    /// defaults, so that they make no difference.
     ///
     /// # Errors
-    /// When something is missing, or does not go together.
+    /// When a factor is missing, or factors contradict each other.
     pub fn finish(mut self) -> Result<(MapRecipe, RunRecipe), String> {
         let kind = &self.map.kind;
         let name = &kind.name;
@@ -247,7 +247,7 @@ impl Draft {
     }
 }
 
-/// Whether a program can be given a map of this kind.
+/// Checks that a program can read a map of this kind.
 fn check_map(program: &Program, kind: &NamedKind) -> Result<(), String> {
     let (program, formats) = (&program.name, &program.formats);
     match kind.kind {

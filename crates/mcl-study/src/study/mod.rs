@@ -1,4 +1,4 @@
-//! A study as its file says: what is varied, what is measured, what tables and figures show.
+//! A study as defined by its file: what is varied, what is measured, what tables and figures show.
 
 pub mod check;
 pub mod definition;

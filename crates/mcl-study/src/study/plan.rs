@@ -15,12 +15,12 @@ use crate::trial::run::Trial;
 pub struct Plan {
     /// The trials.
     pub trials: Vec<Trial>,
-    /// What rows of the trials are known by, and who asks for them; as many as trials.
+    /// The identities of the rows of each trial, and the entries that ask for them.
     asked: Vec<Asked>,
-    /// Place of a map's trial, by the map's identity, its name and draw.
+    /// Index of a map's trial, by the map's identity, its name and draw.
     places: HashMap<(String, String, u32), usize>,
     names: Vec<String>,
-    /// The run that was last added of each number.
+    /// The last run added of each number.
     last: HashMap<u32, (RunRecipe, Arc<WrittenRun>)>,
 }
 
@@ -31,15 +31,15 @@ struct Asked {
     map: String,
     /// The trial's runs in their order, and the entries that ask for each.
     runs: Vec<(Arc<WrittenRun>, Vec<usize>)>,
-    /// The entries that ask for the row of the map, which has one where there is no run.
+    /// The entries that ask for the row of the map, which exists where there is no run.
     alone: Vec<usize>,
 }
 
-/// The column of the names of the entries that ask for a row.
+/// The column with the names of the entries that ask for a row.
 pub const ENTRIES: &str = "trials";
 
 impl Plan {
-    /// Adds a trial of an entry; runs on a map that is there join those on it.
+    /// Adds a trial of an entry; runs on an existing map are added to its trial.
     pub(crate) fn add(&mut self, trial: Trial, entry: Option<&str>) -> Result<()> {
         let map = trial.map.identity()?;
         let key = (map.clone(), trial.map.kind.name.clone(), trial.map.draw);
@@ -83,7 +83,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Runs as they are written. Runs of one number mostly are the same on every map.
+    /// The runs as JSON. Runs with the same number are mostly the same on every map.
     fn written(&mut self, runs: &[RunRecipe]) -> Result<Vec<Arc<WrittenRun>>> {
         let written = |run: &RunRecipe| match self.last.get(&run.run) {
             Some((known, written)) if known == run => Ok(written.clone()),
@@ -101,13 +101,13 @@ impl Plan {
         self.trials.iter().map(|trial| trial.runs.len().max(1)).sum()
     }
 
-    /// Names of the entries of `[[trials]]` that have one.
+    /// Names of the entries of `[[trials]]` that have a name.
     pub fn entry_names(&self) -> Vec<&str> {
         self.names.iter().map(String::as_str).collect()
     }
 
-    /// The identities of the rows of a trial, given by its place in the plan, each with the names of the entries that
-    /// ask for it, separated by spaces.
+    /// The identities of the rows of a trial, given by its index in the plan, each with the names of the
+    /// entries that ask for it, separated by spaces.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.

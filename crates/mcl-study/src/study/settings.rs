@@ -1,35 +1,35 @@
-//! The settings that rows differ in, by the columns of a table.
+//! The settings in which rows differ, derived from the columns of a table.
 
 use crate::recipe::localizer::LOCALIZER;
 use crate::table::{Row, Value};
 
-/// The columns in which rows of the same settings differ: they tell draws and runs apart.
+/// The columns in which rows of the same settings differ: they identify draws and runs.
 pub const WITHIN: [&str; 3] = ["draw", "map_seed", "run"];
 
-/// The columns that say how large a map is. A map of all points has no size to choose.
+/// The columns for the size of a map. A map of all points has no size to choose.
 pub const SIZE: [&str; 4] = ["size_percent", "size_points", "resolution_m", "size_by"];
 
-/// The columns that say which σ a mixture has.
+/// The columns for the σ of a mixture.
 pub const SIGMA: [&str; 2] = ["sigma_m", "sigma_by"];
 
-/// The setting that decides others: a set of settings of the filter.
+/// The setting that determines others: a set of settings of the filter.
 pub const PRESET: &str = "preset";
 
-/// The setting of runs that is none of the filter.
+/// The setting of runs that is not one of the filter.
 const NOISE: &str = "noise";
 
-/// Ends of the names of columns that are one setting, in the order in which their values are given.
+/// Endings of the names of columns that form one setting, in the order of their values.
 const AXES: [&str; 4] = ["_xy", "_x", "_y", "_theta"];
 
-/// A setting of a recipe: a column, or several that belong together.
+/// A setting of a recipe: one column, or several that belong together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
-    /// The column's name, or what those of several columns have in common: `alpha` of `alpha1` …
-    /// `alpha4`, `noise` of `noise_xy` and `noise_theta`.
+    /// The column's name, or the common part of several columns: `alpha` of `alpha1` … `alpha4`, `noise` of
+    /// `noise_xy` and `noise_theta`.
     pub name: String,
     /// The columns.
     pub columns: Vec<String>,
-    /// Whether it is one of the map, not of the run.
+    /// Whether it is a setting of the map, not of the run.
     pub of_map: bool,
 }
 
@@ -39,7 +39,7 @@ impl Setting {
         self.columns.iter().map(|column| row.get(column).clone()).collect()
     }
 
-    /// Whether a preset can decide it.
+    /// Whether a preset can determine it.
     pub fn is_of_filter(&self) -> bool {
         !self.of_map && ![PRESET, NOISE, LOCALIZER].contains(&self.name.as_str())
     }
@@ -56,10 +56,10 @@ pub fn text_of(values: &[Value]) -> String {
     }
 }
 
-/// The settings among the columns of a table, in their order; `other` columns are none.
+/// The settings among the columns of a table, in their order, except the `other` columns.
 ///
-/// The columns of a map's recipe stand before all that is measured, those of a run's behind what is
-/// measured of the map.
+/// The columns of a map's recipe come before everything that is measured, those of a run's recipe after the
+/// measures of the map.
 pub fn settings(columns: &[String], measured: &[&str], other: &[&str]) -> Vec<Setting> {
     let is_measured = |column: &String| measured.contains(&column.as_str());
     let end_of_map = columns.iter().position(is_measured).unwrap_or(columns.len());
@@ -87,7 +87,7 @@ pub fn settings(columns: &[String], measured: &[&str], other: &[&str]) -> Vec<Se
     settings
 }
 
-/// What is left of a column's name without the number or axis at its end.
+/// A column's name without the number or axis at its end.
 fn stem(column: &str) -> &str {
     let without_number = column.trim_end_matches(|c: char| c.is_ascii_digit());
     if without_number != column {

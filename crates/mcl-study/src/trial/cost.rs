@@ -1,4 +1,4 @@
-//! What a trial will take, before it runs.
+//! Estimates the cost of a trial before it runs.
 
 use std::collections::HashMap;
 
@@ -14,52 +14,52 @@ use crate::recipe::split::Split;
 use crate::store::parts::Parts;
 use crate::trial::run::Trial;
 
-/// Seconds of processor time that trials will take: measured ones of the same kind of map where there
-/// are some, else built-in ones, which are those of machines of 2025.
+/// Estimated processor time of trials (s): measured times of the same kind of map where available, else
+/// built-in ones for machines of 2025.
 pub struct Costs {
     /// Points of the data.
     points: f64,
     /// Scans of the data.
     scans: f64,
-    /// By name of the kind of map: measured seconds over built-in ones.
+    /// By name of the kind of map: ratio of measured to built-in seconds.
     measured: HashMap<String, f64>,
 }
 
-/// Seconds per point of fuzzy k-means: c·p^a / (1 + p^b) of the size p in percent. On larger maps an update takes longer,
-/// and fewer updates are needed.
+/// Seconds per point of fuzzy k-means: c·p^a / (1 + p^b) of the size p in percent. On larger maps an update
+/// takes longer, and fewer updates are needed.
 const FKM: f64 = 4.0e-6;
 const FKM_POWERS: [f64; 2] = [0.95, 0.6];
-/// Seconds per particle and beam of the filter on the smallest maps of points, and by how much of that they grow with
+/// Seconds per particle and beam of the filter on the smallest maps of points, and the relative increase with
 /// the square root of the size in percent.
 const BEAM: f64 = 2.6e-9;
 const BEAM_GROWTH: f64 = 0.1;
 /// Seconds per point of choosing an initial map, which trials share, and per point and percent of rating one.
 const INITIAL: f64 = 1e-7;
 const RATED: f64 = 7e-9;
-/// Seconds per point of the data and percent of size of building distances from a map; the densest maps take no longer
-/// than those of this size.
+/// Seconds per point of the data and percent of size of computing distances from a map; the densest maps take
+/// no longer than those of this size.
 const FIELD: f64 = 2.3e-8;
 const DENSE: f64 = 10.0;
-/// Field of view over which beams by degrees are spread (°); few logs have another.
+/// Field of view for beams selected by degrees (°); few logs have another.
 const VIEW: f64 = 180.0;
-/// Seconds of looking for the robot by its first scan.
+/// Seconds of the search for the robot with its first scan.
 const SEARCH: f64 = 0.3;
 
 impl Costs {
-    /// On this data, as they are built in: the same for every process of a study.
+    /// The built-in estimates for this data: the same for every process of a study.
     pub fn built_in(data: &DataFacts) -> Self {
         let (points, scans) = (data.points as f64, data.scans as f64);
         Costs { points, scans, measured: HashMap::new() }
     }
 
-    /// On this data, scaled by what trials of a study took that are done.
+    /// Estimates for this data, scaled by the measured times of completed trials.
     pub fn measured(data: &DataFacts, trials: &[Trial], parts: &Parts) -> Self {
         let costs = Costs::built_in(data);
         let of_names: HashMap<String, &Trial> =
             trials.iter().map(|trial| (trial.to_string(), trial)).collect();
         let mut sums: HashMap<String, [f64; 2]> = HashMap::new();
         for (name, seconds) in &parts.seconds {
-            // A trial that was run in parts took less than a whole one: it is no measurement of it.
+            // A trial that was run in parts took less than a whole one, so its time does not count.
             let Some(trial) = of_names.get(name) else { continue };
             let sum = sums.entry(trial.map.kind.name.clone()).or_default();
             sum[0] += seconds.iter().map(|(_, seconds)| seconds).sum::<f64>();
@@ -76,13 +76,13 @@ impl Costs {
         !self.measured.is_empty()
     }
 
-    /// Seconds of a trial.
+    /// Seconds for a trial.
     pub fn of(&self, trial: &Trial) -> f64 {
         let [of_map, of_runs] = self.parts_of(trial);
         of_map + of_runs
     }
 
-    /// Seconds of a trial's map with its measures, and of the runs on it.
+    /// Seconds for a trial's map with its measures, and for the runs on it.
     pub fn parts_of(&self, trial: &Trial) -> [f64; 2] {
         let percent = match trial.map.size {
             Some(Size::Percent(percent)) => percent,
@@ -126,7 +126,7 @@ impl Costs {
 
     fn of_run(&self, run: &RunRecipe, per_beam: f64, of_split: f64) -> f64 {
         let share = run.length.map_or(of_split, |scans| (scans as f64 / self.scans).min(of_split));
-        // Most of a run takes few of the particles that it may take.
+        // Most of a run uses few of the allowed particles.
         let particles = run.filter.particles;
         let particles = (particles.least as f64 * particles.most as f64).sqrt();
         let search = match run.filter.initial_pose {
@@ -149,8 +149,9 @@ mod tests {
     use super::*;
     use crate::study::definition::Study;
 
-    /// Fault: maps of half of the points were thought to take 80 times as long as those of 1 %, and runs on half of
-    /// the scans or of the beams as long as others, so that two to five times the time that was left was told.
+    /// Fault: the estimate for maps of half of the points was 80 times that for 1 %, and runs on half of the
+    /// scans or of the beams had the same estimate as others, so that the reported time left was two to five
+    /// times too long.
     #[test]
     fn costs_grow_with_the_work_as_measured() {
         let text = "seed = 1\n[[trials]]\nmap = [\"gbs+f-km\", \"gbs\"]\nsize = [1, 50]\n\

@@ -1,4 +1,4 @@
-//! What a robot goes through in a run: which scans of the log, with what odometry and what disturbs both.
+//! The course of a run: which scans of the log, with what odometry and which disturbances.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -14,26 +14,26 @@ use crate::recipe::run::RunRecipe;
 use crate::trial::division::Division;
 use crate::trial::people::surround;
 
-/// The scans of a run in the order in which the robot sees them, and its odometry.
+/// The scans of a run in the order of the run, and its odometry.
 pub struct Course<'a> {
     recording: Cow<'a, Recording>,
     increments: Vec<Option<Pose2>>,
-    /// Places of the localized scans in `recording`.
+    /// Indices of the localized scans in `recording`.
     used: Vec<usize>,
-    /// The localized scans, as places in the log.
+    /// Indices of the localized scans in the log.
     pub scans: Vec<usize>,
     /// Reference poses of the laser at these scans, in the map's frame.
     pub reference: Vec<Pose2>,
-    /// Place of the first scan after the robot was carried off.
+    /// Index of the first scan after the robot was kidnapped.
     pub carried_off: Option<usize>,
 }
 
 impl<'a> Course<'a> {
-    /// The course of a run. `seed` gives the seed of a purpose, which belongs to data set, split and run.
+    /// The course of a run. `seed` returns the seed for a purpose, which depends on data set, split and run.
     ///
     /// # Errors
-    /// When the log has no reference, is too short, or has no place far enough to be carried to, and when so
-    /// many people as are asked for cannot be seen.
+    /// When the log has no reference, is too short, has no place far enough away for a kidnapping, or the
+    /// requested share of readings cannot end at people.
     pub fn of(
         recipe: &RunRecipe,
         log: &'a LogSource,
@@ -83,13 +83,13 @@ impl<'a> Course<'a> {
         Ok(course)
     }
 
-    /// What is replayed to the filter.
+    /// The input of the filter.
     pub fn replay(&self) -> Replay<'_> {
         Replay { recording: &self.recording, increments: &self.increments, scans: &self.used }
     }
 
-    /// Where the robot would be by its odometry alone, at the localized scans, from the first reference pose on; where the
-    /// odometry is not known, it stands still.
+    /// The poses of the laser by odometry alone, at the localized scans, from the first reference pose on;
+    /// where the odometry is not known, it stands still.
     pub fn odometry(&self) -> Vec<Pose2> {
         let Some(&first) = self.reference.first() else { return Vec::new() };
         let (mut pose, mut seen) = (first, self.used.first().copied().unwrap_or(0));
@@ -104,7 +104,7 @@ impl<'a> Course<'a> {
         poses
     }
 
-    /// Goes along parts of the localized scans, one after the other. To the odometry, the robot stands still
+    /// Appends parts of the localized scans, one after the other. In the odometry, the robot stands still
     /// between them.
     fn follow(&mut self, parts: &[Range<usize>], rating: &[usize]) {
         let (mut scans, mut increments, mut used) = (Vec::new(), Vec::new(), Vec::new());
@@ -134,7 +134,7 @@ impl<'a> Course<'a> {
     }
 }
 
-/// The odometry of wheels that slip. Whether they do on a step depends on the step alone.
+/// The odometry of slipping wheels. Whether they slip on a step depends on the step alone.
 fn slipped(odometry: &mut [Option<Pose2>], slip: &Slip, seed: Seed) {
     for (step, increment) in odometry.iter_mut().enumerate() {
         if let Some(increment) = increment
@@ -146,7 +146,7 @@ fn slipped(odometry: &mut [Option<Pose2>], slip: &Slip, seed: Seed) {
     }
 }
 
-/// Which of the localized scans the run is on.
+/// The range of the localized scans that the run uses.
 fn part_of(recipe: &RunRecipe, scans: usize, seed: Seed) -> Result<Range<usize>> {
     let length = recipe.length.unwrap_or(scans);
     if length > scans {
@@ -159,8 +159,8 @@ fn part_of(recipe: &RunRecipe, scans: usize, seed: Seed) -> Result<Range<usize>>
     Ok(first..first + length)
 }
 
-/// After how many scans of a part the robot is carried off, and to which of all localized scans: one that is far
-/// enough from where it is, drawn from those after which there are as many as the run goes on.
+/// After how many scans of a part the robot is kidnapped, and to which of all localized scans: one that is
+/// far enough away, drawn among those followed by enough scans for the rest of the run.
 fn carried_to(
     kidnapped: &Kidnapped,
     part: &Range<usize>,

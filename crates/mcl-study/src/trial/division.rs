@@ -1,4 +1,4 @@
-//! The data of a study, divided as its recipes ask for.
+//! The data of a study, divided by the splits of its recipes.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -11,7 +11,7 @@ use crate::data::cloud_source::{Points, refuse_cloud};
 use crate::data::source::{DataSource, LogSource};
 use crate::recipe::split::{DividedScans, FOLDS, Split, divide, points_of, reference_of, select};
 
-/// A log or point cloud, divided into what builds maps and what these are rated by.
+/// A log or point cloud, divided into the part that builds maps and the part that rates them.
 pub struct Division<const D: usize> {
     /// Points that build maps.
     pub building: PointSet<D>,
@@ -63,18 +63,18 @@ impl AnyDivision {
     }
 }
 
-/// Splits and folds by which data was divided.
+/// Divisions by split and fold.
 type Divisions = HashMap<(Option<Split>, Option<usize>), AnyDivision>;
 
-/// An open log or point cloud, and its divisions, made as they are asked for and kept.
+/// An open log or point cloud, and its divisions, computed on demand and cached.
 pub struct StudyData {
-    /// What was opened.
+    /// The data source.
     pub source: DataSource,
     divisions: Mutex<Divisions>,
 }
 
 impl StudyData {
-    /// Takes what was opened.
+    /// From a data source.
     pub fn new(source: DataSource) -> Self {
         StudyData { source, divisions: Mutex::default() }
     }
@@ -108,7 +108,7 @@ impl StudyData {
                 let scans = divide(&log.recording, split, fold.unwrap_or(0))?;
                 let is_whole = scans.building.len() == log.recording.scans.len();
                 let (building, held_out) = match is_whole {
-                    // Says more of what is wrong with a log that has no points at all.
+                    // Gives a better error for a log that has no points at all.
                     true => (PointSet::new(log.points()?)?, None),
                     false => {
                         (points_of(log, &scans.building)?, Some(points_of(log, &scans.rating)?))
@@ -128,7 +128,7 @@ impl StudyData {
         })
     }
 
-    /// Every division into blocks of time held out, for criteria that rate a map by other scans.
+    /// Every division that holds out blocks of time, for criteria that rate a map by other scans.
     ///
     /// # Errors
     /// When the log is too short to be divided.

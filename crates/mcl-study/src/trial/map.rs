@@ -1,4 +1,4 @@
-//! A map as a recipe says.
+//! Builds the map of a recipe.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -35,7 +35,7 @@ pub enum Shape<const D: usize> {
     Segments(SegmentMap),
 }
 
-/// A map with what was chosen for it.
+/// A map with its size and σ, given or chosen.
 pub struct StudyMap<const D: usize> {
     /// What it consists of.
     pub shape: Shape<D>,
@@ -43,17 +43,17 @@ pub struct StudyMap<const D: usize> {
     pub sigma: f64,
     /// The requested number of points, where the map has one.
     pub requested_points: Option<usize>,
-    /// How many values were tried for a size or σ that the data chose.
+    /// Number of values tried for a size or σ chosen by the data.
     pub tried: Option<usize>,
-    /// Distances from the map by the settings that they depend on, made as they are asked for.
+    /// Distances from the map by the settings that they depend on, computed on demand and cached.
     distances: Mutex<Vec<(DistanceKey, Arc<MapDistances>)>>,
 }
 
-/// What distances depend on, apart from the map: where they are cut, and of NDT maps σ_hit.
+/// The settings that distances depend on: where they are truncated, and for NDT maps σ_hit.
 type DistanceKey = [u64; 2];
 
 impl<const D: usize> StudyMap<D> {
-    /// The map's points, where it consists of some.
+    /// The map's points, where it consists of points.
     pub fn points(&self) -> Option<&PointMap<D>> {
         match &self.shape {
             Shape::Points(built) => Some(&built.map),
@@ -63,13 +63,13 @@ impl<const D: usize> StudyMap<D> {
 }
 
 impl StudyMap<2> {
-    /// Distances from the map, as the filter's settings ask for them.
+    /// Distances from the map for the filter's settings.
     ///
     /// # Errors
     /// When the map cannot be indexed.
     pub fn distances(&self, settings: &CheckedSettings) -> Result<Arc<MapDistances>> {
         let settings = settings.values();
-        // What Gaussians stand for has no spacing.
+        // Gaussians have no spacing.
         let sigma_hit = settings.sigma_hit.metres(0.0);
         let sigma_hit = if let Shape::Ndt { .. } = self.shape { sigma_hit } else { 0.0 };
         let key = [settings.max_distance, sigma_hit].map(f64::to_bits);
@@ -93,7 +93,7 @@ impl StudyMap<2> {
     }
 }
 
-/// What the filter needs to know of a grid.
+/// The part of a grid that the filter uses.
 pub fn obstacle_grid(grid: &OccupancyGrid) -> ObstacleGrid {
     let are = |kind: Cell| grid.cells().iter().map(|&cell| cell == kind).collect();
     ObstacleGrid {
@@ -105,35 +105,35 @@ pub fn obstacle_grid(grid: &OccupancyGrid) -> ObstacleGrid {
     }
 }
 
-/// What depends on the dimension of the data: all kinds of maps in the plane, where robots are
-/// localized; maps of given numbers of points in space.
+/// Code that depends on the dimension of the data: all kinds of maps in the plane, where robots are
+/// localized; maps with a given number of points in space.
 pub trait Dimension<const D: usize>: Sized {
     /// The division in this dimension.
     ///
     /// # Errors
-    /// When the data lies in another one.
+    /// When the data has another dimension.
     fn of(divided: &AnyDivision) -> Result<&Arc<Self>>;
 
-    /// The map of other things than points that a recipe asks for.
+    /// The map of a recipe that does not consist of points.
     ///
     /// # Errors
     /// When it cannot be built of this data.
     fn surfaces(recipe: &MapRecipe, division: &Self, data: &StudyData) -> Result<Shape<D>>;
 
-    /// The size and σ of a recipe, as given or as the data chooses them.
+    /// The size and σ of a recipe, as given or chosen by the data.
     ///
     /// # Errors
     /// When no value can be chosen.
     fn choose(recipe: &MapRecipe, division: &Self, data: &StudyData) -> Result<Choice>;
 
-    /// Division and map in the plane, if that is where they lie.
+    /// Division and map, if they are in the plane.
     fn plane<'a>(
         division: &'a Self,
         map: &'a StudyMap<D>,
     ) -> Option<(&'a Division<2>, &'a StudyMap<2>)>;
 }
 
-/// A size and σ, as given or as the data chose them.
+/// A size and σ, as given or chosen by the data.
 pub struct Choice {
     size: Option<Size>,
     /// In metres.
@@ -230,7 +230,7 @@ impl Dimension<3> for Division<3> {
     }
 }
 
-/// Size and σ, where the data chooses neither.
+/// Size and σ, where neither is chosen by the data.
 fn given(recipe: &MapRecipe) -> Option<Choice> {
     match (recipe.size, recipe.sigma) {
         (Some(Size::Chosen(_)), _) | (_, Sigma::Chosen(_)) => None,
@@ -238,7 +238,7 @@ fn given(recipe: &MapRecipe) -> Option<Choice> {
     }
 }
 
-/// The size in the terms of map building; `None` where it is no number of points.
+/// The size in the terms of map building; `None` where it is not a number of points.
 fn map_size(size: Option<Size>) -> Option<MapSize> {
     match size {
         Some(Size::Percent(percent)) => Some(MapSize::Percent(percent)),
@@ -247,8 +247,8 @@ fn map_size(size: Option<Size>) -> Option<MapSize> {
     }
 }
 
-/// The map that the recipe of a sampled one makes of other points, or of another size or σ (m). Without
-/// a size it has all points.
+/// The map that the recipe of a sampled one gives for other points, or for another size or σ (m). Without a
+/// size it has all points.
 ///
 /// # Errors
 /// When it cannot be built.
@@ -271,8 +271,8 @@ fn occupancy(division: &Division<2>, log: &LogSource, resolution: f64) -> Result
     Ok(rasterize(&points, resolution, Some(free_space))?)
 }
 
-/// Builds the map of a recipe. `initial` gives the map that a refinement starts from, for others may
-/// start from the same one. What the data chooses is built as if it had been given.
+/// Builds the map of a recipe. `initial` returns the map that a refinement starts from, which may be shared.
+/// What is chosen by the data is built as if it had been given.
 ///
 /// # Errors
 /// When it cannot be built of this data.

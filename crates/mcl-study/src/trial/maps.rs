@@ -9,10 +9,10 @@ use crate::recipe::map::MapRecipe;
 use crate::trial::division::{Division, StudyData};
 use crate::trial::map::{Dimension, StudyMap, build};
 
-/// A map, or why there is none, once somebody has built it.
+/// A map, or why it could not be built, once a thread has tried.
 type Slot<const D: usize> = Arc<OnceLock<Result<Arc<StudyMap<D>>, String>>>;
 
-/// Maps by the identity of their recipes, kept as long as a trial that is still to run needs them.
+/// Maps by the identity of their recipes, kept as long as a pending trial needs them.
 pub struct Maps<'a, const D: usize> {
     data: &'a StudyData,
     slots: Mutex<HashMap<String, (Slot<D>, usize)>>,
@@ -25,7 +25,7 @@ where
     /// Maps for these recipes, each of which will be [released](Self::release) once.
     ///
     /// # Errors
-    /// When a recipe cannot be identified.
+    /// When the identity of a recipe cannot be computed.
     pub fn new<'r>(
         data: &'a StudyData,
         recipes: impl IntoIterator<Item = &'r MapRecipe>,
@@ -48,7 +48,7 @@ where
             let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
             match slots.get_mut(&recipe.identity()?) {
                 Some((slot, _)) => slot.clone(),
-                // Nobody else asks for it.
+                // No other trial needs it.
                 None => Slot::default(),
             }
         };
@@ -62,7 +62,7 @@ where
         build(recipe, &division, self.data, |initial| self.get(initial))
     }
 
-    /// The division of the data that the map of a recipe is built of.
+    /// The division of the data that the map of a recipe is built from.
     ///
     /// # Errors
     /// When the data cannot be divided like that.
@@ -71,10 +71,10 @@ where
         Division::of(&divided).cloned().with_context(|| recipe.dataset.clone())
     }
 
-    /// Says that a trial is done with the map of a recipe.
+    /// Reports that a trial no longer needs the map of a recipe.
     ///
     /// # Errors
-    /// When the recipe cannot be identified.
+    /// When the identity of the recipe cannot be computed.
     pub fn release(&self, recipe: &MapRecipe) -> Result<()> {
         let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
         for identity in needed(recipe)? {
@@ -89,7 +89,7 @@ where
     }
 }
 
-/// Identities of the maps that building a recipe's takes.
+/// Identities of the maps needed to build the map of a recipe.
 fn needed(recipe: &MapRecipe) -> Result<Vec<String>> {
     let mut identities = vec![recipe.identity()?];
     let initial = recipe.initial().identity()?;

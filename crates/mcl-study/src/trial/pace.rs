@@ -1,15 +1,15 @@
-//! How long the trials that are not done will take, from what those took that are.
+//! Estimates the time left from the times of completed trials.
 
 use std::time::Duration;
 
-/// Share of the estimated work that the estimate counts as if it had been measured: the first trials that end say
-/// little about all others.
+/// Weight of the prior estimate, as a share of the estimated work: the first trials that end say little about
+/// the others.
 const PRIOR: f64 = 0.02;
 
-/// The parts of trials, by what takes the time: maps with their measures, and runs.
+/// The parts of trials by cost: maps with their measures, and runs.
 const PARTS: usize = 2;
 
-/// What is done and left of a number of trials, in seconds.
+/// Completed and remaining work of a number of trials, in seconds.
 #[derive(Debug, Clone)]
 pub struct Pace {
     threads: f64,
@@ -18,14 +18,14 @@ pub struct Pace {
     ended: [f64; PARTS],
     /// Measured processor seconds of the trials that ended.
     measured: [f64; PARTS],
-    /// Ordinary time of these trials: more where others have the cores, too.
+    /// Wall-clock time of these trials: longer where other programs use the cores, too.
     elapsed: f64,
-    /// Estimated seconds of the trial that ended last, which are about those of the trials that are under way.
+    /// Estimated seconds of the trial that ended last, which is similar to those in progress.
     last: f64,
 }
 
 impl Pace {
-    /// Of trials with these estimated seconds each, on so many threads.
+    /// For trials with these estimated seconds each, on this number of threads.
     pub fn new(trials: impl Iterator<Item = [f64; PARTS]>, threads: usize) -> Self {
         let (mut all, mut number) = ([0.0; PARTS], 0);
         for trial in trials {
@@ -42,8 +42,8 @@ impl Pace {
         }
     }
 
-    /// A trial ended: what was estimated, what was measured of its parts (nothing of one that failed), and the ordinary
-    /// time that it took.
+    /// A trial ended: the estimate, the measured times of its parts (none for a failed one), and the
+    /// wall-clock time.
     pub fn end(&mut self, estimated: [f64; PARTS], measured: Option<[f64; PARTS]>, took: Duration) {
         self.last = estimated.iter().sum();
         match measured {
@@ -54,7 +54,7 @@ impl Pace {
                 }
                 self.elapsed += took.as_secs_f64();
             }
-            // Says nothing about others.
+            // A failed trial says nothing about the others.
             None => self.all.iter_mut().zip(estimated).for_each(|(all, one)| *all -= one),
         }
     }
@@ -65,7 +65,7 @@ impl Pace {
         if all > 0.0 { (ended / all).clamp(0.0, 1.0) } else { 1.0 }
     }
 
-    /// Ordinary time until all trials have ended.
+    /// Estimated wall-clock time until all trials have ended.
     pub fn left(&self) -> Duration {
         let work: f64 = (0..PARTS)
             .map(|part| {
@@ -88,9 +88,9 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ends a tenth of the trials, the longest first, of a machine that takes `of_map` and `of_runs` times as long as
-    /// estimated and gives this program every `cores`-th part of its time, and returns what is told to be left over
-    /// what is.
+    /// Ends a tenth of the trials, the longest first, on a machine that takes `of_map` and `of_runs` times as
+    /// long as estimated and gives this program every `cores`-th part of its time; returns the ratio of the
+    /// reported time left to the true one.
     fn told_over_true(of_map: f64, of_runs: f64, cores: f64) -> f64 {
         let mut trials: Vec<[f64; 2]> =
             (0..100).flat_map(|n| [[f64::from(n % 10), 0.5], [0.0, 0.5]]).collect();
@@ -112,8 +112,8 @@ mod tests {
         pace.left().as_secs_f64() / ((total - done) / threads as f64)
     }
 
-    /// Fault: the time left was that of all work at the rate of the first trials, whatever they consist of; four
-    /// times the true time was told.
+    /// Fault: the reported time left assumed the rate of the first trials for all work, whatever it consists
+    /// of, and was four times the true time.
     #[test]
     fn the_time_left_is_right_within_a_third_from_a_tenth_of_the_way_on() {
         for (of_map, of_runs, cores) in

@@ -1,4 +1,4 @@
-//! People around a robot, as readings that end at them.
+//! People around a robot, modelled as readings that end at them.
 
 use std::f64::consts::TAU;
 
@@ -10,24 +10,24 @@ use crate::recipe::disturbance::People;
 
 /// Radius of a person (m): a trunk of 0.5 m across, or two legs in a skirt or a coat.
 const RADIUS: f64 = 0.25;
-/// Where people walk: how far from the laser their middle is (m).
+/// Range of a person's distance from the laser, to the centre (m).
 const NEAREST: f64 = 0.6;
 const FARTHEST: f64 = 2.5;
-/// From one localized scan to the next people change their direction from the robot by up to this (rad), and their
-/// distance by up to this (m).
+/// Largest change from one localized scan to the next of a person's direction from the robot (rad) and
+/// distance (m).
 const DRIFT: f64 = 0.35;
-/// More have no room.
+/// Limit on the number of people.
 const MOST: u64 = 100;
 
-/// People who walk along with the robot, like the visitors around a guide in a museum: each has a place near
-/// it, by direction in the map and distance, that drifts from scan to scan. Where a wall is nearer, a person walks
-/// in front of it, and falls back where there is no room. People come one after another until the share is met;
-/// the last one is with the robot for a part of the run.
+/// People who accompany the robot, like the visitors around a guide in a museum: each has a position near it,
+/// by direction in the map and distance, that drifts from scan to scan. Where a wall is nearer, a person
+/// walks in front of it, and falls back where there is no room. People are added one after another until the
+/// share is met; the last one is with the robot for a part of the run.
 ///
-/// `used` are the scans of the run among `scans`, `reference` its poses at these.
+/// `used` are the run's scans among `scans`, `reference` the poses at these.
 ///
 /// # Errors
-/// When so many readings cannot end at people.
+/// When this share of the readings cannot end at people.
 pub fn surround(
     scans: &mut [LaserScan],
     used: &[usize],
@@ -82,7 +82,8 @@ fn way(scans: usize, rng: &mut Rng) -> Vec<[f64; 2]> {
     (0..scans).map(step).collect()
 }
 
-/// The beams that meet a person, with the distance (m) at which they do. `walls` are the readings without people.
+/// The beams that meet a person, with the distance (m) to the person. `walls` are the readings without
+/// people.
 fn ends(
     scan: &LaserScan,
     walls: &[f64],

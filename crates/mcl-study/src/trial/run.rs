@@ -1,4 +1,4 @@
-//! Running a trial: the map, what it is worth, and the runs on it.
+//! Runs a trial: the map, its measures, and the runs on it.
 
 use anyhow::{Context, Result};
 use serde_json::value::RawValue;
@@ -14,7 +14,7 @@ use crate::trial::maps::Maps;
 use crate::trial::stopwatch::Stopwatch;
 use crate::trial::tracking::{TrackedRun, Tracker, track};
 
-/// The parts of a trial's time that the runs on its map take; all others are the map's.
+/// The parts of a trial's time spent in runs; all others are spent on the map.
 pub const OF_RUNS: [&str; 4] = [FIELDS, PROGRAMS, FILTER, ERRORS];
 const FIELDS: &str = "distance fields";
 const PROGRAMS: &str = "programs";
@@ -24,16 +24,16 @@ const ERRORS: &str = "errors";
 /// A map and the runs on it; without runs the map alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// How the map comes about.
+    /// How the map is built.
     pub map: MapRecipe,
     /// How robots are localized on it.
     pub runs: Vec<RunRecipe>,
 }
 
 impl Trial {
-    /// What tells the rows of this trial from all others: that of the map's row where there is no run,
-    /// else one per run. They depend on everything that a row depends on, apart from the content of the
-    /// data and the build.
+    /// The identities of the rows of this trial: that of the map's row where there is no run, else one per
+    /// run. They depend on everything that a row depends on, apart from the content of the data and the
+    /// build.
     ///
     /// # Errors
     /// When a recipe cannot be written as JSON.
@@ -42,14 +42,14 @@ impl Trial {
         self.identities_of(&self.map.identity()?, runs.iter(), measures)
     }
 
-    /// As [`Trial::identities`], where that of the map and the runs as they are written are at hand.
+    /// As [`Trial::identities`], from the identity of the map and the runs as JSON.
     pub(crate) fn identities_of<'a>(
         &self,
         map: &str,
         runs: impl ExactSizeIterator<Item = &'a WrittenRun>,
         measures: &Measures,
     ) -> Result<Vec<String>> {
-        // A study may give one refinement several names, and rows hold the name.
+        // A study may give one refinement several names, and rows contain the name.
         let name = &self.map.kind.name;
         let MapRecipe { draw, seed, .. } = self.map;
         let measures = measures.names();
@@ -70,10 +70,10 @@ impl std::fmt::Display for Trial {
     }
 }
 
-/// Runs a trial: a row per run, or one of the map where there is none. `see_run` is shown each run.
+/// Runs a trial: a row per run, or one for the map without runs. `see_run` is called with each run.
 ///
 /// # Errors
-/// When the map cannot be built, a measure cannot be taken, or the filter cannot run.
+/// When the map cannot be built, a measure cannot be computed, or the filter cannot run.
 pub fn run_trial<const D: usize>(
     trial: &Trial,
     maps: &Maps<'_, D>,

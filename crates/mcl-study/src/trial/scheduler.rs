@@ -1,4 +1,4 @@
-//! Trials on threads of their own.
+//! Runs trials on threads.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,14 +7,14 @@ use std::sync::mpsc;
 
 use anyhow::{Context, Result, anyhow};
 
-/// Runs trials on `threads` threads, each sequential inside, those of the highest cost (in any unit) first,
-/// so that no core is idle at the end, and hands every result to `receive` on
-/// the calling thread, in the order they end. What a trial gives must not depend on that order: its
-/// seeds come from its identity. A trial that panics has failed like one that returns an error.
+/// Runs trials on `threads` threads, each trial sequentially, those of the highest cost (in any unit) first,
+/// so that no core is idle at the end, and passes every result to `receive` on the calling thread, in the
+/// order in which they end. Results must not depend on that order: seeds are derived from identities. A trial
+/// that panics counts as failed, like one that returns an error.
 ///
 /// # Errors
-/// The first error of `receive` (no further trial is started), or threads that cannot be had. A trial's
-/// own error is handed to `receive` like a result.
+/// The first error of `receive` (no further trial is started), or of creating threads. A trial's own error is
+/// passed to `receive` like a result.
 pub fn run_trials<T: Sync, R: Send>(
     trials: &[T],
     cost: impl Fn(&T) -> f64,
@@ -41,7 +41,7 @@ pub fn run_trials<T: Sync, R: Send>(
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    // What a trial shares with others it can only read.
+                    // State shared between trials is read-only.
                     let unwinding = || pool.install(|| run(&trials[index]));
                     let result =
                         catch_unwind(AssertUnwindSafe(unwinding)).unwrap_or_else(|panic| {
@@ -52,7 +52,7 @@ pub fn run_trials<T: Sync, R: Send>(
                     }
                 }
             };
-            // `scope.spawn` panics where there is no room for a thread.
+            // `scope.spawn` panics when no thread can be created.
             if let Err(error) = std::thread::Builder::new().spawn_scoped(scope, work) {
                 stop.store(true, Ordering::Relaxed);
                 return Err(error).context("cannot start worker threads");
@@ -69,7 +69,7 @@ pub fn run_trials<T: Sync, R: Send>(
     })
 }
 
-/// What a panic said.
+/// The message of a panic.
 fn message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message")

@@ -1,9 +1,9 @@
-//! How long the parts of a trial take.
+//! Measures the time of the parts of a trial.
 
 use std::time::Duration;
 
-/// Takes the times of a trial's parts: processor time of the trial's thread, which other load on the
-/// machine does not stretch.
+/// Measures the parts of a trial in processor time of the trial's thread, which does not depend on other load
+/// on the machine.
 #[derive(Debug)]
 pub struct Stopwatch {
     since: Duration,
@@ -11,12 +11,12 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Starts on the calling thread, where it has to stay.
+    /// Starts on the calling thread, and must stay on it.
     pub fn start() -> Self {
         Stopwatch { since: now(), laps: Vec::new() }
     }
 
-    /// Adds the time since the start or the lap before to a part.
+    /// Adds the time since the start or the previous lap to a part.
     pub fn lap(&mut self, part: &str) {
         let now = now();
         let seconds = now.saturating_sub(self.since).as_secs_f64();
@@ -27,14 +27,14 @@ impl Stopwatch {
         }
     }
 
-    /// The parts in the order of their first laps, with their seconds.
+    /// The parts in the order of their first laps, with their times in seconds.
     pub fn into_laps(self) -> Vec<(String, f64)> {
         self.laps
     }
 }
 
-/// The processor's time of the calling thread, from some moment on: time in which other threads or
-/// programs had the core does not count.
+/// Processor time of the calling thread since an arbitrary moment: time in which other threads or programs
+/// had the core does not count.
 #[cfg(unix)]
 pub fn now() -> Duration {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
@@ -42,7 +42,7 @@ pub fn now() -> Duration {
     Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
 }
 
-/// Where there is no such clock to be had: ordinary time from some moment on.
+/// Where there is no such clock: wall-clock time since an arbitrary moment.
 #[cfg(not(unix))]
 pub fn now() -> Duration {
     use std::sync::LazyLock;

@@ -21,7 +21,7 @@ use crate::trial::stopwatch::now;
 pub struct TrackedRun {
     /// Estimated pose of the laser in the map's frame, per scan, where there is one.
     pub map_from_laser: Vec<Option<Pose2>>,
-    /// What the own filter reported, per scan; empty for programs of others.
+    /// Reports of the built-in filter, per scan; empty for external programs.
     reports: Vec<StepReport>,
     /// Errors of the estimates, per scan.
     pub errors: Vec<Option<PoseError>>,
@@ -29,28 +29,28 @@ pub struct TrackedRun {
     pub ended: Ended,
     /// Processor time of the localizer (s).
     pub processor_s: f64,
-    /// Peak memory of a program of others (MB).
+    /// Peak memory of an external program (MB).
     pub peak_memory_mb: Option<f64>,
-    /// The localized scans in the order in which the robot saw them, as places in the log.
+    /// Indices of the localized scans in the log, in the order of the run.
     pub scans: Vec<usize>,
     /// Reference poses of the laser in the map's frame, per scan.
     pub reference: Vec<Pose2>,
-    /// The same by the run's odometry alone.
+    /// Poses of the laser by odometry alone, per scan.
     pub odometry: Vec<Pose2>,
-    /// Place of the first scan after the robot was carried off.
+    /// Index of the first scan after the robot was kidnapped.
     pub carried_off: Option<usize>,
 }
 
-/// The translation error (m) that stands for a scan without estimate: the robot is lost there.
+/// The translation error (m) assigned to a scan without estimate, where the robot counts as lost.
 const LOST: f64 = 1e9;
 
 impl TrackedRun {
-    /// What the own filter reported, per scan; empty for programs of others.
+    /// Reports of the built-in filter, per scan; empty for external programs.
     pub fn reports(&self) -> &[StepReport] {
         &self.reports
     }
 
-    /// The translation error of each scan (m); one without estimate is far above what counts as lost.
+    /// The translation error of each scan (m); without an estimate, far above the threshold for being lost.
     pub fn translations(&self) -> Vec<f64> {
         let translation =
             |error: &Option<PoseError>| error.map_or(LOST, |error| error.translation());
@@ -58,15 +58,15 @@ impl TrackedRun {
     }
 }
 
-/// What localizes a robot.
+/// The localizer of a robot.
 pub enum Tracker<'a> {
-    /// The own filter, with distances from the map.
+    /// The built-in filter, with distances from the map.
     Own(&'a MapDistances),
-    /// A program of others on the map, for the row of an identity.
+    /// An external program on the map, for the row with an identity.
     Program(&'a Program, &'a StudyMap<2>, &'a Programs, &'a str),
 }
 
-/// The steps of a log that its odometry says nothing of, which the filter bridges.
+/// The steps of a log with unknown odometry, which the filter bridges.
 ///
 /// # Errors
 /// When there are too many of them.
@@ -86,7 +86,8 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     })
 }
 
-/// The seed of what is drawn for a run: it belongs to the study's seed, the data set, the split and the run's number.
+/// The seed of a run's random draws: it depends on the study's seed, the data set, the split and the run's
+/// number.
 pub fn seed_of(
     purpose: &str,
     seed: u64,
@@ -117,8 +118,8 @@ pub fn track(
     track_with(recipe, seed, split, log, division, tracker, |_, _| {})
 }
 
-/// [`track`], showing each step of the own filter to `see`, which changes nothing of the run. The
-/// [scan](Step::scan) of a step is one of the course's own recording.
+/// [`track`] with a callback: `see` is called with each step of the built-in filter, and cannot change the
+/// run. The [scan](Step::scan) of a step is one of the course's own recording.
 ///
 /// # Errors
 /// Those of [`track`].

@@ -1,4 +1,4 @@
-//! What stands beneath a chart.
+//! Captions of charts.
 
 use mcl_core::text::{counted, number, numbers};
 use mcl_filter::{MotionKind, SigmaHit};
@@ -12,7 +12,7 @@ use crate::view::groups::{Group, Groups};
 use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
-/// Settings that captions give where they do not vary.
+/// Settings listed in captions where they do not vary.
 const TOLD: [&str; 18] = [
     PRESET,
     "particles",
@@ -34,10 +34,10 @@ const TOLD: [&str; 18] = [
     "recover",
 ];
 
-/// Settings that captions give by preset, where presets differ in them.
+/// Settings listed in captions by preset, where presets differ in them.
 const SAID: [&str; 2] = ["proposal", "beams"];
 
-/// What is known of the data; which trials are missing; `of_what`, what is shown; and settings that do not
+/// A description of the data; missing trials; `of_what`, the content of the chart; and settings that do not
 /// vary. `of_runs`: whether runs are shown, not only maps.
 pub fn caption(groups: &Groups<'_>, shown: &[&Group<'_>], of_what: &str, of_runs: bool) -> String {
     let mut sentences = vec![groups.results.facts.describe()];
@@ -81,7 +81,7 @@ pub fn vocabulary<'l>(names: impl Iterator<Item = &'l str>) -> String {
     if told.is_empty() { String::new() } else { format!(" {}.", told.join(", ")) }
 }
 
-/// Which scans build maps, if it is the same in all of the chart.
+/// Which scans build maps, if that is the same in the whole chart.
 fn scans(groups: &Groups<'_>, shown: &[&Group<'_>], of_runs: bool) -> Option<String> {
     let place = groups.place("split")?;
     match &distinct(groups, shown, place)[..] {
@@ -90,7 +90,7 @@ fn scans(groups: &Groups<'_>, shown: &[&Group<'_>], of_runs: bool) -> Option<Str
     }
 }
 
-/// What a point is a mean of, and what its interval is.
+/// What a point is a mean of, and the kind of its interval.
 pub fn means(points: &[&Point], of_runs: bool) -> String {
     let counts: Vec<_> = points.iter().map(|point| (point.blocks, point.rows)).collect();
     let Some(of) = maps_and_runs(&counts, of_runs) else { return "Means".to_owned() };
@@ -118,7 +118,7 @@ pub fn means(points: &[&Point], of_runs: bool) -> String {
     }
 }
 
-/// "3 to 5 maps, 2 runs on each", of numbers of blocks and rows; `None` without rows.
+/// "3 to 5 maps, 2 runs on each", from numbers of blocks and rows; `None` without rows.
 pub fn maps_and_runs(counts: &[(usize, usize)], of_runs: bool) -> Option<String> {
     let several = |numbers: Vec<usize>, what: &str| {
         let (least, most) = (numbers.iter().min()?, *numbers.iter().max()?);
@@ -132,7 +132,7 @@ pub fn maps_and_runs(counts: &[(usize, usize)], of_runs: bool) -> Option<String>
     Some(maps + &runs.map_or(String::new(), |(_, runs)| format!(", {runs} on each")))
 }
 
-/// "beams 3deg (carmen), all (book)": a setting that presets decide.
+/// "beams 3deg (carmen), all (book)": a setting determined by presets.
 fn by_preset(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {
     let preset = groups.place(PRESET)?;
     if !groups.decided_by_preset(shown).contains(&place) {
@@ -193,12 +193,12 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
 /// "σ_hit = 0.3 m".
 pub fn value(setting: &str, text: &str) -> String {
     let (name, unit) = name_and_unit(setting);
-    // A word, such as auto, has none.
+    // A word, such as auto, has no unit.
     let unit = if text.starts_with(char::is_alphabetic) { "" } else { unit };
     format!("{name} = {text} {unit}").trim_end().to_owned()
 }
 
-/// With its first letter in upper case, where it has one; σ stays what it is.
+/// With its first letter in upper case, if it is a letter with one; σ is unchanged.
 fn capitalized(text: &str) -> String {
     let mut chars = text.chars();
     match chars.next() {

@@ -1,4 +1,4 @@
-//! A chart as plain data, to be drawn by whatever draws.
+//! A chart as plain data, independent of how it is drawn.
 
 use mcl_metrics::IntervalBasis;
 
@@ -14,56 +14,56 @@ pub struct ChartData {
     pub kind: ChartKind,
     /// Its panels; those of a part are next to each other.
     pub panels: Vec<Panel>,
-    /// How many panels stand side by side.
+    /// Number of panels side by side.
     pub columns: usize,
-    /// Paragraphs beneath.
+    /// Paragraphs of the caption.
     pub caption: Vec<String>,
 }
 
 /// A panel of a chart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
-    /// Stands above it.
+    /// Title above it.
     pub title: String,
-    /// Number of the part that it belongs to: panels of the same part, with the same axes, are to be compared.
+    /// Number of its part: panels of the same part, with the same axes, are to be compared.
     pub part: usize,
     /// The horizontal axis.
     pub x: PanelAxis,
     /// The vertical axis, or the colour.
     pub y: PanelAxis,
-    /// What the rows of cells are; empty for curves.
+    /// What the rows of cells stand for; empty for curves.
     pub curves: String,
     /// Labels of the curves, or rows of cells, in their order.
     pub labels: Vec<String>,
-    /// The points, by curve and then from the left.
+    /// The points, sorted by curve, then from left to right.
     pub points: Vec<Point>,
 }
 
 /// An axis of a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelAxis {
-    /// What it shows, with its unit.
+    /// Label with unit.
     pub label: String,
-    /// How values are laid out.
+    /// The scale.
     pub scale: Scale,
-    /// What stands at places 1, 2, …; empty where values are numbers.
+    /// Labels at positions 1, 2, …; empty where values are numbers.
     pub places: Vec<String>,
 }
 
 /// A group of rows in a chart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
-    /// Place of its curve among the labels.
+    /// Index of its curve among the labels.
     pub curve: usize,
-    /// Horizontal position: a value, or a place from 1 on.
+    /// Horizontal position: a value, or a position from 1 on.
     pub x: f64,
     /// The mean.
     pub y: f64,
     /// 95 % interval, where there is one.
     pub interval: Option<[f64; 2]>,
-    /// What the interval of a share of yes takes for a trial; `None` for Student's interval.
+    /// The unit that the interval of a share treats as a trial; `None` for Student's interval.
     pub basis: Option<IntervalBasis>,
-    /// Stands beside an open symbol.
+    /// Text beside an open symbol.
     pub mark: Option<String>,
     /// Independent units behind the mean.
     pub blocks: usize,

@@ -1,4 +1,4 @@
-//! The charts of a study, as its file declares them.
+//! The charts of a study, as declared in its file.
 
 use anyhow::Result;
 
@@ -74,11 +74,11 @@ struct Drawing<'d, 'r> {
     layout: &'d Layout,
     estimates: &'d Estimates<'r>,
     shown: Vec<&'d Group<'r>>,
-    /// The setting along x and its values, where each has a place.
+    /// The setting along x and its values, where they are equally spaced.
     places: Option<(usize, Vec<Vec<Value>>)>,
 }
 
-/// What is on all points, by the title of the panel.
+/// The values on all points, by the title of the panel.
 type OnAllPoints = Vec<(String, f64, Option<[f64; 2]>)>;
 
 impl Drawing<'_, '_> {
@@ -119,7 +119,7 @@ impl Drawing<'_, '_> {
         part.column.as_ref().map_or(&self.chart.y.column, std::slice::from_ref)
     }
 
-    /// Whether what is shown is measured of runs.
+    /// Whether the values shown are measured of runs.
     fn of_runs(&self) -> bool {
         let measures = &self.estimates.groups.results.study.measures.of_runs;
         let is_shown = |column: &&str| self.chart.y.column.iter().any(|y| y == column);
@@ -151,7 +151,7 @@ impl Drawing<'_, '_> {
                     }
                     let Some(estimate) = self.estimates.mean(group, y)? else { continue };
                     if self.is_reference(group, x) {
-                        // What is beneath is of other columns.
+                        // The caption describes other columns.
                         if number > 0 && part.column.is_some() {
                             continue;
                         }
@@ -183,7 +183,7 @@ impl Drawing<'_, '_> {
                 }
             }
         }
-        // What several columns have in common is no name of either.
+        // The common part of several columns' names is not the name of any.
         let is_own = part.column.is_none();
         let is_shared = is_own && self.chart.y.column.len() > 1 && self.chart.y.label.is_some();
         let of_column = if is_shared { name_and_unit(y).0 } else { String::new() };
@@ -253,15 +253,15 @@ impl Drawing<'_, '_> {
     fn curve_label(&self, curve: &[Vec<Value>], y: &str) -> String {
         let label = self.title_of(&self.layout.curves, curve);
         match (&self.chart.kind, &self.layout.curves[..]) {
-            // What rows of cells are stands beside them.
+            // The meaning of rows of cells is shown beside them.
             (ChartKind::Heat, [_]) => text_of(&curve[0]),
             _ if label.is_empty() => name_and_unit(y).0,
             _ => label,
         }
     }
 
-    /// Whether a group is named in the caption instead of the chart: all points have but one size, far
-    /// from all others.
+    /// Whether a group is described in the caption instead of the chart: maps of all points have a single
+    /// size, far from all others.
     fn is_reference(&self, group: &Group<'_>, x: &str) -> bool {
         let is_alone = || self.shown.iter().all(|g| self.estimates.groups.has_all_points(g));
         let is_size = ["real_percent", "size_percent"].contains(&x);
@@ -338,7 +338,7 @@ impl Drawing<'_, '_> {
         Ok(rate.filter(|r| r.hits() > 0).map(|r| format!("{}/{}", r.hits(), r.trials())))
     }
 
-    /// Values of a curve against its smallest or largest.
+    /// Replaces the values of a curve by values relative to its smallest or largest.
     fn relate(&self, curve: &mut [Point]) {
         let values = || curve.iter().map(|point| point.y);
         let (from, sign) = match self.chart.y.relative {

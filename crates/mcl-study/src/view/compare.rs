@@ -1,4 +1,4 @@
-//! `tests.csv`: values of a setting against each other.
+//! `tests.csv`: comparisons between values of a setting.
 
 use anyhow::Result;
 use mcl_core::math;
@@ -15,17 +15,17 @@ use crate::view::summary::columns_of;
 /// A comparison of two groups of rows.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Comparison {
-    /// What was found; of logarithms where a ratio was asked for.
+    /// The effect; of logarithms where a ratio was requested.
     Tested(Effect),
-    /// Why nothing can be said.
+    /// Why there is no test.
     Untested(String),
 }
 
-/// Compares two groups by a measured column, over blocks. This is the one place where rows are tested:
-/// the same two groups have the same p value wherever it is shown.
+/// Compares two groups by a measured column, over blocks. This is the only place where rows are tested: the
+/// same two groups have the same p value wherever it is shown.
 ///
 /// # Errors
-/// When a run occurs twice in a draw, or a value cannot be computed with.
+/// When a run occurs twice in a draw, or a value is not usable.
 pub fn compare(
     a: &Group<'_>,
     b: &Group<'_>,
@@ -70,7 +70,7 @@ pub fn tests(results: &Results) -> Result<Table> {
     let groups = Groups::of(results)?;
     let shown: Vec<&Group<'_>> = groups.of_entries(&[]).collect();
     let mut columns = columns_of(&groups, &shown);
-    // What is always compared stands in `a` and `b`.
+    // Columns that every comparison has are in `a` and `b`.
     let views = &results.study.views.tests;
     columns.retain(|&((place, _), _)| {
         views.iter().any(|view| view.column != groups.settings[place].name)
@@ -128,7 +128,7 @@ fn pairs(groups: &Groups<'_>, view: &TestView, place: usize) -> Vec<[String; 2]>
     pairs.map(|(a, b)| [values[a].clone(), b.clone()]).collect()
 }
 
-/// What two groups have in common, with nothing in the columns of the settings in which they may differ.
+/// The common values of two groups, empty in the columns of the settings in which they may differ.
 fn shared(
     groups: &Groups<'_>,
     columns: &[((usize, usize), String)],
@@ -204,7 +204,7 @@ runs = 2
         )
     }
 
-    /// Whatever is on one map has its luck in common.
+    /// A random effect common to everything on one map.
     fn luck(draw: f64) -> f64 {
         0.01 * ((7.0 * draw) % 10.0 - 4.5)
     }
@@ -212,7 +212,8 @@ runs = 2
     fn results(views: &str) -> Results {
         planted(&study(views), "office", |row| {
             let (draw, run) = (row.number("draw").unwrap(), row.number("run").unwrap());
-            // Twenty runs on ten maps: those on a map differ by a hundredth of what maps do.
+            // Twenty runs on ten maps: runs on the same map differ by a hundredth of the difference between
+            // maps.
             let of_run = if run < 10.0 { 1e-4 } else { -1e-4 };
             let error = match row.text("map") {
                 "gbs" => 0.2,
@@ -227,7 +228,7 @@ runs = 2
     const PAIRED: &str = "[[views.tests]]\ny = \"weighted\"\n\
                           pairs = [[\"gbs+f-km\", \"gbs\"], [\"gbs\", \"rnd\"], [\"gbs\", \"all\"]]\n";
 
-    /// The fault: runs were taken as independent, with p = 9·10⁻¹⁰ by run and 2·10⁻⁵ by map.
+    /// Fault: runs were treated as independent, with p = 9·10⁻¹⁰ by run and 2·10⁻⁵ by map.
     #[test]
     fn the_unit_of_tests_is_the_map() {
         let table = tests(&results(PAIRED)).unwrap();
@@ -251,8 +252,8 @@ runs = 2
         assert!(correlation > Some(0.99), "{correlation:?}");
     }
 
-    /// The fault: one hypothesis had two p values in a folder, for entries, figures and claims each counted
-    /// for themselves. `part` asks for three of the ten maps that another entry asks for.
+    /// Fault: one hypothesis had two p values in a folder, as entries, figures and claims each counted
+    /// separately. `part` asks for three of the ten maps that another entry asks for.
     #[test]
     fn a_hypothesis_has_one_p_value() {
         let part = PAIRED.replace("[[views.tests]]", "[[views.tests]]\nof = \"part\"");
@@ -266,7 +267,7 @@ runs = 2
         assert_eq!(same.len(), 2);
         assert_eq!(same[0], same[1]);
         assert_eq!(same[0].1, Value::Count(10));
-        // And it is the one that claims get.
+        // Claims use the same one.
         let groups = Groups::of(&results).unwrap();
         let group = |name: &str| groups.all.iter().find(|g| g.to_string() == name).unwrap();
         let (a, b) = (group("same gbs+f-km 1"), group("same gbs 1"));
@@ -284,7 +285,7 @@ runs = 2
                 (row.text("a").to_owned(), row.text("b").to_owned(), row.number("size_percent"))
             })
             .collect();
-        // Random maps have no grid, and all points no size: the offset and size of the other stand there.
+        // Random maps have no grid, and all points no size: the offset and size of the other are given there.
         let expected = [
             ("gbs+f-km", "gbs", 0.5),
             ("gbs+f-km", "gbs", 1.0),

@@ -1,4 +1,4 @@
-//! Means of groups of rows, and how sure they are.
+//! Means of groups of rows, with their uncertainty.
 
 use anyhow::{Context, Result};
 use mcl_core::math;
@@ -10,19 +10,19 @@ use crate::study::views::{Factor, LOST, made_of};
 use crate::view::groups::{Group, Groups};
 use crate::view::lost;
 
-/// A mean over blocks. Every block counts the same, as in tests.
+/// A mean over blocks. Every block has the same weight, as in tests.
 ///
-/// One rule serves all measured numbers: Student's interval over the means of blocks, which is what the
-/// tests rest on, too. It covers the true mean as often as it says with few blocks (a bootstrap over ten
-/// is too narrow by a fifth, over five by a third) and depends on no seed. Where a few lost runs decide
-/// the mean it may reach below zero, and says so.
+/// One rule serves all measured numbers: Student's interval over the means of blocks, which is also the basis
+/// of the tests. Its coverage is correct with few blocks (a bootstrap over ten is too narrow by a fifth, over
+/// five by a third) and it depends on no seed. Where a few lost runs dominate the mean it may extend below
+/// zero, and does so visibly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The mean; of a column of yes or no the share of yes among rows.
+    /// The mean; for a column of yes or no the share of yes among rows.
     pub mean: f64,
     /// 95 % interval; `None` where there are too few blocks, or for a [`Factor`].
     pub interval: Option<Interval>,
-    /// What the interval of a share of yes takes for a trial; `None` for Student's interval.
+    /// The unit that the interval of a share treats as a trial; `None` for Student's interval.
     pub basis: Option<IntervalBasis>,
     /// Standard deviation of the means of blocks, where there are two.
     pub spread: Option<f64>,
@@ -33,7 +33,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Of blocked values.
+    /// From values by block.
     pub fn of(values: &Blocked) -> Self {
         let means: Vec<f64> = values.block_means().iter().map(|&(_, mean)| mean).collect();
         Estimate {
@@ -46,7 +46,7 @@ impl Estimate {
         }
     }
 
-    /// Of a share of yes.
+    /// From a share of yes.
     ///
     /// # Errors
     /// When there is no interval.
@@ -63,7 +63,7 @@ impl Estimate {
     }
 }
 
-/// Groups of rows with the columns that are made of several groups.
+/// Groups of rows with the columns derived from several groups.
 pub struct Estimates<'r> {
     /// The groups.
     pub groups: Groups<'r>,
@@ -72,7 +72,7 @@ pub struct Estimates<'r> {
 }
 
 impl<'r> Estimates<'r> {
-    /// Of the rows of a study on a data set.
+    /// From the rows of a study on a data set.
     ///
     /// # Errors
     /// When a value cannot be computed with.
@@ -144,7 +144,7 @@ fn size_factors(groups: &Groups<'_>, factor: &Factor) -> Result<Vec<Option<f64>>
     Ok(groups.all.iter().zip(&points).map(value).collect())
 }
 
-/// Where a curve first reaches a height, interpolated in the logarithm of x.
+/// The x at which a curve first reaches a height, interpolated in the logarithm of x.
 fn reached(curve: &[[f64; 2]], height: f64) -> Option<f64> {
     let pair = curve.windows(2).find(|pair| (pair[0][1]..=pair[1][1]).contains(&height))?;
     let ([x0, below], [x1, above]) = (pair[0], pair[1]);

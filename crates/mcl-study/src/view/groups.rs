@@ -18,22 +18,22 @@ use crate::table::{Row, Table, Value};
 
 /// The groups of a study's rows on a data set.
 pub struct Groups<'r> {
-    /// What they are of.
+    /// The results.
     pub results: &'r Results,
-    /// What groups can differ in.
+    /// Settings in which groups can differ.
     pub settings: Vec<Setting>,
     /// The groups, sorted by their settings. Where rows are missing, a group may have none.
     pub all: Vec<Group<'r>>,
     /// Names in the order of the study's file.
     names: Vec<&'r str>,
-    /// Whether a setting, by its place, is one of the own filter that no program has.
+    /// Whether a setting, by its index, belongs to the built-in filter and to no program.
     of_filter: Vec<bool>,
 }
 
 /// Rows of the same settings.
 #[derive(Debug, Clone)]
 pub struct Group<'r> {
-    /// Its place among the groups.
+    /// Its index among the groups.
     pub place: usize,
     /// The rows.
     pub rows: Vec<Row<'r>>,
@@ -43,13 +43,13 @@ pub struct Group<'r> {
     pub entries: BTreeSet<String>,
     /// Values of the settings, in their order.
     values: Vec<Vec<Value>>,
-    /// What it is, for messages.
+    /// Its description, for messages.
     name: String,
 }
 
-/// A row, or one that is missing.
+/// A row, or a missing one.
 struct Member<'m, 'r> {
-    /// What was asked for.
+    /// Its recipe.
     recipe: Row<'m>,
     row: Option<Row<'r>>,
     /// The values of the settings in which there is a difference between any two members.
@@ -57,7 +57,7 @@ struct Member<'m, 'r> {
 }
 
 impl<'m> Member<'m, '_> {
-    /// The value in a column, given by its places in the table of rows and that of what was asked for.
+    /// The value in a column, given by its indices in the table of rows and in that of recipes.
     fn value(&self, &(of_rows, of_asked): &(Option<usize>, Option<usize>)) -> &'m Value {
         self.recipe.at(if self.row.is_some() { of_rows } else { of_asked })
     }
@@ -114,7 +114,7 @@ impl<'r> Groups<'r> {
         Ok(Groups { results, settings, all, names, of_filter })
     }
 
-    /// The order of settings: by the first in which they differ, names as the study's file lists them.
+    /// The order of settings: by the first in which they differ, names in the order of the study's file.
     fn order(&self, a: &[Vec<Value>], b: &[Vec<Value>]) -> Ordering {
         order_by(&self.names, a.iter().flatten(), b.iter().flatten())
     }
@@ -129,14 +129,14 @@ impl<'r> Groups<'r> {
         all
     }
 
-    /// Place of a setting among the settings.
+    /// Index of a setting among the settings.
     pub fn place(&self, setting: &str) -> Option<usize> {
         self.settings.iter().position(|known| known.name == setting)
     }
 
-    /// The groups that have rows and that one of these entries of `[[trials]]` asks for; without names, all
-    /// that have rows. All rows of a group count, whoever asks for them, so that it has the same mean
-    /// everywhere.
+    /// The groups that have rows and are requested by one of these entries of `[[trials]]`; without names,
+    /// all that have rows. All rows of a group count, whichever entry asks for them, so that it has the same
+    /// mean everywhere.
     pub fn of_entries(&self, names: &[String]) -> impl Iterator<Item = &Group<'r>> {
         let is_asked = move |group: &&Group<'r>| {
             names.is_empty() || names.iter().any(|name| group.entries.contains(name))
@@ -144,8 +144,8 @@ impl<'r> Groups<'r> {
         self.all.iter().filter(|group| !group.rows.is_empty()).filter(is_asked)
     }
 
-    /// Places of the settings in which some of these groups differ, among those for which they matter and
-    /// which no preset decides.
+    /// Indices of the settings in which some of these groups differ, among those that apply to them and are
+    /// not determined by a preset.
     pub fn varying(&self, groups: &[&Group<'_>]) -> Vec<usize> {
         let decided = self.decided_by_preset(groups);
         let varies = |place: &usize| {
@@ -158,8 +158,8 @@ impl<'r> Groups<'r> {
         (0..self.settings.len()).filter(varies).collect()
     }
 
-    /// Places of the settings of the filter that have one value under each preset among these groups: to
-    /// name the preset is to name them.
+    /// Indices of the settings of the filter that have one value under each preset among these groups: naming
+    /// the preset names them.
     pub fn decided_by_preset(&self, groups: &[&Group<'_>]) -> Vec<usize> {
         let Some(preset) = self.place(PRESET) else { return Vec::new() };
         let mut firsts: Vec<&Group<'_>> = Vec::new();
@@ -174,22 +174,21 @@ impl<'r> Groups<'r> {
         decided
     }
 
-    /// Whether two groups differ in nothing else than some settings, so that they can be compared. What
-    /// does not matter for one of them is no difference.
+    /// Whether two groups differ only in the given settings, so that they can be compared. A setting that
+    /// does not apply to one of them is no difference.
     pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
         (0..self.settings.len()).all(|place| settings.contains(&place) || !self.differ(a, b, place))
     }
 
-    /// Whether two groups differ in a setting that matters for both.
+    /// Whether two groups differ in a setting that applies to both.
     pub fn differ(&self, a: &Group<'_>, b: &Group<'_>, place: usize) -> bool {
         !same_values(a.values(place), b.values(place))
             && [a, b].iter().all(|group| self.matters(group, place))
     }
 
-    /// Whether a setting makes a difference to a group: offsets do to grids only, sizes not to maps of all
-    /// points, settings of runs not to maps on which nothing is localized, noise to its motion model only, and
-    /// parts not where the whole has no such part or is not there. Settings of the own filter make none to programs of
-    /// others.
+    /// Whether a setting applies to a group: offsets to grids only, sizes not to maps of all points, settings
+    /// of runs not to maps without runs, noise to its motion model only, and parts not where the whole is
+    /// absent or has no such part. Settings of the built-in filter do not apply to external programs.
     pub fn matters(&self, group: &Group<'_>, place: usize) -> bool {
         let Setting { name, of_map, .. } = &self.settings[place];
         let has_value = |place: usize| group.values(place).iter().any(|value| !value.is_empty());
@@ -237,7 +236,7 @@ impl<'r> Groups<'r> {
 impl<'r> Group<'r> {
     fn of(place: usize, members: &[Member<'_, 'r>], settings: &[Setting]) -> Self {
         let rows: Vec<Row<'r>> = members.iter().filter_map(|member| member.row).collect();
-        // Where rows are missing, every row that is asked for is a member once more, without row.
+        // Where rows are missing, every requested row is a member once more, without values.
         let asked = members.len() - rows.len();
         let entries: BTreeSet<&str> =
             members.iter().flat_map(|m| m.recipe.text(ENTRIES).split_whitespace()).collect();
@@ -256,7 +255,7 @@ impl<'r> Group<'r> {
         }
     }
 
-    /// Values of a setting, by its place.
+    /// Values of a setting, by its index.
     pub fn values(&self, place: usize) -> &[Value] {
         &self.values[place]
     }
@@ -279,8 +278,8 @@ impl<'r> Group<'r> {
         self.rows.iter().map(block).collect::<BTreeSet<u64>>().len()
     }
 
-    /// Values of a column by block (draw) and unit (run); `None` where a row has no number. What is not
-    /// known of one row is not known of their mean: a mean of the others would depend on the outcome.
+    /// Values of a column by block (draw) and unit (run); `None` where a row has no number. If one row's
+    /// value is not known, the mean is not known: a mean of the others would depend on the outcome.
     ///
     /// # Errors
     /// When a run occurs twice in a draw, or a value cannot be computed with.
@@ -288,7 +287,7 @@ impl<'r> Group<'r> {
         self.blocked_where(column, |_| true)
     }
 
-    /// The same of those rows that are to be kept.
+    /// The same for the rows for which `is_kept` holds.
     ///
     /// # Errors
     /// As [`Group::blocked`].
@@ -306,7 +305,7 @@ impl<'r> Group<'r> {
         }
         let blocked = match has_runs {
             true => Blocked::with_units(values),
-            // Of a map alone: it is paired with the mean of a block.
+            // A value of the map alone: it is paired with the mean of a block.
             false => Blocked::new(values.into_iter().map(|(block, _, value)| (block, value))),
         };
         blocked.map(Some).with_context(|| format!("{column} of {self}"))
@@ -323,7 +322,7 @@ impl<'r> Group<'r> {
         })
     }
 
-    /// How many rows a question is answered with yes for; `None` where a row has no answer.
+    /// The number of rows for which the answer is yes; `None` where a row has no answer.
     ///
     /// # Errors
     /// When there is no row.
@@ -343,7 +342,7 @@ impl fmt::Display for Group<'_> {
     }
 }
 
-/// Whether a setting is a part of another one, which says whether it has a meaning.
+/// Whether a setting is a part of another one, which determines whether it applies.
 fn is_part(name: &str) -> bool {
     const PARTS_OF: [(&str, &str); 4] = [
         ("initial_pose_kind", "initial_pose_"),
@@ -354,7 +353,7 @@ fn is_part(name: &str) -> bool {
     PARTS_OF.iter().any(|(whole, parts)| name != *whole && name.starts_with(parts))
 }
 
-/// The maps of one draw number are one independent unit.
+/// The maps with the same draw number are one independent unit.
 fn block(row: &Row<'_>) -> u64 {
     count(row, "draw")
 }
@@ -444,7 +443,7 @@ y = "weighted"
         })
     }
 
-    /// Presets differ in a dozen settings at once, which would be as many columns and panels.
+    /// Presets differ in a dozen settings at once, which would give as many columns and panels.
     #[test]
     fn a_preset_stands_for_what_it_decides() {
         let results = results(STUDY);
@@ -472,7 +471,7 @@ y = "weighted"
         assert!(charts[0].caption.concat().contains(beams), "{charts:?}");
     }
 
-    /// Fault: with and without recovery could not be compared, as only one of them has its rates.
+    /// Fault: runs with and without recovery could not be compared, as only one of them has recovery rates.
     #[test]
     fn parts_of_what_is_not_there_make_no_difference() {
         let text = "seed = 1\n[[trials]]\nmap = \"all\"\nrecover = [false, true]\n\
@@ -507,7 +506,7 @@ y = "weighted"
             let names = varying.iter().map(|&place| groups.settings[place].name.as_str());
             assert_eq!(names.collect::<Vec<_>>(), settings);
         }
-        // Noise that comes with a preset is none of its settings.
+        // Noise that varies with a preset is not one of its settings.
         let at = STUDY.find("draws").unwrap();
         let [before, after] = [&STUDY[..at], &STUDY[at..]];
         let of_carmen =

@@ -1,4 +1,4 @@
-//! What columns are called in figures, with their units.
+//! Labels of columns in figures, with units.
 
 /// Column (or setting of several columns), name, unit.
 const LABELS: &[(&str, &str, &str)] = &[
@@ -77,7 +77,7 @@ const LABELS: &[(&str, &str, &str)] = &[
     ("noise_theta", "noise added to the odometry", "rad"),
 ];
 
-/// Name and unit of a column; what is not known goes by the column's name.
+/// Name and unit of a column; unknown columns keep the column's name.
 pub fn name_and_unit(column: &str) -> (String, &'static str) {
     match LABELS.iter().find(|(known, ..)| *known == column) {
         Some((_, name, unit)) => ((*name).to_owned(), unit),

@@ -1,4 +1,4 @@
-//! What makes the axes, curves and panels of a chart.
+//! Chooses the axes, curves and panels of a chart.
 
 use std::cmp::Reverse;
 
@@ -8,24 +8,24 @@ use crate::study::views::{Chart, Scale};
 use crate::table::Value;
 use crate::view::groups::{Group, Groups, order};
 
-/// Settings of a chart by what they make, as places among the settings.
+/// Settings of a chart by their role, as indices among the settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// A figure per value.
     pub figures: Vec<usize>,
     /// The columns of the horizontal axis.
     pub x: Vec<String>,
-    /// How they are laid out.
+    /// Its scale.
     pub x_scale: Scale,
     /// A curve per value.
     pub curves: Vec<usize>,
-    /// A panel per value, beside what a chart names also every setting that would otherwise be drawn
+    /// A panel per value: the settings named by the chart, and every setting that would otherwise be drawn
     /// over another.
     pub panels: Vec<usize>,
 }
 
 impl Layout {
-    /// Of a chart and the groups that it shows.
+    /// For a chart and the groups that it shows.
     pub fn of(chart: &Chart, groups: &Groups<'_>, shown: &[&Group<'_>]) -> Self {
         let places = |names: &[String]| -> Vec<usize> {
             names.iter().filter_map(|name| groups.place(name)).collect()
@@ -59,7 +59,7 @@ impl Layout {
         let covered = x.iter().flat_map(|x| covered_by(groups, x));
         let mut told: Vec<usize> = covered.chain(mark).collect();
         told.extend([&figures[..], &curves, &panels].concat());
-        // What is left varies over each other.
+        // Settings that are left would be drawn over each other.
         while let Some(place) = overlaid(groups, shown, &told) {
             panels.push(place);
             told.push(place);
@@ -72,7 +72,7 @@ impl Layout {
     }
 }
 
-/// The settings that a horizontal axis stands for: the size of a map decides what is measured of it.
+/// The settings covered by a horizontal axis: measures of size depend on the size of a map.
 fn covered_by(groups: &Groups<'_>, x: &str) -> Vec<usize> {
     let places = |names: &[&str]| names.iter().filter_map(|name| groups.place(name)).collect();
     if SIGMA.contains(&x) || x == "used_sigma_m" {
@@ -84,8 +84,8 @@ fn covered_by(groups: &Groups<'_>, x: &str) -> Vec<usize> {
     }
 }
 
-/// The setting with the most values that are numbers, or else of any kind; and that with the next most.
-/// Sizes count as one setting.
+/// The numeric setting with the most values, or else any; and the one with the next most. Sizes count as one
+/// setting.
 fn automatic(
     groups: &Groups<'_>,
     shown: &[&Group<'_>],
@@ -94,7 +94,7 @@ fn automatic(
     let mut varied: Vec<usize> = groups.varying(shown);
     varied.retain(|place| !named.contains(place));
     let name = |place: usize| groups.settings[place].name.as_str();
-    // The most values first; of as many, those of runs.
+    // Most values first; among equals, settings of runs.
     varied.sort_by_key(|&place| {
         (Reverse(distinct(groups, shown, place).len()), groups.settings[place].of_map)
     });
@@ -106,7 +106,7 @@ fn automatic(
     (varied.first().copied(), varied.get(1).copied())
 }
 
-/// A setting in which two groups differ that are the same by all settings that are told.
+/// A setting in which two groups differ that agree in all settings shown.
 fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option<usize> {
     let key = |group: &Group<'_>| -> Vec<Vec<Value>> {
         told.iter().map(|&place| group.values(place).to_vec()).collect()
@@ -122,19 +122,19 @@ fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option
     same.filter_map(differing).min()
 }
 
-/// The values of a setting, each once, names as the study lists them and numbers ascending.
+/// The distinct values of a setting, names in the order of the study and numbers ascending.
 pub fn distinct(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Vec<Vec<Value>> {
     groups.combinations(shown, &[place]).into_iter().flatten().collect()
 }
 
-/// Whether a setting is one number in all groups that have it.
+/// Whether a setting is a single number in all groups that have it.
 fn is_number(shown: &[&Group<'_>], place: usize) -> bool {
     let has = |group: &&&Group<'_>| group.values(place).iter().any(|value| !value.is_empty());
     let mut numbers = shown.iter().filter(has).map(|group| group.number(place)).peekable();
     numbers.peek().is_some() && numbers.all(|number| number.is_some())
 }
 
-/// The scale that the values of a setting can be laid out by.
+/// The scale that fits the values of a setting.
 fn scale_of(place: usize, shown: &[&Group<'_>], wanted: Scale) -> Scale {
     let numbers = || shown.iter().filter_map(|group| group.number(place));
     match wanted {

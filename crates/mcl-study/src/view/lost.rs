@@ -1,8 +1,8 @@
-//! What views show of runs that were lost: columns that are made of others, so that rows of every build have them.
+//! Lost runs in views: columns derived from others, so that rows of every build have them.
 //!
-//! A mean error of all runs is decided by those that were lost, as far as they strayed; a mean of the others alone would
-//! hide that there are lost ones. So the two stand beside each other: [`LOST`](crate::study::views::LOST), the share of runs that were lost at some
-//! time, and the error of those that never were (`tracked_…`).
+//! A mean error over all runs is dominated by how far the lost ones strayed; a mean of the others alone would
+//! hide that some were lost. So both are shown: [`LOST`](crate::study::views::LOST), the share of runs that
+//! were lost at any time, and the error of those that were never lost (`tracked_…`).
 
 use anyhow::Result;
 use mcl_metrics::{Blocked, BlockedRate};
@@ -11,7 +11,7 @@ use crate::study::views::{DIVERGED, EPISODES, TRACKED};
 use crate::table::{Row, Value};
 use crate::view::groups::Group;
 
-/// Whether a run was lost; `None` where a row does not say.
+/// Whether a run was lost; `None` where a row does not have it.
 fn is_lost(row: &Row<'_>) -> Option<bool> {
     match row.get(DIVERGED) {
         Value::Bool(diverged) => Some(*diverged || row.number(EPISODES)? > 0.0),
@@ -19,7 +19,7 @@ fn is_lost(row: &Row<'_>) -> Option<bool> {
     }
 }
 
-/// How many runs of a group were lost; `None` where a row does not say.
+/// How many runs of a group were lost; `None` where a row does not have it.
 ///
 /// # Errors
 /// When there is no row.
@@ -27,8 +27,8 @@ pub fn rate(group: &Group<'_>) -> Result<Option<BlockedRate>> {
     group.rate_of(is_lost)
 }
 
-/// Values of a column over the runs that never were lost; `None` of any other column, where a row does not say, and where
-/// all runs were lost.
+/// Values of a column over the runs that were never lost; `None` for any other column, where a row does not
+/// have it, and where all runs were lost.
 ///
 /// # Errors
 /// As [`Group::blocked`].
@@ -40,7 +40,7 @@ pub fn tracked(group: &Group<'_>, column: &str) -> Result<Option<Blocked>> {
     group.blocked_where(of, |row| is_lost(row) == Some(false))
 }
 
-/// Whether a column is one over the runs of a group that never were lost, while some were.
+/// Whether a column is over the never-lost runs of a group in which some were lost.
 pub fn is_of_some(group: &Group<'_>, column: &str) -> bool {
     column.starts_with(TRACKED) && group.rows.iter().any(|row| is_lost(row) == Some(true))
 }
@@ -50,8 +50,8 @@ mod tests {
     use crate::view::charts::charts;
     use crate::view::planted::planted;
 
-    /// Fault: one run of twenty that was lost set the mean of all, and a curve rose and fell with the size by chance;
-    /// runs that were lost on the way and found again were not to be seen.
+    /// Fault: a single lost run of twenty dominated the mean, and a curve rose and fell with the size by
+    /// chance; runs that were lost and found again were not visible.
     #[test]
     fn lost_runs_are_counted_and_do_not_set_the_error() {
         let text = r#"

@@ -1,4 +1,4 @@
-//! What is made of a study's rows: tables, and charts as plain data.
+//! Views of a study's rows: tables, and charts as plain data.
 
 pub mod caption;
 pub mod chart;

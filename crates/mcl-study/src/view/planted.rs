@@ -7,10 +7,11 @@ use crate::store::results::Results;
 use crate::study::definition::Study;
 use crate::table::{Row, Table, Value};
 
-/// What is measured of a recipe.
+/// The measurements for a recipe.
 pub type Measured = Vec<(&'static str, Value)>;
 
-/// Results of a study on a data set: a row per map and run, with what `measure` says of its recipe.
+/// Results of a study on a data set: a row per map and run, with the measurements that `measure` returns for
+/// its recipe.
 pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured) -> Results {
     let study = Study::parse(text).unwrap();
     let plan = study.plan(dataset).unwrap();
@@ -52,7 +53,7 @@ pub fn planted(text: &str, dataset: &str, measure: impl Fn(&Row<'_>) -> Measured
 }
 
 impl Results {
-    /// The same without some rows, of trials that are not done.
+    /// The same without some rows, as if these trials were not done.
     pub fn without(mut self, trials: usize, is_missing: impl Fn(&Row<'_>) -> bool) -> Self {
         let mut table = Table::new(self.table.columns().to_vec());
         for row in self.table.rows().filter(|row| !is_missing(row)) {

@@ -11,17 +11,17 @@ use crate::view::summary::columns_of;
 
 /// The settings of runs ranked by a measured column over data sets, the best first.
 ///
-/// A setting's score is the geometric mean over data sets of its geometric mean over maps (every
-/// combination of split, kind and size) of the mean over blocks: so every log counts the same, whatever the
-/// scale of its errors. Data sets of `except` have rows but no say in it. Settings that lack a map on a data
-/// set are left out.
+/// A setting's score is the geometric mean over data sets of its geometric mean over maps (every combination
+/// of split, kind and size) of the mean over blocks, so every log has the same weight, whatever the scale of
+/// its errors. Data sets of `except` have rows but do not count. Settings that lack a map on a data set are
+/// left out.
 ///
-/// Columns: `trials`, the entry that was ranked, where entries are ranked each on its own; `rank`, `score`;
-/// every setting of runs that varies; and per data set `dataset`, `has_say`, the column itself (its
-/// geometric mean over maps), `rows`, `diverged` of them where that was measured, and `note`.
+/// Columns: `trials`, the entry that was ranked, where entries are ranked separately; `rank`, `score`; every
+/// setting of runs that varies; and per data set `dataset`, `has_say` (whether it counts), the column itself
+/// (its geometric mean over maps), `rows`, `diverged` of them where that was measured, and `note`.
 ///
 /// # Errors
-/// When the results are not all of one study, a value is not above 0, or it cannot be computed with.
+/// When the results are not all of one study, or a value is not usable or not above 0.
 pub fn ranking(all: &[Results]) -> Result<Table> {
     let Some((first, view)) = all.first().and_then(|r| Some((r, r.study.views.ranking.as_ref()?)))
     else {
@@ -201,7 +201,7 @@ y = "weighted"
 except = ["intel-lab"]
 "#;
 
-    /// Errors by size and σ_hit; the two draws lie around.
+    /// Errors by size and σ_hit, with two draws on either side.
     fn results(dataset: &str, errors: [[f64; 2]; 2]) -> Results {
         planted(STUDY, dataset, |row| {
             let size = usize::from(row.number("size_percent") == Some(5.0));
@@ -217,7 +217,7 @@ except = ["intel-lab"]
         let all = [
             // σ_hit 0.1: √(0.02 · 0.08) = 0.04; 0.2: √(0.04 · 0.36) = 0.12.
             results("aces", [[0.02, 0.04], [0.08, 0.36]]),
-            // The other way round, and without a say.
+            // The other way round, on a data set that does not count.
             results("intel-lab", [[9.0, 0.001], [9.0, 0.001]]),
             // 0.04; √(0.01 · 2) = 0.1414.
             results("office", [[0.04, 0.01], [0.04, 2.0]]),
@@ -251,7 +251,7 @@ except = ["intel-lab"]
         let found: Vec<_> =
             table.rows().map(|row| (row.text("dataset"), row.text("note"))).collect();
         assert_eq!(found, [("aces", ""), ("office", "4 of 6 trials")]);
-        // Data sets without a say do not decide that.
+        // Data sets that do not count have no influence on that.
         let half = results("intel-lab", [[0.1; 2]; 2]).without(2, |row| {
             row.number("sigma_hit") == Some(0.1) && row.number("size_percent") == Some(5.0)
         });

@@ -9,13 +9,13 @@ use crate::table::{Table, Value};
 use crate::view::estimate::{Estimate, Estimates};
 use crate::view::groups::{Group, Groups};
 
-/// The columns that always tell groups apart.
+/// The columns that always identify groups.
 pub const ALWAYS: [&str; 4] = ["dataset", "split", "map", "size_percent"];
 
-/// The column of runs that were lost for good.
+/// The column of runs that were lost at the end.
 const DIVERGED: &str = "diverged";
 
-/// Means of the columns that `[views.summary]` names, per group of rows that differ in draw and run only.
+/// Means of the columns named in `[views.summary]`, per group of rows that differ in draw and run only.
 ///
 /// Columns: the data set, split, map and size, and every other setting that varies; `trials`, the names of
 /// the entries that ask for the group; `blocks` (independent units: draws), `rows`, and `asked`, the number of
@@ -87,7 +87,7 @@ pub fn summary(results: &Results) -> Result<Table> {
     Ok(table)
 }
 
-/// The columns that tell groups apart, each with the places of setting and value.
+/// The columns that identify groups, each with the indices of setting and value.
 pub fn columns_of(groups: &Groups<'_>, shown: &[&Group<'_>]) -> Vec<((usize, usize), String)> {
     let varying = groups.varying(shown);
     let mut columns = Vec::new();
@@ -218,7 +218,7 @@ kept = ["weighted"]
         assert_eq!(gbs.number("found_after_scans"), Some(4.0));
     }
 
-    /// What depends on the outcome is either reported beside the whole, or not at all.
+    /// A measure that depends on the outcome is either reported beside the whole, or not at all.
     #[test]
     fn diverged_runs_count_and_are_left_out_only_where_that_is_said() {
         let table = summary(&results()).unwrap();
@@ -231,7 +231,7 @@ kept = ["weighted"]
         // Means of blocks 4, 5, 9.
         assert!((rnd.number("kept_weighted").unwrap() - 6.0).abs() < 1e-12);
         assert!(rnd.number("kept_weighted_low").unwrap() < 6.0);
-        // Not the mean over those runs that were found.
+        // Not the mean over the runs that were found.
         assert!(rnd.get("found_after_scans").is_empty());
     }
 
@@ -257,8 +257,8 @@ kept = ["weighted"]
         assert!(rnd.get("weighted_low").is_empty() && rnd.get("weighted_sd").is_empty());
     }
 
-    /// Likelihood grows with the logarithm of size: 1 per decade, and 0.5 more after the better
-    /// refinement, for which plain fuzzy k-means needs √10 times as many points.
+    /// Likelihood grows with the logarithm of size: 1 per decade, and 0.5 more after the better refinement,
+    /// for which plain fuzzy k-means needs √10 times as many points.
     #[test]
     fn sizes_are_compared_by_what_they_are_worth() {
         let text = r#"

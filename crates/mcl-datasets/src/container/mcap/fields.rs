@@ -1,7 +1,7 @@
-//! Little-endian fields of an MCAP record, taken in order.
+//! Little-endian fields of an MCAP record, read in order.
 //!
-//! The `mcap` crate's own parser reserves memory by a string's length field before it looks whether
-//! so many bytes are there; this one never allocates more than the record holds.
+//! The `mcap` crate's own parser reserves memory by a string's length field before it checks that these bytes
+//! exist; this one never allocates more than the record holds.
 
 use crate::container::problem::BadRecord;
 
@@ -58,13 +58,13 @@ impl<'a> Fields<'a> {
         self.bytes(field, length as usize)
     }
 
-    /// UTF-8 after its length, a `u32`.
+    /// A UTF-8 string after its length, a `u32`.
     pub fn text(&mut self, field: &'static str) -> Result<&'a str, BadRecord> {
         let bytes = self.blob(field)?;
         std::str::from_utf8(bytes).map_err(|_| self.bad(field, "not UTF-8"))
     }
 
-    /// Pairs of texts after the length of all of them in bytes, a `u32`.
+    /// Pairs of strings after the length of all of them in bytes, a `u32`.
     pub fn map(&mut self, field: &'static str) -> Result<Vec<(&'a str, &'a str)>, BadRecord> {
         let mut inner = Fields { record: self.record, rest: self.blob(field)? };
         let mut pairs = Vec::new();

@@ -1,9 +1,9 @@
-//! The messages of one MCAP file, from its first byte to its last: chunked or not, with or without an
-//! index, by which chunks without any message that is wanted are passed over.
+//! Reads the messages of one MCAP file, from its first byte to its last: chunked or not, with or without an
+//! index, by which chunks without any wanted message are skipped.
 //!
-//! Records are framed here and not by the `mcap` crate, because its reader neither tells where in the
-//! file a record is, nor keeps what a cut chunk still holds, and overflows on a record that is longer
-//! than its uncompressed chunk (0.26).
+//! Records are framed here and not by the `mcap` crate, because its reader neither reports the offset of a
+//! record nor keeps the readable part of a truncated chunk, and overflows on a record that is longer than its
+//! uncompressed chunk (0.26).
 
 mod fields;
 mod records;
@@ -25,7 +25,7 @@ use crate::container::position::Position;
 use crate::container::problem::{StreamError, StreamProblem};
 use fields::Fields;
 
-/// MCAP, as ROS 2 writes it since 2022.
+/// MCAP, the default format of ROS 2 since 2023.
 pub static CONTAINER: Container =
     Container { name: "MCAP", magic: mcap::MAGIC, ending: "mcap", storage: Some("mcap"), read };
 
@@ -33,24 +33,23 @@ fn read(input: Input<'_>, visit: &mut Visit<'_>) -> Result<Option<String>, Strea
     read_counted(Counted::new(input), visit)
 }
 
-/// Largest record accepted outside of chunks that is passed over unread (attachments), in bytes.
+/// Largest record accepted outside of chunks that is skipped unread (attachments), in bytes.
 pub const MAX_SKIPPED_BYTES: u64 = 1 << 40;
-/// Bytes of a chunk record before its content, generously.
+/// A generous bound on the bytes of a chunk record before its content.
 const CHUNK_HEADER_BYTES: u64 = 1 << 16;
-/// Bytes of it that are looked at to pass over a chunk.
+/// Bytes of it that are read to skip a chunk.
 const CHUNK_HEAD_BYTES: u64 = 64;
-/// Code and length of a record.
+/// Opcode and length of a record.
 const PREFIX_BYTES: usize = 9;
 
-/// Reads an MCAP file and shows everything of use in it to `visit`, in the file's order.
+/// Reads an MCAP file and passes everything of use in it to `visit`, in the file's order.
 ///
-/// A file that ends early is no error: what came before the cut is shown, that of a cut chunk too,
-/// and the result says what is missing. Memory is bounded by [`MAX_CHUNK_BYTES`] for a packed and an
-/// unpacked chunk, and nothing is allocated by a length field that the bytes there do not bear out.
+/// A file that ends early is no error: everything before the cut is passed on, including that of a truncated
+/// chunk, and the result says what is missing. Memory is bounded by [`MAX_CHUNK_BYTES`] for a compressed and
+/// a decompressed chunk, and no length field leads to an allocation beyond the bytes that exist.
 ///
 /// # Errors
-/// [`StreamError`] for a file that is no MCAP or is damaged, with the offset; and what `visit`
-/// returns.
+/// [`StreamError`] with the offset, for a file that is not MCAP or is damaged; and the errors of `visit`.
 pub fn read_stream(
     input: impl Read,
     mut visit: impl FnMut(Item<'_>) -> Result<(), StreamProblem>,
@@ -76,9 +75,9 @@ struct Reader<'a> {
     input: Counted<'a>,
     channels: BTreeMap<u16, (Channel, Wanted)>,
     schemas: BTreeMap<u16, Arc<SchemaText>>,
-    /// The chunks by their place, as the summary of the file tells, where there is one and it is believed.
+    /// The chunks by offset according to the summary of the file, where there is one and it is trusted.
     chunks: HashMap<u64, Summary>,
-    /// Where the record being read begins.
+    /// Offset of the record being read.
     record_start: u64,
 }
 
@@ -161,7 +160,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Schemas, channels and messages stand in chunks and outside of them.
+    /// Schemas, channels and messages occur in chunks and outside of them.
     fn record(
         &mut self,
         opcode: u8,
@@ -236,8 +235,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Passes over a chunk of `length` bytes, if the summary says that nothing of it is wanted, and the records
-    /// that follow the chunk say so, too.
+    /// Skips a chunk of `length` bytes, if the summary says that nothing of it is wanted, and the records
+    /// that follow the chunk agree.
     fn pass(&mut self, length: u64, visit: &mut Visit<'_>) -> Result<bool, StreamProblem> {
         let Some(summary) = self.chunks.remove(&self.record_start) else { return Ok(false) };
         let channel = |id: &u32| self.channels.get(&u16::try_from(*id).ok()?);
@@ -249,7 +248,7 @@ impl Reader<'_> {
         let start = self.input.offset;
         let head = self.input.peek(start, CHUNK_HEAD_BYTES.min(length))?;
         let (log_times, plain) = records::head(&head).unwrap_or_default();
-        // A checksum of all would have to be made of all.
+        // A checksum of the data would need all of it.
         self.input.crc = None;
         let is_there = self.input.skip(length)? == length;
         let spans = if is_there { self.spans()? } else { None };
@@ -275,8 +274,8 @@ impl Reader<'_> {
         Ok(true)
     }
 
-    /// What the records of the index that follow a chunk say of it; `None` where they are damaged. The input
-    /// goes to their end.
+    /// The content of a chunk according to the index records that follow it; `None` where they are damaged.
+    /// The input is advanced to their end.
     fn spans(&mut self) -> Result<Option<Spans>, StreamProblem> {
         let mut spans = Spans::default();
         let mut body = Vec::new();
@@ -307,7 +306,7 @@ impl Reader<'_> {
         visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
         let records = match records::of(body, is_cut) {
-            // The cut is in the chunk's own fields: nothing of it can be told.
+            // The cut is in the chunk's own fields: nothing of it can be read.
             Err(StreamProblem::Record(_)) if is_cut => return Ok(()),
             other => other?,
         };
@@ -334,7 +333,7 @@ impl Reader<'_> {
         }
     }
 
-    /// What follows the footer.
+    /// Handles what follows the footer.
     fn end(&mut self, is_data_complete: bool) -> Result<Option<String>, StreamProblem> {
         let mut magic = Vec::new();
         self.input.read_up_to(mcap::MAGIC.len() as u64 + 1, &mut magic)?;
@@ -361,7 +360,7 @@ impl Reader<'_> {
     }
 }
 
-/// Code and length of the record that `bytes` begin with.
+/// Opcode and length of the record at the start of `bytes`.
 fn prefix(bytes: &[u8]) -> Option<(u8, u64)> {
     let (&[opcode], rest) = bytes.split_first_chunk()?;
     let (&length, _) = rest.split_first_chunk()?;

@@ -1,4 +1,4 @@
-//! What a chunk of an MCAP file holds: its compression undone, its length and checksum checked.
+//! The content of a chunk of an MCAP file: decompressed, with its length and checksum checked.
 
 use std::borrow::Cow;
 
@@ -6,8 +6,7 @@ use super::fields::Fields;
 use crate::container::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
 use crate::container::problem::{BadRecord, StreamProblem};
 
-/// The records of a chunk, back to back. Of a chunk whose file is cut off (`is_cut`), as much as can
-/// be told of it.
+/// The records of a chunk, back to back. Of a truncated chunk (`is_cut`), as much as can be read.
 pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Cow<'_, [u8]>, StreamProblem> {
     let mut fields = Fields::new("Chunk", body);
     fields.bytes("message_start_time, message_end_time", 16)?;
@@ -41,8 +40,8 @@ pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Cow<'_, [u8]>, StreamProbl
     Ok(records)
 }
 
-/// When the first and the last message of a chunk were recorded, in nanoseconds, and where in its body the
-/// records begin, if they are not compressed.
+/// Log times of the first and the last message of a chunk, in nanoseconds, and the offset of the records in
+/// its body, if they are not compressed.
 pub(super) fn head(body: &[u8]) -> Result<((u64, u64), Option<u64>), BadRecord> {
     let mut fields = Fields::new("Chunk", body);
     let log_times = (fields.u64("message_start_time")?, fields.u64("message_end_time")?);

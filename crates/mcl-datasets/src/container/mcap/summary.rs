@@ -12,13 +12,13 @@ use crate::container::problem::{BadRecord, StreamProblem};
 
 /// Longest summary accepted, in bytes: that of a bag of some terabytes.
 const MAX_SUMMARY_BYTES: u64 = 256 << 20;
-/// The footer with its code and length, and the magic bytes after it.
+/// The footer with its opcode and length, and the magic bytes after it.
 const END_BYTES: u64 = PREFIX_BYTES as u64 + 20 + mcap::MAGIC.len() as u64;
 
-/// Code and length of a message record, and what comes before the message.
+/// Opcode and length of a message record, and its fields before the message.
 pub(super) const MESSAGE_HEAD_BYTES: u64 = PREFIX_BYTES as u64 + 22;
 
-/// The chunks of a file by their place; `None` where it has no summary, or one that is not whole.
+/// The chunks of a file by offset; `None` where it has no summary, or an incomplete one.
 pub(super) fn read(
     input: &mut Counted<'_>,
 ) -> Result<Option<HashMap<u64, Summary>>, StreamProblem> {
@@ -77,7 +77,7 @@ fn statistics(body: &[u8]) -> Result<u32, BadRecord> {
     fields.u32("chunk_count")
 }
 
-/// Adds the entries of a message index record; whether it is one.
+/// Adds the entries of a message index record; returns whether it is one.
 pub(super) fn add_entries(body: &[u8], spans: &mut Spans) -> bool {
     let mut fields = Fields::new("MessageIndex", body);
     let (Ok(id), Ok(entries)) = (fields.u16("channel_id"), fields.blob("records")) else {
@@ -89,7 +89,7 @@ pub(super) fn add_entries(body: &[u8], spans: &mut Spans) -> bool {
     rest.is_empty()
 }
 
-/// Channel and time of the message that `bytes` begin with.
+/// Channel and log time of the message at the start of `bytes`.
 pub(super) fn message(bytes: &[u8]) -> Option<(u32, u64)> {
     let (op::MESSAGE, _) = prefix(bytes)? else { return None };
     let mut fields = Fields::new("Message", &bytes[PREFIX_BYTES..]);

@@ -1,4 +1,4 @@
-//! Errors over time, and their spread over the runs of groups.
+//! Figures of errors over time, and of their spread over the runs of groups.
 
 use std::path::Path;
 
@@ -13,18 +13,18 @@ use mcl_metrics::Summary;
 use super::row::Sampled;
 use crate::pose_errors::ErrorSamples;
 
-/// Columns into which a long run is thinned, and moments at which runs of a group are compared.
+/// Columns to which a long run is thinned, and moments at which runs of a group are compared.
 const COLUMNS: usize = 1500;
 const MOMENTS: usize = 80;
-/// Errors of which the largest is so many times the median are shown on a logarithmic axis.
+/// If the largest error is more than this many times the median, errors are shown on a logarithmic axis.
 const FAR_APART: f64 = 30.0;
 /// Half the width of a box, in places.
 const HALF: f64 = 0.28;
 
-/// An estimate that is drawn: its name, and what was found.
+/// An estimate to draw: its name, and its errors.
 pub type Drawn<'a> = (String, &'a Sampled);
 
-/// A group of runs: its name, those with figures, and how many there are.
+/// A group of runs: its name, those with figures, and the total number.
 pub struct DrawnGroup<'a> {
     pub name: &'a str,
     pub runs: Vec<&'a Sampled>,
@@ -98,7 +98,7 @@ pub fn draw(
     Ok(())
 }
 
-/// Logarithmic, where small errors would not be seen beside large ones.
+/// Logarithmic, where small errors would not be visible beside large ones.
 fn axis(label: &str, curves: &[Curve]) -> AxisSpec {
     let errors = curves.iter().flat_map(|curve| &curve.points).map(|point| point.mean);
     let errors: Vec<f64> = errors.collect();
@@ -114,7 +114,7 @@ fn style(index: usize) -> CurveStyle {
     CurveStyle { dash, ..CurveStyle::line(index) }
 }
 
-/// In order of time, which is not always that of the log.
+/// In order of time, which may differ from that of the log.
 fn over_time(found: &Sampled, unit: f64, samples: Samples) -> Vec<CurvePoint> {
     let mut points: Vec<CurvePoint> = places(found)
         .zip(samples(&found.samples))
@@ -128,7 +128,8 @@ fn places(found: &Sampled) -> impl Iterator<Item = f64> + '_ {
     found.stamps.iter().map(|stamp: &Stamp| stamp.seconds_since(found.begins))
 }
 
-/// Of points in order of x as many as a figure can show: of each narrow column the lowest and the highest.
+/// Thins points in order of x to as many as a figure can show: the lowest and the highest of each narrow
+/// column.
 fn thinned(points: Vec<CurvePoint>) -> Vec<CurvePoint> {
     if points.len() <= 2 * COLUMNS {
         return points;
@@ -150,7 +151,7 @@ fn thinned(points: Vec<CurvePoint>) -> Vec<CurvePoint> {
     kept
 }
 
-/// Median, smallest and largest over the runs of a group, each at the mean of a run's errors about a moment.
+/// Median, smallest and largest over the runs of a group, each of the mean error of a run around a moment.
 fn band(
     group: &DrawnGroup<'_>,
     style: CurveStyle,
@@ -220,7 +221,7 @@ fn boxes(groups: &[DrawnGroup<'_>]) -> CurvePanel {
         line(&[(at, p75), (at, max)], None);
         let count = means.len() as f64;
         for (number, mean) in means.iter().enumerate() {
-            // Side by side, so that equal ones are seen.
+            // Side by side, so that equal ones are visible.
             let beside = HALF * 1.4 * ((number as f64 + 0.5) / count - 0.5);
             line(&[(at + beside, *mean)], Some(Marker::Circle));
         }

@@ -1,4 +1,4 @@
-//! Whose poses two trajectories have, and how they become those of one frame.
+//! The frames of two trajectories' poses, and their conversion to a common frame.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,12 +21,12 @@ fn is_of_odometry(frame: &str) -> bool {
     frame.rsplit('/').next().is_some_and(|name| name.starts_with(ODOMETRY))
 }
 
-/// Frames that are fixed to each other: where each is in one of them.
+/// Frames that are fixed to each other: the pose of each in one of them.
 #[derive(Debug, Clone, Default)]
 pub struct Mounts(BTreeMap<Whose, Pose2>);
 
 impl Mounts {
-    /// Of a robot with a laser there.
+    /// For a robot with a laser at this pose.
     pub fn of_laser(robot_from_laser: Pose2) -> Self {
         Mounts([(Whose::Robot, Pose2::IDENTITY), (Whose::Laser, robot_from_laser)].into())
     }
@@ -39,32 +39,32 @@ impl Mounts {
         self.0.get(whose).copied()
     }
 
-    /// Where the second is in the frame of the first.
+    /// The pose of the second in the frame of the first.
     fn between(&self, from: &Whose, to: &Whose) -> Option<Pose2> {
         Some(self.get(from)?.between(&self.get(to)?))
     }
 }
 
-/// Both sides as poses of one frame.
+/// Both sides as poses of a common frame.
 pub struct Compared<'a> {
-    /// Whose poses they are; `None` where nothing says so of either.
+    /// Whose poses they are; `None` where neither side states it.
     pub whose: Option<Whose>,
     pub reference: Cow<'a, Trajectory>,
     pub estimate: Cow<'a, Trajectory>,
-    /// From the frame compared to that whose covariances the estimate has.
+    /// From the compared frame to the frame of the estimate's covariances.
     pub to_estimated: Pose2,
-    /// Whether nothing had to be guessed.
+    /// Whether nothing was assumed.
     pub is_certain: bool,
 }
 
-/// The frames of a side, as they are reported.
+/// The frames of a side, for the report.
 #[derive(Debug, Clone, Serialize)]
 pub struct SideFrames {
-    /// Whose poses the file has: `robot`, `laser` or the name of a frame; null if nothing says so.
+    /// Whose poses the file has: `robot`, `laser` or the name of a frame; null if not known.
     pub of: Option<String>,
-    /// The frame that they are in (`header.frame_id`), or into which the bag's transforms carried them.
+    /// The frame that they are in (`header.frame_id`), or into which the bag's transforms converted them.
     pub within: Option<String>,
-    /// The frame that they were in before.
+    /// The frame that they were in before that.
     pub carried_from: Option<String>,
 }
 
@@ -77,12 +77,12 @@ pub fn name_of(whose: &Whose) -> String {
     }
 }
 
-/// Makes both sides poses of one frame: of the one that is asked for; else of the one that both have; else of the
-/// laser, where one side has its poses, or of the reference's. Where nothing says whose poses a side has, they are the
-/// robot's, as everywhere; that is doubtful where a laser is known to sit elsewhere on it.
+/// Converts both sides to poses of a common frame: the requested one; else the one that both have; else the
+/// laser, where one side has its poses, or the reference's. Where a side's frame is not known, its poses are
+/// taken as the robot's; that is reported as doubtful where a laser is known to be mounted elsewhere on it.
 ///
 /// # Errors
-/// When a side would have to be moved, and nothing says how.
+/// When a side would have to be converted, and the mount is not known.
 pub fn compared<'a>(
     reference: &'a Source,
     estimate: &'a Source,
@@ -151,7 +151,7 @@ fn moved(trajectory: &Trajectory, carry: Pose2) -> Cow<'_, Trajectory> {
     Cow::Owned(trajectory.iter().map(|(stamp, pose)| (stamp, pose.compose(&carry))).collect())
 }
 
-/// Whether both sides are in the same frame of the world, as far as they say; a warning where they are not.
+/// Whether both sides are in the same world frame, as far as known; warns where they are not.
 pub fn are_in_one_world(reference: &Source, estimate: &Source) -> bool {
     let [of_reference, of_estimate] = [&reference.within, &estimate.within].map(Option::as_deref);
     let label = estimate.of.label();

@@ -1,8 +1,8 @@
-//! Runs of several localizers: each group summed up, and group against group.
+//! Runs of several localizers: a summary of each group, and comparisons between groups.
 //!
-//! A run is the independent unit: a group's mean is that of the means of its runs, with Student's interval over runs.
-//! Differences are tested over runs, in pairs where two groups have runs of the same name (a bag, a seed), and all
-//! tests of a call are one family.
+//! A run is the independent unit: a group's mean is the mean of the means of its runs, with Student's
+//! interval over runs. Differences are tested over runs, in pairs where two groups have runs of the same name
+//! (a bag, a seed), and all tests of a call are one family.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,16 +18,16 @@ use super::row::{RowFigures, Sampled};
 use crate::cli::args::Group;
 use crate::pose_errors::ErrorSamples;
 
-/// Share of the reference's path that a run has to cover not to have failed.
+/// Share of the reference's path that a run has to cover; otherwise it counts as failed.
 const FOLLOWED: f64 = 0.9;
 
-/// A run of a group: its name, and what was found.
+/// A run of a group: its name, and its result.
 pub struct Run<'a> {
     pub name: &'a str,
     pub found: Option<Found<'a>>,
 }
 
-/// Figures, and the samples that they are of.
+/// Figures, and the samples that they were computed from.
 pub type Found<'a> = (&'a RowFigures, &'a Sampled);
 
 impl<'a> Run<'a> {
@@ -40,7 +40,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// A group summed up.
+/// Summary of a group.
 #[derive(Serialize)]
 pub struct GroupFigures {
     pub name: String,
@@ -48,7 +48,7 @@ pub struct GroupFigures {
     /// Runs that could not be evaluated, ended lost or left out more than a tenth of the path.
     pub failed: usize,
     pub failed_ci95: Interval,
-    /// Of these: without figures, and ended lost.
+    /// Among these: without figures, and ended lost.
     pub without_figures: usize,
     pub diverged: usize,
     /// Times that a robot was lost within a run, and times that it was found again.
@@ -63,7 +63,7 @@ pub struct GroupFigures {
     pub weighted: Option<GroupError>,
     pub translation: Option<GroupError>,
     pub heading: Option<GroupError>,
-    /// The same of the runs that did not fail: reported, never tested.
+    /// The same for the runs that did not fail: reported, never tested.
     pub of_others: Others,
     /// Share of poses inside the 95 % ellipsoid, over the runs whose estimates carry covariances.
     pub inside_95: Option<f64>,
@@ -76,8 +76,8 @@ pub struct Others {
     pub heading: Option<GroupError>,
 }
 
-/// The mean of the runs' means, with its 95 % interval (null for a single run); the other figures are of all poses of
-/// all runs.
+/// The mean of the runs' means, with its 95 % interval (null for a single run); the other figures are over
+/// all poses of all runs.
 #[derive(Serialize, Clone, Copy)]
 pub struct GroupError {
     pub mean: f64,
@@ -87,14 +87,14 @@ pub struct GroupError {
     pub max: f64,
 }
 
-/// One group against another by one measure.
+/// A comparison of two groups by one measure.
 #[derive(Serialize)]
 pub struct Comparison {
     pub a: String,
     pub b: String,
     /// `weighted`, `translation` (m), `heading` (rad): means of runs; `failed`: shares of runs.
     pub measure: &'static str,
-    /// What is compared of either group.
+    /// The compared value of either group.
     pub of_a: f64,
     pub of_b: f64,
     /// `of_a` minus `of_b`, its 95 % interval, and the test's p; null where it could not be tested.
@@ -106,14 +106,14 @@ pub struct Comparison {
     pub test: &'static str,
     /// Runs of either group, or pairs.
     pub runs: [usize; 2],
-    /// Why there is no p.
+    /// Why there is no p value.
     pub remark: Option<&'static str>,
 }
 
 /// The files of the runs of a group, in order of their names.
 ///
 /// # Errors
-/// When the pattern is none, or no file is of it.
+/// When the pattern is invalid, or matches no file.
 pub fn files(group: &Group) -> Result<Vec<String>> {
     let Group { name, runs } = group;
     let path = Path::new(runs);
@@ -158,7 +158,7 @@ const MEASURES: [(&str, bool, Samples); 3] = [
 ];
 
 impl GroupFigures {
-    /// Sums up the runs of a group, at least one.
+    /// Summarizes the runs of a group, at least one.
     pub fn of(name: &str, runs: &[Run<'_>]) -> Result<Self> {
         let sampled: Vec<&Sampled> = runs.iter().filter_map(Run::sampled).collect();
         let others = runs.iter().filter(|run| !run.has_failed());
@@ -202,7 +202,7 @@ impl GroupFigures {
     }
 }
 
-/// Errors of runs together, as [`MEASURES`] has them.
+/// Errors over all runs, in the order of [`MEASURES`].
 fn over_runs(runs: &[&Sampled]) -> Result<[Option<GroupError>; 3]> {
     let has_headings = runs.iter().all(|run| run.has_headings);
     let mut all = [None; 3];

@@ -1,4 +1,4 @@
-//! `evaluate`: how far estimated trajectories are from a reference.
+//! `evaluate`: errors of estimated trajectories against a reference.
 
 mod figure;
 mod frames;
@@ -26,25 +26,25 @@ use source::{Named, Source};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
-    /// What the errors are taken against, and whose poses it has; of several, all.
+    /// The reference of the errors, and whose poses it has; where there are several, all of them.
     reference: String,
     estimates: Vec<&'a Row>,
-    /// Groups of runs, and each against each; empty without groups.
+    /// Groups of runs, and their comparisons; empty without groups.
     groups: Vec<GroupFigures>,
     comparisons: Vec<Comparison>,
 }
 
-/// An estimate that is to be evaluated.
+/// An estimate to be evaluated.
 struct Job {
     of: Named,
-    /// The place of its group.
+    /// The index of its group.
     group: Option<usize>,
 }
 
-/// What became of it.
+/// The result for an estimate.
 struct Done {
     row: Row,
-    /// The samples that the row's figures are of.
+    /// The samples that the row's figures were computed from.
     sampled: Option<Sampled>,
 }
 
@@ -55,7 +55,7 @@ impl Done {
     }
 }
 
-/// The references of a call: one, or one for each estimate.
+/// The references of a call: a single one, or one for each estimate.
 struct References<'a> {
     args: &'a EvaluateArgs,
     global: &'a Global,
@@ -63,7 +63,7 @@ struct References<'a> {
 }
 
 impl References<'_> {
-    /// The one for an estimate.
+    /// The reference for an estimate.
     fn of(&mut self, estimate: &str) -> Result<&Source> {
         let name =
             self.args.reference.replace("{run}", run_name(estimate)).replace("{file}", estimate);
@@ -93,7 +93,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
     let mut all: Vec<Done> = Vec::new();
     for job in jobs {
         let reference = match references.of(&job.of.file) {
-            // Without the one reference of all there is nothing to be evaluated.
+            // Without the common reference nothing can be evaluated.
             Err(error) if !args.reference.contains('{') => return Err(error),
             reference => reference,
         };
@@ -128,7 +128,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(is_complete))
 }
 
-/// The estimates, then the runs of the groups; of a bag a row for each topic that is asked for.
+/// The estimates, then the runs of the groups; for a bag a row for each requested topic.
 fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
     let mut jobs = Vec::new();
     let mut add = |file: String, group: Option<usize>| {
@@ -158,7 +158,7 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
     Ok(jobs)
 }
 
-/// Writes and prints what was found.
+/// Writes and prints the results.
 fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Result<()> {
     let rows: Vec<&Row> = all.iter().map(|done| &done.row).collect();
     let groups: Vec<(&str, Vec<Run<'_>>)> = args
@@ -169,7 +169,7 @@ fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Re
             let mut runs: Vec<Run<'_>> = of_group.clone().map(Done::as_run).collect();
             let names: BTreeSet<&str> = runs.iter().map(|run| run.name).collect();
             if names.len() < runs.len() {
-                // Which runs of two groups belong together is not said.
+                // It is not known which runs of two groups belong together.
                 runs.iter_mut().zip(of_group).for_each(|(run, done)| run.name = &done.row.of.file);
             }
             (group.name.as_str(), runs)
@@ -224,7 +224,7 @@ fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Re
     })
 }
 
-/// What the errors are taken against.
+/// A description of the reference.
 fn described(references: &References<'_>) -> String {
     let mut read = references.read.values();
     match (read.next(), read.next()) {

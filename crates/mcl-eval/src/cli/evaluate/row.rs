@@ -19,19 +19,19 @@ use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOf
 use crate::pose_errors::{ErrorSamples, Figures};
 use crate::progress::tell;
 
-/// Least share of the reference's time and path that an estimate has to cover to be whole.
+/// Smallest share of the reference's time and path that a complete estimate covers.
 const WHOLE: f64 = 0.99;
-/// Pairs further apart in time than this on average (s) are worth a note.
+/// An average time difference of pairs above this (s) is reported.
 const FAR_IN_TIME: f64 = 1e-3;
-/// Another offset whose error is at most so many times as large makes the best one doubtful.
+/// The best offset is doubtful if another has an error of at most this many times its error.
 const AS_GOOD: f64 = 1.5;
 
-/// An estimate, with its figures or why it has none.
+/// An estimate, with its figures or the reason why there are none.
 #[derive(Serialize)]
 pub struct Row {
     #[serde(flatten)]
     pub of: Named,
-    /// The group that it is a run of; null outside of groups.
+    /// The group of the run; null outside of groups.
     pub group: Option<String>,
     /// Why there are no figures; null where there are.
     pub failure: Option<String>,
@@ -47,12 +47,12 @@ pub struct RowFigures {
     unmatched_reference: usize,
     unmatched_estimate: usize,
     frames: FramesFigures,
-    /// What was added to the estimate's stamps (s).
+    /// Offset added to the estimate's stamps (s).
     pub offset_s: f64,
-    /// How far in time the poses of a pair are apart (s); null where one side was interpolated.
+    /// Time difference between the poses of a pair (s); null where one side was interpolated.
     time_difference: Option<TimeDifference>,
     pub coverage: CoverageFigures,
-    /// Whether the last 50 poses are off by more than 1 m on average.
+    /// Whether the mean error of the last 50 poses is above 1 m.
     pub diverged: bool,
     /// Times that the robot was lost, and times that it was found again.
     pub lost: usize,
@@ -64,9 +64,9 @@ pub struct RowFigures {
     /// Null without headings.
     pub heading: Option<Figures>,
     pub axes: Axes,
-    /// Of the distances between positions, in metres.
+    /// Absolute trajectory error: distances between positions, in metres.
     pub ate: Summary,
-    /// Empty without headings.
+    /// Relative pose errors; empty without headings.
     pub rpe: Vec<RpeFigures>,
     /// The rigid motion of `--align`; null without.
     pub reference_from_estimate: Option<Pose2>,
@@ -76,7 +76,7 @@ pub struct RowFigures {
 
 #[derive(Serialize)]
 struct FramesFigures {
-    /// Whose poses were compared; null where nothing says so.
+    /// Whose poses were compared; null if not known.
     compared: Option<String>,
     reference: SideFrames,
     estimate: SideFrames,
@@ -89,12 +89,12 @@ pub struct CoverageFigures {
     pub path: f64,
 }
 
-/// Figures in which time that the estimate does not cover counts as time in which the robot is lost.
+/// Figures in which time not covered by the estimate counts as time in which the robot is lost.
 #[derive(Serialize)]
 pub struct WithMissing {
     /// Share of the reference's time.
     pub lost_share: f64,
-    /// Percentiles of the distance between positions (m); null where the robot is missing there.
+    /// Percentiles of the distance between positions (m); null where they fall into missing time.
     pub median: Option<f64>,
     pub p95: Option<f64>,
 }
@@ -132,22 +132,23 @@ pub struct AxisFigures {
 
 #[derive(Serialize)]
 pub struct RpeFigures {
-    /// What the poses of a pair are apart, in its unit: m, s, frames, rad.
+    /// Distance between the poses of a pair, in its unit: m, s, frames, rad.
     pub delta: f64,
     pub unit: &'static str,
     /// `delta`, if it is in metres.
     distance_m: Option<f64>,
-    /// Pairs of poses that far apart; with none there are no figures.
+    /// Number of pairs of poses that far apart; without any there are no figures.
     pub pairs: usize,
     pub translation: Option<Figures>,
     pub heading: Option<Figures>,
 }
 
-/// A row of `--errors`, a pair of poses: metres and radians, estimate minus reference; empty without headings.
+/// A row of `--errors` for a pair of poses: metres and radians, estimate minus reference; empty without
+/// headings.
 #[derive(Serialize)]
 pub struct ErrorRow<'a> {
     file: &'a str,
-    /// Of the estimate, in seconds, exact.
+    /// Stamp of the estimate, in seconds, exact.
     stamp: String,
     dx: f64,
     dy: f64,
@@ -160,11 +161,11 @@ pub struct ErrorRow<'a> {
     reference_stamp: String,
 }
 
-/// An estimate's figures, and the samples that they are of.
+/// An estimate's figures, and the samples that they were computed from.
 pub struct Evaluated {
     pub figures: RowFigures,
     pub sampled: Sampled,
-    /// Whether nothing had to be guessed or left out.
+    /// Whether nothing was assumed or left out.
     pub is_complete: bool,
 }
 
@@ -179,7 +180,7 @@ pub struct Sampled {
     pub begins: Stamp,
 }
 
-/// Holds an estimate against the reference.
+/// Compares an estimate with the reference.
 pub fn evaluate(
     reference: &Source,
     source: &Source,
@@ -278,7 +279,7 @@ fn first_stamp(trajectory: &Trajectory) -> Option<Stamp> {
     trajectory.stamps().iter().min().copied()
 }
 
-/// The part of a trajectory that is asked for, and the places of its poses.
+/// The requested part of a trajectory, and the indices of its poses.
 fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Trajectory, Vec<usize>) {
     let is_asked = |(_, (stamp, _)): &(usize, (Stamp, Pose2))| {
         let at = stamp.seconds_since(begins);
@@ -289,7 +290,7 @@ fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Traject
     (poses.into_iter().collect(), places)
 }
 
-/// Says which offset was found, and whether it stands out.
+/// Reports the offset found, and returns whether it is unambiguous.
 fn tell_offset(label: &str, found: &OffsetFound) -> bool {
     let OffsetFound { offset_s, rmse_m, pairs, runner_up } = found;
     tell!(
@@ -304,7 +305,7 @@ fn tell_offset(label: &str, found: &OffsetFound) -> bool {
     false
 }
 
-/// Says what of the matching is worth knowing; false if poses cannot be told apart by their stamps.
+/// Reports remarkable facts about the matching; returns false if stamps do not identify poses.
 fn tell_matched(
     label: &str,
     matched: &Matched,
@@ -339,7 +340,8 @@ fn tell_matched(
         Side::Reference => (reference, estimate, &matched.reference_indices),
         Side::Estimate => (estimate, reference, &matched.estimate_indices),
     };
-    // What lies before or after the other side cannot have a partner; coverage says what is missing of the reference.
+    // Poses before or after the other side cannot be matched; coverage reports what is missing of the
+    // reference.
     let span = other.stamps().iter().min().zip(other.stamps().iter().max());
     let partners: HashSet<usize> = indices.iter().flatten().copied().collect();
     let is_within = |stamp: &Stamp| span.is_some_and(|(from, to)| (from..=to).contains(&stamp));
@@ -376,7 +378,7 @@ fn tell_matched(
     false
 }
 
-/// Whether both sides have the same number of poses at every stamp, so that the k-th belongs to the k-th.
+/// Whether both sides have the same number of poses at every stamp, so that they can be matched in order.
 fn has_same_stamps(reference: &Trajectory, estimate: &Trajectory) -> bool {
     let sorted = |trajectory: &Trajectory| {
         let mut stamps = trajectory.stamps().to_vec();
@@ -386,7 +388,7 @@ fn has_same_stamps(reference: &Trajectory, estimate: &Trajectory) -> bool {
     sorted(reference) == sorted(estimate)
 }
 
-/// Says what of the reference the estimate does not cover; whether that is next to nothing.
+/// Reports which part of the reference is not covered; returns whether that is negligible.
 fn tell_covered(
     label: &str,
     [time, path]: [f64; 2],
@@ -411,7 +413,7 @@ fn tell_covered(
     false
 }
 
-/// How errors agree with the covariances that the estimate carries, in the estimate's own frames.
+/// Agreement of the errors with the estimate's covariances, in the estimate's own frames.
 fn consistency(
     matched: &Matched,
     source: &Source,
@@ -446,7 +448,7 @@ impl WithMissing {
         let lost: usize = episodes.iter().map(lost).sum();
         let mut sorted = translation.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
-        // What is missing is farther off than everything else.
+        // Missing time counts as farther off than everything else.
         let percentile = |share: f64| {
             let place = (share / covered * poses as f64).ceil() as usize;
             (share <= covered).then(|| sorted[place.clamp(1, poses) - 1])
@@ -485,7 +487,7 @@ impl AxisFigures {
 }
 
 impl RpeFigures {
-    /// Relative errors over a length. A path that is shorter has none; that is no error.
+    /// Relative errors over a length. A shorter path has none; that is not an error.
     fn of(matched: &Matched, delta: Delta, args: &EvaluateArgs) -> Result<Self> {
         let settings = RpeSettings {
             all_pairs: args.rpe_pairs == RpePairs::All,

@@ -1,4 +1,4 @@
-//! Trajectories from whatever file they are in, and what the files say of their frames.
+//! Reads trajectories from any supported file, with their frames.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -23,34 +23,35 @@ use mcl_study::data::options::{ReferenceSource, SourceOptions};
 use mcl_study::data::reference::mount_of_run;
 use mcl_study::data::source::LogSource;
 
-/// What compressed files begin with: gzip, bzip2, xz, zstd. Files of trajectories are plain.
+/// Magic bytes of compressed files: gzip, bzip2, xz, zstd. Files of trajectories are uncompressed.
 const PACKED: [&[u8]; 4] = [b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd"];
-/// Frames that robots call their own (REP 105), and that of maps.
+/// The usual names of the robot's frame (REP 105), and of the map's.
 const BASE: [&str; 2] = ["base_link", "base_footprint"];
 const MAP: &str = "map";
 
-/// A trajectory, where it is from, and what is known of its frames.
+/// A trajectory, its source, and what is known of its frames.
 pub struct Source {
     pub of: Named,
     pub trajectory: Trajectory,
-    /// Of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the frame they are in.
+    /// Covariance of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the
+    /// frame of the poses.
     pub covariances: Vec<Option<[[f64; 3]; 3]>>,
     pub has_headings: bool,
-    /// Whose poses they are, where that is known.
+    /// Whose poses they are, where known.
     pub whose: Option<Whose>,
-    /// The frame that they are in, where that is known.
+    /// The frame that they are in, where known.
     pub within: Option<String>,
     pub carried_from: Option<String>,
     /// What is known of the robot's frames.
     pub mounts: Mounts,
-    /// Whether all that the file says was read, and is in the trajectory.
+    /// Whether everything in the file was read, and is in the trajectory.
     pub is_complete: bool,
 }
 
-/// Where a trajectory is from.
+/// The source of a trajectory.
 #[derive(Debug, Clone, Serialize)]
 pub struct Named {
-    /// The file, as the user named it.
+    /// The file, as named by the user.
     pub file: String,
     /// Topic of a bag; null for other files.
     pub topic: Option<String>,
@@ -81,7 +82,7 @@ impl Source {
         }
     }
 
-    /// What the trajectory is, and whose poses it has.
+    /// A description of the trajectory, and whose poses it has.
     pub fn describe(&self) -> String {
         let whose = match &self.whose {
             Some(whose) => format!("of {whose}"),
@@ -95,7 +96,7 @@ impl Source {
         format!("{}, {count} {poses}, {whose}{parts}", self.of.label())
     }
 
-    /// Its frames, as they are reported.
+    /// Its frames, for the report.
     pub fn frames(&self) -> SideFrames {
         SideFrames {
             of: self.whose.as_ref().map(name_of),
@@ -112,7 +113,7 @@ enum Format {
     Bag(PathBuf),
 }
 
-/// The trajectory of a file that is named as the reference.
+/// The trajectory of a file given as the reference.
 pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
@@ -129,8 +130,8 @@ pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Sou
     Ok(source)
 }
 
-/// An estimated trajectory: that of a file, or of one topic of a bag. In a bag it is carried into the frame of the
-/// reference, if transforms lead there, unless it is aligned anyway.
+/// An estimated trajectory: from a file, or from one topic of a bag. The poses of a bag are converted to the
+/// frame of the reference, if transforms lead there, unless it is aligned anyway.
 pub fn estimate(
     file: &str,
     topic: Option<&str>,
@@ -148,7 +149,7 @@ pub fn estimate(
     Ok(source)
 }
 
-/// Whether a file is a bag, of which topics can be asked for.
+/// Whether a file is a bag, with topics to select.
 pub fn has_topics(file: &str) -> bool {
     matches!(format_of(file), Ok(Format::Bag(_)))
 }
@@ -169,10 +170,10 @@ fn read(
     Ok(source)
 }
 
-/// By the content: a line of a log begins with the name of its kind.
+/// Decided by the content: a line of a log begins with the name of its kind.
 fn format_of(file: &str) -> Result<Format> {
     let path = Path::new(file);
-    // What was opened for writing and got no pose.
+    // A file that was opened for writing and got no pose.
     if path.metadata().is_ok_and(|file| file.is_file() && file.len() == 0) {
         return Ok(Format::Poses);
     }
@@ -180,7 +181,7 @@ fn format_of(file: &str) -> Result<Format> {
         return Ok(Format::Bag(path.to_owned()));
     }
     if !path.is_file() {
-        // The name of a data set, or a file that is not there.
+        // The name of a data set, or a file that does not exist.
         let is_name = path.components().count() == 1 && path.extension().is_none();
         return Ok(match is_name.then(|| bag_of_dataset(file)).transpose()? {
             Some(Some(bag)) => Format::Bag(bag),
@@ -201,7 +202,7 @@ fn read_head(path: &Path) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// The bag of a data set; `None` if its file is none or not at hand, or there is no such data set.
+/// The bag of a data set; `None` if its file is not a bag or not available, or there is no such data set.
 fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
     let registry = Registry::from_environment()?;
     let located = registry.get(name).ok().and_then(|dataset| registry.locate(dataset).ok());
@@ -211,14 +212,15 @@ fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
     })
 }
 
-/// A file of poses and nothing else.
+/// A file with poses only.
 fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
     let read = |order| {
         let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
         trajectory_file::read_file(file, &ReadSettings { non_planar, order })
     };
     let found = match read(QuaternionOrder::Xyzw) {
-        // Of those files whose quaternions make no sense otherwise: the other side may be in the usual order.
+        // Applies only to files whose quaternions are invalid otherwise: the other side may be in the usual
+        // order.
         Err(_) if args.wxyz => read(QuaternionOrder::Wxyz),
         found => found,
     }?;
@@ -273,7 +275,8 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
     })
 }
 
-/// The poses of a bag's topic. Where the bag does not say whose they are, they are the robot's (REP 105).
+/// The poses of a bag's topic. Where the bag does not state whose they are, they are taken as the robot's
+/// (REP 105).
 fn bag(file: &str, path: &Path, request: &PoseRequest<'_>, global: &Global) -> Result<Source> {
     let found = read_poses(path, request)?;
     if !found.report.is_complete() {

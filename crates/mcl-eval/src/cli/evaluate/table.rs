@@ -1,4 +1,4 @@
-//! Tables of what was found: aligned for a terminal, as Markdown, LaTeX, and with every figure as CSV.
+//! Tables of results: aligned for a terminal, as Markdown, LaTeX, and with every figure as CSV.
 
 use std::path::Path;
 
@@ -9,17 +9,17 @@ use super::row::{Row, RowFigures};
 use crate::pose_errors::Figures;
 use mcl_core::text::printable;
 
-/// Cells in columns, the first of which is of names.
+/// Cells in columns, the first of which holds names.
 pub struct Table {
-    /// What it shows; may be empty.
+    /// Title; may be empty.
     pub title: String,
     pub head: Vec<String>,
     pub rows: Vec<Vec<String>>,
-    /// What has to be said beneath.
+    /// Remark below the table.
     pub remark: String,
 }
 
-/// What `--table` writes.
+/// The format of `--table`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Csv,
@@ -30,7 +30,7 @@ pub enum Kind {
 /// By the ending of the file's name.
 ///
 /// # Errors
-/// When it is none of those that can be written.
+/// When the ending is not one of the supported formats.
 pub fn kind_of(path: &Path) -> Result<Kind> {
     let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_lowercase);
     match ending.as_deref() {
@@ -41,7 +41,7 @@ pub fn kind_of(path: &Path) -> Result<Kind> {
     }
 }
 
-/// Writes the tables, or as CSV all figures of the rows.
+/// Writes the tables, or for CSV all figures of the rows.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -54,13 +54,13 @@ pub fn write(path: &Path, tables: &[Table], rows: &[&Row]) -> Result<()> {
     save(path, text.as_bytes())
 }
 
-/// Tables below one another.
+/// Joins tables, one below the other.
 pub fn join(tables: &[Table], as_text: impl Fn(&Table) -> String) -> String {
     tables.iter().map(as_text).collect::<Vec<_>>().join("\n")
 }
 
 impl Table {
-    /// Columns aligned.
+    /// With aligned columns.
     pub fn text(&self) -> String {
         let lines = || std::iter::once(&self.head).chain(&self.rows);
         let width = |column: usize| {
@@ -110,7 +110,7 @@ impl Table {
     fn latex(&self) -> String {
         let line = |cells: &[String]| {
             let line = cells.iter().map(|cell| latex_text(cell)).collect::<Vec<_>>().join(" & ");
-            // Behind the end of the line before, these would be its argument.
+            // After the end of the previous line, LaTeX would parse these as its argument.
             let guard = if line.starts_with(['[', '*']) { "{}" } else { "" };
             format!("{guard}{line} \\\\\n")
         };
@@ -161,7 +161,7 @@ fn latex_text(text: &str) -> String {
     escaped
 }
 
-/// A row per estimate with all of its figures; empty where there is none.
+/// A row per estimate with all of its figures; empty where a figure is missing.
 fn csv(rows: &[&Row]) -> Result<Vec<u8>> {
     let figures = rows.iter().find_map(|row| row.figures.as_ref());
     let shape: Vec<String> =

@@ -7,12 +7,12 @@ use super::row::{AxisFigures, Row, RowFigures};
 use super::table::Table;
 use crate::pose_errors::{Figures, figures_table, table_line};
 
-/// At most so many estimates are shown with all their figures.
+/// Up to this many estimates are shown with all their figures.
 const MOST_IN_FULL: usize = 6;
-/// At most so many runs of groups have a line each.
+/// Up to this many runs of groups have a line each.
 const MOST_RUNS: usize = 12;
 
-/// What is printed: `tables`, then details of each estimate where they are few.
+/// The printed text: `tables`, then details of each estimate where they are few.
 pub fn text(rows: &[&Row], tables: &[Table]) -> String {
     let mut parts = Vec::new();
     if rows.len() > 1 {
@@ -24,8 +24,8 @@ pub fn text(rows: &[&Row], tables: &[Table]) -> String {
     parts.join("\n")
 }
 
-/// A line per estimate; rmse but for the weighted error, whose mean is the paper's. Of many runs of groups only those
-/// to which something happened.
+/// A line per estimate with the RMSE, except for the weighted error, whose mean is used in the paper. Of many
+/// runs of groups only those with something to report.
 pub fn of_estimates(rows: &[&Row]) -> Table {
     let is_plain = |row: &&&Row| {
         let figures = row.figures.as_ref();
@@ -171,7 +171,7 @@ fn decimals(value: Option<f64>) -> String {
 }
 
 fn percent(share: f64) -> String {
-    // 99.96 % is not all.
+    // 99.96 % must not be shown as 100 %.
     let percent = 100.0 * share;
     let rounded = if share < 1.0 { percent.min(99.9) } else { percent };
     format!("{rounded:.1} %")

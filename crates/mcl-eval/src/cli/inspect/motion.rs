@@ -1,4 +1,4 @@
-//! `inspect --fit-motion`: how the odometry of a log errs, as settings of the filter.
+//! `inspect --fit-motion`: the errors of a log's odometry, as settings of the filter.
 
 use anyhow::{Context, Result, bail};
 use mcl_core::Seed;
@@ -8,7 +8,7 @@ use mcl_filter::motion::{Fitted, MotionFit, MotionStep};
 use mcl_study::data::source::LogSource;
 use serde::Serialize;
 
-/// What options are rounded to: standard deviations, and variances.
+/// Options are rounded to multiples of these: standard deviations, and variances.
 const OF_STD: f64 = 1e-4;
 const OF_VARIANCE: f64 = 1e-5;
 
@@ -21,7 +21,7 @@ struct Parameter {
 
 impl Parameter {
     fn of(fitted: Fitted, step: f64) -> Self {
-        // As a multiple of 1/step, which is whole: 0.05 stays 0.05.
+        // As a multiple of 1/step, which is an integer: 0.05 stays 0.05.
         let rounded = |value: f64| (value / step).round() / (1.0 / step).round();
         let Fitted { value, low, high } = fitted;
         Parameter { value: rounded(value), ci95: [low, high].map(rounded) }
@@ -50,7 +50,7 @@ pub struct FittedMotion {
 }
 
 impl FittedMotion {
-    /// Of a log with odometry and a reference; `no_reference` says how to get one.
+    /// For a log with odometry and a reference; `no_reference` is the advice on how to get one.
     pub fn of(source: &LogSource, no_reference: &str) -> Result<Self> {
         let name = &source.name;
         let scans = &source.recording.scans;

@@ -1,4 +1,4 @@
-//! The topics of a bag, what is read of them, and what else could be.
+//! The topics of a bag, which of them are read, and other candidates.
 
 use std::path::PathBuf;
 
@@ -23,17 +23,17 @@ pub struct Surveyed {
 #[derive(Serialize)]
 struct Topic {
     name: String,
-    /// Null where the bag does not say it.
+    /// Null where the bag does not state it.
     r#type: Option<String>,
     messages: usize,
     /// Seconds, exact: when its messages were logged.
     first_s: Option<String>,
     last_s: Option<String>,
-    /// Of the header of its first message.
+    /// Frame in the header of its first message.
     frame: Option<String>,
 }
 
-/// A bag that no log can be read from.
+/// A bag that cannot be read as a log.
 #[derive(Serialize)]
 struct Unread {
     #[serde(flatten)]
@@ -45,11 +45,11 @@ struct Unread {
 /// Kinds of records that are read on request.
 const RECORDS: [&str; 2] = ["RLASER", "ROBOTLASER2"];
 
-/// A CARMEN log whose scans are not read unless they are asked for.
+/// A CARMEN log whose scans are read only on request.
 #[derive(Serialize)]
 struct UnreadCarmen {
     lines: usize,
-    /// Their kinds, with numbers.
+    /// Their kinds, with counts.
     records: String,
     /// Why.
     problem: String,
@@ -71,7 +71,7 @@ impl Surveyed {
         }
     }
 
-    /// Whether something has to be chosen.
+    /// Whether the user has to choose.
     pub fn is_open(&self) -> bool {
         self.choices.iter().any(|choice| choice.is_open)
     }
@@ -108,8 +108,8 @@ impl Surveyed {
     }
 }
 
-/// Shows what can be read of a bag that no log can be read from as asked, or that is damaged; with any other
-/// file, the error is returned.
+/// Shows what can be read of a bag that cannot be read as a log with these options, or that is damaged; for
+/// any other file, the error is returned.
 pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     let name = args.data.log.log.as_str();
     if error.downcast_ref::<LogError>().is_none() {
@@ -133,7 +133,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     }
     let file = input_files([name]).into_iter().find(|path: &PathBuf| path.exists());
     let found = file.and_then(|path| survey(&path, &args.data.options().read).ok().flatten());
-    // Of a damaged one without messages there is nothing to show.
+    // A damaged bag without messages has nothing to show.
     let is_shown = |found: &Survey| {
         found.truncated.is_none() || found.topics.iter().any(|topic| topic.messages > 0)
     };

@@ -19,13 +19,13 @@ use crate::report::record::{RECORDED_END, RecordedRun};
 use mcl_study::data::source::{self, LogSource};
 use mcl_study::store::results::save;
 
-/// Where results go: `run-NNN.tum`, `run-NNN.csv` and `run-NNN.watch.json` (for the page) as each run ends, then `reference.tum` and
-/// `summary.json`. Every file is whole or not there.
+/// The output folder: `run-NNN.tum`, `run-NNN.csv` and `run-NNN.watch.json` (for the page) as each run ends,
+/// then `reference.tum` and `summary.json`. Every file is written atomically.
 pub struct Folder {
     path: PathBuf,
 }
 
-/// A scan of a run: what the filter said, and how far off it was. Metres and radians.
+/// A scan of a run: the filter's report and the error. Metres and radians.
 #[derive(Serialize)]
 struct ErrorRow {
     scan: usize,
@@ -41,7 +41,7 @@ struct ErrorRow {
     effective_sample_size: f64,
     resampled: bool,
     used_beams: usize,
-    /// Of the laser's pose in the map's frame: m², rad², m·rad.
+    /// Covariance of the laser's pose in the map's frame: m², rad², m·rad.
     var_x: f64,
     var_y: f64,
     var_theta: f64,
@@ -50,19 +50,19 @@ struct ErrorRow {
     cov_ytheta: f64,
     /// Empty without a reference, and where the covariance is singular.
     nees: Option<f64>,
-    /// Empty where no beam was used, as the share of beams that the map explains.
+    /// Empty where no beam was used, as is the share of beams that the map explains.
     log_evidence: Option<f64>,
     explained_beams: Option<f64>,
     particles: usize,
     likelihood_exponent: f64,
 }
 
-/// What was asked for: enough to do it again.
+/// The settings of the call: enough to repeat it.
 #[derive(Serialize)]
 pub struct Setup<'a> {
     version: &'static str,
     log: &'a str,
-    /// SHA-256 of what the log holds, whatever the file.
+    /// SHA-256 of the content of the log, independent of the file.
     recording_sha256: String,
     scans: usize,
     map: &'a Path,
@@ -77,7 +77,7 @@ pub struct Setup<'a> {
     relative_floor: f64,
     /// Standard deviations in metres and radians.
     odometry_noise: [f64; 2],
-    /// Where the laser is on the robot; the poses in the folder are the laser's.
+    /// Pose of the laser on the robot; the poses in the folder are the laser's.
     robot_from_laser: Pose2,
     /// The laser's pose at the first scan; null for global localization.
     first_pose: Option<Pose2>,
@@ -93,7 +93,7 @@ struct Summary<'a> {
 }
 
 impl<'a> Setup<'a> {
-    /// From the arguments and what they were resolved to.
+    /// From the arguments and the values resolved from them.
     pub fn new(
         args: &'a LocalizeArgs,
         source: &'a LogSource,
@@ -124,8 +124,8 @@ impl<'a> Setup<'a> {
 }
 
 impl Folder {
-    /// Creates the folder. What an earlier call wrote there is removed, lest runs of two calls be
-    /// taken for those of one; other files stay.
+    /// Creates the folder. Files of an earlier call are removed, so that runs of two calls are not mistaken
+    /// for those of one; other files stay.
     pub fn open(path: &Path) -> Result<Self> {
         let prepared = || -> io::Result<()> {
             files::create_folder(path)?;
@@ -186,13 +186,13 @@ impl Folder {
         write_rows(&self.path.join(format!("run-{number:03}.csv")), &rows)
     }
 
-    /// Writes what a page plays of a run.
+    /// Writes a run for playback on a page.
     pub fn write_recorded(&self, number: u32, run: &RecordedRun) -> Result<()> {
         let path = self.path.join(format!("run-{number:03}{RECORDED_END}"));
         save(&path, run.to_json()?.as_bytes())
     }
 
-    /// Writes the reference and the summary; says which scans the trajectories lack.
+    /// Writes the reference and the summary; reports which scans the trajectories lack.
     pub fn finish(
         &self,
         recording: &Recording,
@@ -214,7 +214,7 @@ impl Folder {
         Ok(Outcome::of(unstamped == 0))
     }
 
-    /// A trajectory without poses is no file: no reader would take it.
+    /// A trajectory without poses is not written: no reader would accept it.
     fn write_trajectory(&self, name: &str, trajectory: &Trajectory) -> Result<()> {
         if trajectory.is_empty() {
             return Ok(());
@@ -225,7 +225,7 @@ impl Folder {
     }
 }
 
-/// What an earlier call wrote into a folder, which need not be there.
+/// Files of an earlier call in a folder, which need not exist.
 pub fn earlier_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,

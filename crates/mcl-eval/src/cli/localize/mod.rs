@@ -32,7 +32,7 @@ use mcl_study::trial::tracking::bridge;
 use replay::{ReplayFile, Scene};
 
 pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
-    // What is wrong in itself is told before anything is read.
+    // Invalid settings are reported before anything is read.
     let max_range = args.log.max_range.unwrap_or(DEFAULT_MAX_RANGE);
     checked_settings(args, max_range)?;
     check_replay_name(args)?;
@@ -45,7 +45,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let errors = size_of::<[f64; 3]>() * source.recording.scans.len();
     check_room(args.runs as usize, size_of::<FinishedRun>() + errors, "errors of runs")?;
     let start = first_pose(args, &source)?;
-    // The filter would refuse too many unknown steps as well, but only after a part of the work.
+    // The filter would refuse too many unknown steps as well, but only after part of the work.
     let bridged = bridge(&source)?;
     let distances = MapDistances::grid(&map, settings.values().max_distance)?.with_free_space(free);
     let sigma_hit = settings.values().sigma_hit.metres(distances.spacing());
@@ -111,7 +111,7 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(complete))
 }
 
-/// The points of a map, and where a robot may be if it knows that: of a grid map the cells that beams end on.
+/// The points of a map, and its free space if known: for a grid map the cells that beams end on.
 fn filter_map(path: &Path) -> Result<(PointMap<2>, Option<FreeSpace>)> {
     let map = open_map(path)?;
     if !is_grid(path) {
@@ -121,7 +121,7 @@ fn filter_map(path: &Path) -> Result<(PointMap<2>, Option<FreeSpace>)> {
     Ok((grid.surface_points()?, FreeSpace::of(&grid)?))
 }
 
-/// What is about to be replaced is none of the inputs.
+/// Checks that no file to be replaced is an input.
 fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
     let mut outputs = Vec::new();
     if let Some(folder) = &args.output {
@@ -129,12 +129,12 @@ fn check_replaced(args: &LocalizeArgs, inputs: &[PathBuf]) -> Result<()> {
             .with_context(|| format!("cannot read the folder {}", folder.display()))?;
         outputs.extend(earlier);
     }
-    // Its folder may be that of the results, which is yet to be made.
+    // Its folder may be that of the results, which does not exist yet.
     outputs.extend(args.replay.clone().filter(|path| path.exists()));
     Ok(prepare(outputs, inputs)?)
 }
 
-/// Readers tell a bag by the ending of its name.
+/// Readers recognize a bag by the ending of its name.
 fn check_replay_name(args: &LocalizeArgs) -> Result<()> {
     let Some(path) = &args.replay else { return Ok(()) };
     if path.extension().is_none_or(|ending| ending != "mcap") {
@@ -146,10 +146,10 @@ fn check_replay_name(args: &LocalizeArgs) -> Result<()> {
     Ok(())
 }
 
-/// The settings that the arguments ask for, with `max_range` in metres.
+/// The settings for the arguments, with `max_range` in metres.
 ///
 /// # Errors
-/// Usage errors: values out of range, and combinations that mean nothing.
+/// Usage errors: values out of range, and invalid combinations.
 pub fn checked_settings(args: &LocalizeArgs, max_range: f64) -> Result<CheckedSettings> {
     filter_settings(args, max_range)?.check().or_else(|error| refuse(&error.to_string()))
 }
@@ -187,7 +187,7 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> Result<FilterSettings
         turning_in_place: preset.turning_in_place,
         sigma_hit: args.sigma_hit.unwrap_or(preset.sigma_hit),
         z_rand: args.z_rand.unwrap_or(preset.z_rand),
-        // Of the two ways to say the same, the one that is asked for counts.
+        // Of the two ways to set this, the one given by the user counts.
         beam_floor: args.beam_floor.or(preset.beam_floor.filter(|_| args.z_rand.is_none())),
         outlier_fraction: args.outlier_fraction.unwrap_or(preset.outlier_fraction),
         max_distance: args.max_distance.unwrap_or(preset.max_distance),
@@ -205,7 +205,7 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> Result<FilterSettings
     })
 }
 
-/// The motion model asked for: by its name, or by the numbers of one.
+/// The requested motion model: by its name, or by the parameters of one.
 fn motion_model(args: &LocalizeArgs) -> Result<Option<MotionKind>> {
     let is_gaussian = args.position_noise.is_some() || args.heading_noise.is_some();
     match (args.motion, args.alpha) {
@@ -222,7 +222,7 @@ fn motion_model(args: &LocalizeArgs) -> Result<Option<MotionKind>> {
 /// The laser's pose at the first scan; `None` for global localization.
 ///
 /// # Errors
-/// When neither the arguments nor the log say where the robot starts.
+/// When neither the arguments nor the log have the robot's initial pose.
 pub fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose2>> {
     if args.initial != Initial::Known {
         return Ok(None);
@@ -246,27 +246,28 @@ pub fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose
     }
 }
 
-/// Those who see each step of a run.
+/// Observers of each step of a run.
 pub struct Watchers<'a, 'b> {
     /// Writes a bag.
     replay: Option<&'a mut ReplayFile<'b>>,
-    /// Keeps what a page shows.
+    /// Records the run for a page.
     page: Option<PageRecorder>,
-    /// Ends the run with an error.
+    /// Ends the run by returning an error.
     end: &'a dyn Fn() -> Result<()>,
 }
 
 impl<'a> Watchers<'a, '_> {
-    /// Only one who can end the run.
+    /// Only the observer that can end the run.
     pub fn only(end: &'a dyn Fn() -> Result<()>) -> Self {
         Watchers { replay: None, page: None, end }
     }
 }
 
-/// A run, its thread's time in the filter, and what a page shows; the time of those who watch does not count.
+/// A run, the time of its thread in the filter, and its recording for a page; the observers' time does not
+/// count.
 ///
 /// # Errors
-/// Those of the filter and of the watchers.
+/// Those of the filter and of the observers.
 pub fn one_run(
     source: &LogSource,
     (distances, settings, start): (&MapDistances, &CheckedSettings, Option<Pose2>),

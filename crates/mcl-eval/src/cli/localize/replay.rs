@@ -1,4 +1,4 @@
-//! A run as a ROS 2 bag, to be looked at: `localize --replay` (docs/replay.md).
+//! Writes a run as a ROS 2 bag for visualization: `localize --replay` (docs/replay.md).
 
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Seek, Write};
@@ -23,22 +23,22 @@ use mcl_study::measure::consistency::scan_nees;
 
 use crate::cli::output::prepare;
 
-/// Name of the metadata record that says which run it was.
+/// Name of the metadata record that identifies the run.
 const METADATA_NAME: &str = "mcl-eval localize";
-/// A scan whose stamp is missing, or not later than those before, is logged this long after the one
-/// before (ns): players go by the time of logging, which therefore always moves on.
+/// A scan whose stamp is missing, or not later than the previous ones, is logged this long after the
+/// previous scan (ns): players use the log time, which therefore always increases.
 const PAUSE: u64 = 1_000_000;
 
-/// A bag that is written as the run goes. It is whole, under its name, when [`ReplayFile::finish`] has
-/// returned; until then, and for good after an error, the name stands for what it stood for before.
+/// A bag that is written during the run. It is complete, under its final name, when [`ReplayFile::finish`]
+/// has returned; until then, and after an error, an existing file of that name is unchanged.
 pub struct ReplayFile<'a> {
     recorder: Recorder<'a, BufWriter<Output>>,
     path: PathBuf,
 }
 
 impl<'a> ReplayFile<'a> {
-    /// Begins the bag beside `path`, so that what is wrong with the path is told before the run. `inputs` are what
-    /// the run reads; `setup`, how it runs, goes into a metadata record.
+    /// Begins the bag beside `path`, so that errors of the path are reported before the run. `inputs` are the
+    /// files that the run reads; `setup` are its settings, stored in a metadata record.
     pub fn open(path: &Path, inputs: &[PathBuf], scene: &Scene<'a>, setup: String) -> Result<Self> {
         prepare([path], inputs)?;
         let told = || format!("cannot write the replay {}", path.display());
@@ -55,7 +55,7 @@ impl<'a> ReplayFile<'a> {
             .with_context(|| format!("cannot write the replay {}", path.display()))
     }
 
-    /// Ends the bag and gives it its name.
+    /// Finishes the bag and renames it to its final name.
     pub fn finish(self) -> Result<()> {
         let told = || format!("cannot write the replay {}", self.path.display());
         let buffer = self.recorder.bag.finish().with_context(told)?;
@@ -64,7 +64,7 @@ impl<'a> ReplayFile<'a> {
     }
 }
 
-/// What stays the same during a run.
+/// What is constant during a run.
 #[derive(Clone, Copy)]
 pub struct Scene<'a> {
     pub recording: &'a Recording,
@@ -107,7 +107,7 @@ struct TruthTopics {
 }
 
 impl<'a, W: Write + Seek> Recorder<'a, W> {
-    /// Begins the bag: what kind of run it is, the map, and the mount of the laser.
+    /// Begins the bag with the settings of the run, the map, and the mount of the laser.
     fn new(sink: W, scene: &Scene<'a>, setup: String) -> Result<Self, WriteBagError> {
         let Scene { recording, map, max_range } = *scene;
         let scans = &recording.scans;
@@ -157,7 +157,7 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
             },
             recording,
             laser_from_robot: recording.robot_from_laser.inverse(),
-            // Usable readings are above 0. What is not used is not drawn, either.
+            // Usable readings are above 0. Readings that are not used are not drawn, either.
             limits: (f32::MIN_POSITIVE, max_range as f32),
             clock,
             metric: WeightedPoseError::default(),
@@ -173,7 +173,7 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
         let map_from_robot = estimate.map_from_robot;
         let mut write = |topic, message| self.bag.write(topic, time, message);
 
-        // First the frames: players draw what they can place.
+        // Frames first: players draw only what they can place.
         let edges = [(MAP_FRAME, BASE_FRAME, map_from_robot)];
         write(self.topics.tf, transforms(stamp, &edges))?;
         write(self.topics.scan, laser_scan(scan, stamp, LASER_FRAME, self.limits))?;
@@ -191,7 +191,7 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
         if let (Some(topics), Some(map_from_laser)) = (self.topics.truth, scan.map_from_laser) {
             let reference = map_from_laser.compose(&self.laser_from_robot);
             write(topics.reference, pose_stamped(stamp, MAP_FRAME, reference))?;
-            // As in the error rows: of the laser.
+            // The laser's pose, as in the error rows.
             let estimate = map_from_robot.compose(&robot_from_laser);
             let error = PoseError::between(&map_from_laser, &estimate);
             write(topics.weighted, float64(self.metric.of(&error)))?;
@@ -205,7 +205,7 @@ impl<'a, W: Write + Seek> Recorder<'a, W> {
     }
 }
 
-/// Times of logging, each later than the one before.
+/// Log times, each later than the previous one.
 struct Clock {
     /// Earliest time of the next scan (ns).
     next: u64,
@@ -217,7 +217,7 @@ impl Clock {
         Clock { next: first.map_or(0, nanoseconds) }
     }
 
-    /// The time of a scan: its stamp, or a [`PAUSE`] after the scan before if that is later.
+    /// The time of a scan: its stamp, or a [`PAUSE`] after the previous scan if that is later.
     fn tick(&mut self, stamp: Option<Stamp>) -> u64 {
         let time = stamp.map_or(self.next, |stamp| nanoseconds(stamp).max(self.next));
         self.next = time + PAUSE;
@@ -225,7 +225,7 @@ impl Clock {
     }
 }
 
-/// Of a checked stamp, which is not negative.
+/// For a checked stamp, which is not negative.
 fn nanoseconds(stamp: Stamp) -> u64 {
     stamp.nanoseconds() as u64
 }
@@ -241,7 +241,7 @@ mod tests {
     use mcl_datasets::simulator::{OfficeSettings, simulate};
     use std::io::{self, Cursor, SeekFrom};
 
-    /// A disk with room for so many bytes.
+    /// A disk with room for this many bytes.
     struct FullDisk(Cursor<Vec<u8>>, usize);
 
     impl Write for FullDisk {

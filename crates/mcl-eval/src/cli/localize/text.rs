@@ -9,7 +9,7 @@ use crate::cli::output::reference_of;
 use crate::localization::{Localization, MeanIntervals};
 use crate::pose_errors::ErrorFigures;
 
-/// What a user wants to read of it.
+/// The result as text.
 pub fn text(
     found: &Localization,
     args: &LocalizeArgs,

@@ -124,7 +124,7 @@ fn mistakes_about_programs_are_named_with_their_line() {
     }
 }
 
-/// Settings of the own filter make no other run of a program, and rows know program and files.
+/// Settings of the built-in filter do not change the runs of a program, and rows depend on program and files.
 #[test]
 fn a_programs_rows_depend_on_the_program() {
     let identities = |text: &str| {
@@ -156,7 +156,7 @@ fn a_programs_rows_depend_on_the_program() {
     assert_ne!(with("0a")[2], with("0b")[2]);
 }
 
-/// The text of a study says what the files of its programs were.
+/// The text of a study records the digests of the files of its programs.
 #[test]
 fn files_of_programs_are_pinned() {
     let folder = tempfile::tempdir().unwrap();
@@ -177,7 +177,7 @@ fn files_of_programs_are_pinned() {
     assert!(message.contains("is not the file that [digests] names"), "{message}");
 }
 
-/// Every name that a view can get wrong is told with its line, and what there is instead.
+/// Every name that a view can get wrong is reported with its line and the valid names.
 #[test]
 fn mistakes_in_views_are_named_with_their_line() {
     const VIEWS: &str = r#"

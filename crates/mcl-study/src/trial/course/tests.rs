@@ -105,7 +105,7 @@ fn a_run_begins_anywhere_and_has_its_length() {
     assert!(message.starts_with("length is 1000 scans, expected at most the 916"), "{message}");
 }
 
-/// The same run on a log that was cut and joined by hand.
+/// Equal to a run on a log that was cut and joined by hand.
 #[test]
 fn a_kidnapped_robot_goes_on_elsewhere() {
     let recipe = RunRecipe {
@@ -200,7 +200,7 @@ fn readings_end_at_people() {
         // 0.25 m to each side at most 2.5 m away: 11 beams, but for those at the edge or behind others.
         let width = hits as f64 / groups as f64;
         assert!(width > 8.0, "{share}: {width} beams");
-        // How often a direction with people has some so many scans later.
+        // How often a direction with people has some this many scans later.
         let again = |later: usize| {
             let pairs = directions.iter().zip(&directions[later..]);
             let both =
@@ -212,7 +212,8 @@ fn readings_end_at_people() {
     }
 }
 
-/// Disturbances are compared in pairs: they depend on seed and run alone, and more people are more beside the same.
+/// Disturbances are compared in pairs: they depend on seed and run alone, and a larger share adds people to
+/// the same ones.
 #[test]
 fn disturbances_belong_to_the_run() {
     let of = |recipe: &RunRecipe| -> Vec<Vec<f64>> {

@@ -1,4 +1,4 @@
-//! Planted rows, and the charts that they make.
+//! Charts of planted rows.
 
 use super::*;
 use crate::view::planted::planted;
@@ -152,7 +152,7 @@ y = { column = ["weighted", "translation", "heading"] }
         ]
     });
     let chart = &charts(&results).unwrap()[0];
-    // Nothing is known of the heading.
+    // The column has no label for the heading.
     let y: Vec<&str> = chart.panels.iter().map(|panel| panel.y.label.as_str()).collect();
     assert_eq!(y, ["mean weighted error d [–]", "mean translation error [m]"]);
     assert_eq!(labels(&chart.panels[0]), ["gbs", "all", "occupancy", "occupancy+run lengths"]);
@@ -198,8 +198,8 @@ fn sensitivity(views: &str) -> Vec<ChartData> {
     charts(&results).unwrap()
 }
 
-/// Without x: the number with the most values is the axis, the setting with the next most a curve,
-/// and all others panels, so that nothing is averaged over settings.
+/// Without x: the numeric setting with the most values is the axis, the setting with the next most gives
+/// curves, and all others panels, so that nothing is averaged over settings.
 #[test]
 fn axes_of_a_sweep_are_found() {
     let views = |name: &str| {
@@ -221,7 +221,7 @@ fn axes_of_a_sweep_are_found() {
     assert_eq!(labels(panel)[1], "α = (0.2, 0.2, 0.2, 0.2)");
     assert_eq!(panel.points.len(), 12);
     assert_eq!((panel.points[3].x, panel.points[3].y), (0.2, 0.4));
-    // Pairs of numbers have places in the list.
+    // Pairs of numbers are shown at their positions in the list.
     let chart = &sensitivity(&views("noise"))[0];
     let panel = &chart.panels[0];
     assert_eq!(panel.x.label, "noise added to the odometry [m, rad]");
@@ -258,7 +258,7 @@ fn settings_as_cells() {
     assert!((third.y - 0.8).abs() < 1e-12);
 }
 
-/// Scores of a sweep above the smallest, and what the data chose.
+/// Scores of a sweep above the smallest, and the choices of the data.
 #[test]
 fn choices_beside_a_sweep() {
     let text = r#"
