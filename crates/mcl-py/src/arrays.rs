@@ -10,6 +10,9 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 
+/// Two columns of one length.
+pub type Columns<'py, A, B> = (Bound<'py, PyArray1<A>>, Bound<'py, PyArray1<B>>);
+
 /// An array of doubles: the one given, or a converted copy of what can be one.
 fn doubles<'py>(
     what: &str,

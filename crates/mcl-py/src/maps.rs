@@ -21,7 +21,7 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use crate::arrays::{column, points as points_of, table};
+use crate::arrays::{Columns, column, points as points_of, table};
 use crate::error::{Error, refused};
 use crate::options::options;
 use crate::recording::Recording;
@@ -390,7 +390,7 @@ pub fn nearest<'py>(
     py: Python<'py>,
     map: &Bound<'_, PyAny>,
     points: &Bound<'_, PyAny>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>)> {
+) -> PyResult<Columns<'py, f64, i64>> {
     let (distances, places) = ask(py, map, points, Nearest)?;
     Ok((column(py, distances), column(py, places)))
 }

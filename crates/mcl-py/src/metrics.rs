@@ -12,7 +12,7 @@ use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{column, numbers, pose_table, poses, table, triple};
+use crate::arrays::{Columns, column, numbers, pose_table, poses, table, triple};
 use crate::error::{Error, refused, warn};
 use crate::work::interruptible;
 
@@ -84,7 +84,7 @@ pub fn associate<'py>(
     reference_stamps: &Bound<'_, PyAny>,
     estimate_stamps: &Bound<'_, PyAny>,
     tolerance: f64,
-) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>)> {
+) -> PyResult<Columns<'py, i64, i64>> {
     // Where the poses are does not matter.
     let somewhere = |stamps: &Bound<'_, PyAny>| {
         trajectory(stamps, table(py, vec![[0.0; 3]; stamps.len()?])?.as_any())
