@@ -20,7 +20,7 @@
 //! let folder = tempfile::tempdir()?;
 //! let path = folder.path().join("office.log");
 //! let office = simulate(&OfficeSettings::default(), Seed::new(1))?;
-//! mcl_datasets::carmen::write(&office, std::fs::File::create(&path)?)?;
+//! mcl_datasets::carmen::write(&office, &[], std::fs::File::create(&path)?)?;
 //!
 //! let log = read_log(&path)?;
 //! println!("{}: {} scans", log.kind, log.recording.scans.len());

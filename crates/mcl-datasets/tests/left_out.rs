@@ -38,6 +38,6 @@ fn carmen_logs_are_read_without_any_feature() {
     let office = simulate(&OfficeSettings::default(), Seed::new(1)).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("office.log");
-    carmen::write(&office, fs::File::create(&path).unwrap()).unwrap();
+    carmen::write(&office, &[], fs::File::create(&path).unwrap()).unwrap();
     assert_eq!(read_log(&path).unwrap().recording.scans.len(), office.scans.len());
 }
