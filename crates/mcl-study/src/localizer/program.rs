@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, anyhow};
 use mcl_core::Pose2;
 use mcl_core::files::{create_folder, remove_folder, write_atomically};
-use tempfile::TempDir;
+use tempfile::{Builder, NamedTempFile};
 
 use crate::data::source::LogSource;
 use crate::localizer::input::{Files, Input};
@@ -23,9 +23,10 @@ use crate::trial::map::StudyMap;
 pub const FAILED_RUNS: &str = "localizer-failures";
 /// Folder of the folders in which programs run, below a result folder.
 const RUNNING: &str = "running";
-/// File in such a folder that is locked by the process that created it.
-const OWNER: &str = "owner";
-/// A folder without such a file is abandoned after this time.
+/// Ends the name of the file beside such a folder that its process keeps locked. It is created before the folder and removed
+/// after it, so that a process that ends at any moment leaves no folder without it.
+const OWNER: &str = ".owner";
+/// Where locks are not supported, what was not changed for this long is abandoned.
 const ABANDONED_AFTER: Duration = Duration::from_secs(6 * 3600);
 
 /// The folders in which programs of a study run.
@@ -54,9 +55,11 @@ impl Programs {
     pub fn new(results: &Path, study: Option<&Path>) -> Self {
         let running = results.join(RUNNING);
         for entry in fs::read_dir(&running).into_iter().flatten().flatten() {
-            if is_abandoned(&entry.path()) {
+            let owner = entry.path();
+            let Some(folder) = folder_of(&owner) else { continue };
+            if is_abandoned(&owner) {
                 // A failure is ignored: the folder does no harm.
-                drop(remove_folder(&entry.path()));
+                drop(remove_folder(&folder).and_then(|()| fs::remove_file(&owner)));
             }
         }
         Programs { results: results.to_owned(), study: study.map(Path::to_owned) }
@@ -93,10 +96,12 @@ impl Programs {
         let cannot = || format!("cannot make a folder in {}", place.display());
         create_folder(&place).with_context(cannot)?;
         let place = std::path::absolute(&place).with_context(cannot)?;
-        let own = TempDir::new_in(&place).with_context(cannot)?;
-        let owner = File::create(own.path().join(OWNER)).with_context(cannot)?;
-        // Where locks are not supported, its age decides whether it is abandoned.
-        let _ = owner.try_lock();
+        // Dropped in the reverse order: the folder before the file that says whose it is.
+        let owner = owner_in(&place).with_context(cannot)?;
+        let own = folder_of(owner.path()).context("a folder of its own")?;
+        let own_name = own.file_name().unwrap_or_default();
+        let own = Builder::new().rand_bytes(0).prefix(own_name).tempdir_in(&place);
+        let own = own.with_context(cannot)?;
         let folder = own.path().join("run");
         create_folder(&folder).with_context(cannot)?;
         let files =
@@ -169,13 +174,33 @@ fn placeholder(name: &str, files: &Files, seed: u32, study: &Path) -> Option<Str
     Some(path.display().to_string())
 }
 
-/// Whether the process that created a folder is gone.
-fn is_abandoned(folder: &Path) -> bool {
-    match File::open(folder.join(OWNER)).map(|owner| owner.try_lock()) {
-        Ok(Ok(())) => true,
-        Ok(Err(TryLockError::WouldBlock)) => false,
-        _ => {
-            let changed = fs::symlink_metadata(folder).and_then(|found| found.modified()).ok();
+/// A new locked file for a folder in which a program will run.
+fn owner_in(place: &Path) -> std::io::Result<NamedTempFile> {
+    loop {
+        let owner = Builder::new().suffix(OWNER).tempfile_in(place)?;
+        // Where locks are not supported, its age decides whether the folder is abandoned.
+        let _ = owner.as_file().try_lock();
+        // A process that starts may have taken it for abandoned before it was locked.
+        if owner.path().exists() {
+            return Ok(owner);
+        }
+    }
+}
+
+/// The folder to which a file beside it belongs; `None` for any other file.
+fn folder_of(owner: &Path) -> Option<PathBuf> {
+    let name = owner.file_name()?.to_str()?.strip_suffix(OWNER)?;
+    Some(owner.with_file_name(name))
+}
+
+/// Whether the process that created a file beside a folder is gone.
+fn is_abandoned(owner: &Path) -> bool {
+    let Ok(file) = File::open(owner) else { return false };
+    match file.try_lock() {
+        Ok(()) => true,
+        Err(TryLockError::WouldBlock) => false,
+        Err(TryLockError::Error(_)) => {
+            let changed = file.metadata().and_then(|found| found.modified()).ok();
             changed.and_then(|at| at.elapsed().ok()).is_some_and(|age| age > ABANDONED_AFTER)
         }
     }
