@@ -31,9 +31,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for row in results.table.rows() {
         let number = |column| row.number(column).unwrap_or(f64::NAN);
         println!(
-            "{} {} %: {} points, {:.1} nats",
+            "{} {} %: {} points, {:.1} nats per point",
             row.text("map"),
-            number("size"),
+            number("size_percent"),
             number("map_points"),
             number("log_likelihood")
         );
