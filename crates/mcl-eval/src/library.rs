@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 
 use crate::cli::args::{Cli, Command, LocalizeArgs};
+pub use crate::cli::localize::grid_map;
 use crate::cli::localize::{Watchers, checked_settings, first_pose, one_run};
 pub use crate::cli::map::Folds;
 use crate::cli::map::{Watch, build, check_arguments};

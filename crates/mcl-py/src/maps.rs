@@ -5,15 +5,12 @@ use std::sync::{Arc, OnceLock};
 
 use anyhow::bail;
 use mcl_core::{NearestNeighbors, Point, PointMap, check_finite};
-use mcl_eval::library::{Folds, build_map as build};
+use mcl_eval::library::{Folds, build_map as build, grid_map};
 use mcl_filter::sensor::FreeSpace;
-use mcl_maps::files::{
-    Encoding, check_writable, is_grid, read_cloud, read_grid, read_map, write_map,
-};
+use mcl_maps::files::{Encoding, check_writable, is_grid, read_cloud, read_map, write_map};
 use mcl_maps::mixture::point_log_likelihoods as by_point;
 use mcl_maps::{PointSet, mixture_log_likelihood};
 use mcl_study::data::cloud_source::Points;
-use mcl_study::trial::map::obstacle_grid;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -133,9 +130,8 @@ impl Map {
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         interruptible(py, move |_| {
             if is_grid(&path) {
-                let grid = obstacle_grid(&read_grid(&path)?);
-                let free = FreeSpace::of(&grid)?;
-                return Ok(Map { free, ..Self::planar(grid.surface_points()?) });
+                let (map, free) = grid_map(&path)?;
+                return Ok(Map { free, ..Self::planar(map) });
             }
             Ok(match read_cloud(&path)?.dimensions() {
                 3 => Self::spatial(read_map(&path)?),

@@ -4,7 +4,8 @@
 use anyhow::{Context, Result};
 use mcl_core::text::number;
 use mcl_core::{Bounds, Point, PointMap};
-use mcl_maps::{PointSet, mixture_log_likelihood};
+use mcl_maps::mixture::point_log_likelihoods;
+use mcl_maps::mixture_log_likelihood;
 use mcl_study::measure::{MapContext, Measures, OfDimension};
 use mcl_study::recipe::map::{MapRecipe, Size};
 use mcl_study::store::results::Results;
@@ -12,7 +13,6 @@ use mcl_study::study::plan::Plan;
 use mcl_study::table::Cells;
 use mcl_study::trial::division::StudyData;
 use mcl_study::trial::maps::Maps;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::report::pack::{Packer, Steps, thinned};
@@ -158,7 +158,8 @@ pub fn repeat(
     let points = |place: usize| built[place].points().context("compared maps consist of points");
     let points: [&PointMap<2>; 2] = [points(0)?, points(1)?];
     let sigma = built[1].sigma;
-    let likelihoods = [of_each(&shown, points[0], sigma)?, of_each(&shown, points[1], sigma)?];
+    let of_each = |map| point_log_likelihoods(&shown, map, sigma);
+    let likelihoods = [of_each(points[0])?, of_each(points[1])?];
     let mut sorted = likelihoods.concat();
     sorted.sort_by(f64::total_cmp);
     let low = sorted[(BELOW * sorted.len() as f64) as usize];
@@ -210,15 +211,6 @@ fn label_of(recipe: &MapRecipe) -> String {
         Some(size) => format!("{} {size}", recipe.kind),
         None => recipe.kind.to_string(),
     }
-}
-
-/// ln p of each point (nats).
-fn of_each(points: &[Point<2>], map: &PointMap<2>, sigma: f64) -> Result<Vec<f64>> {
-    let of_one = |point: &Point<2>| -> Result<f64> {
-        let alone = PointSet::new(vec![*point])?;
-        Ok(mixture_log_likelihood(&alone, map, sigma)?.total)
-    };
-    points.par_iter().map(of_one).collect()
 }
 
 impl MapPair {

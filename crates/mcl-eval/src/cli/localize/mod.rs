@@ -111,12 +111,17 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome::of(complete))
 }
 
-/// The points of a map, and its free space if known: for a grid map the cells that beams end on.
+/// The points of a map, and its free space if known.
 fn filter_map(path: &Path) -> Result<(PointMap<2>, Option<FreeSpace>)> {
     let map = open_map(path)?;
-    if !is_grid(path) {
-        return Ok((map, None));
-    }
+    if is_grid(path) { grid_map(path) } else { Ok((map, None)) }
+}
+
+/// Reads a grid map as the filter uses it: the cells that beams end on, as points, and the free space.
+///
+/// # Errors
+/// When it cannot be read, or has no such cell.
+pub fn grid_map(path: &Path) -> Result<(PointMap<2>, Option<FreeSpace>)> {
     let grid = obstacle_grid(&read_grid(path)?);
     Ok((grid.surface_points()?, FreeSpace::of(&grid)?))
 }
