@@ -5,15 +5,15 @@ use mcl_core::Pose2;
 
 /// Converts poses and increments of the laser to those of the robot; exactly, where the two frames are the
 /// same.
-pub(crate) struct Mount {
+pub(crate) struct MountConversion {
     robot_from_laser: Pose2,
     laser_from_robot: Pose2,
     is_identity: bool,
 }
 
-impl Mount {
+impl MountConversion {
     pub fn new(robot_from_laser: Pose2) -> Self {
-        Mount {
+        MountConversion {
             robot_from_laser,
             laser_from_robot: robot_from_laser.inverse(),
             is_identity: robot_from_laser == Pose2::IDENTITY,

@@ -354,6 +354,27 @@
     details.dataset.listed = 'yes';
   };
 
+  // The table of a comparison: data sets by sizes, symbols with words, so that nothing depends on colour.
+  const SYMBOLS = { first: '▲', second: '▼', open: '·', none: '–' };
+  const compare = async (details) => {
+    if (details.dataset.listed) return;
+    details.dataset.listed = 'soon';
+    const { sizes, rows, words: [better, worse] } = (await data(details.dataset.packed))[details.dataset.comparison];
+    const words = { first: better, second: worse, open: 'not decided', none: 'not tested' };
+    const title = $$('summary bdi', details).map((part) => part.textContent);
+    const cell = (test) => {
+      if (!test) return element('td');
+      const winner = test.winner ?? 'none';
+      return element('td', { class: winner, title: test.detail }, element('span', { 'aria-hidden': 'true' }, SYMBOLS[winner]), element('span', { class: 'hidden' }, `${words[winner]}: `), ` ${test.effect}`);
+    };
+    const heads = ['data set', ...sizes.map((size) => size || 'effect')].map((head) => element('th', { scope: 'col' }, head));
+    const body = rows.map(({ place, cells }) => element('tr', {}, element('th', { scope: 'row' }, element('bdi', {}, place)), ...cells.map(cell)));
+    const caption = element('caption', {}, element('bdi', {}, title[0]), `: ▲ ${better}, ▼ ${worse}, · not decided`);
+    const shown = element('table', { class: 'tests' }, caption, element('thead', {}, element('tr', {}, ...heads)), element('tbody', {}, ...body));
+    details.append(element('div', { class: 'scroll', tabindex: '0', role: 'group', 'aria-label': title.join(', ') }, shown));
+    details.dataset.listed = 'yes';
+  };
+
   // Figures for print.
   const save = (blob, name) => {
     const link = element('a', { download: name, href: URL.createObjectURL(blob) });
@@ -385,6 +406,7 @@
 
   for (const figure of $$('.chart')) near.observe(figure);
   for (const details of $$('details.table')) details.addEventListener('toggle', () => details.open && listTable(details));
+  for (const details of $$('details.comparison')) details.addEventListener('toggle', () => details.open && compare(details));
   for (const details of $$('details.figures')) details.addEventListener('toggle', () => details.open && $$('figure', details).forEach(showFigure));
   // A link to what is folded away opens it.
   const reveal = () => {

@@ -123,6 +123,21 @@ test('tables: sorted, filtered, copied as CSV, Markdown and LaTeX', async () => 
   await context.close();
 });
 
+test('a comparison opens to its effects by data set and size', async () => {
+  const { page, told, context } = await open(rows);
+  const comparison = page.locator('details.comparison').first();
+  await comparison.locator('summary').click();
+  const table = comparison.locator('table.tests');
+  await table.waitFor();
+  assert.match(await table.locator('caption').textContent(), /^gbs\+f-km against gbs: ▲ better, ▼ worse, · not decided$/);
+  const cells = await table.locator('tbody td').allTextContents();
+  assert.ok(cells.length > 0);
+  for (const cell of cells) assert.match(cell, /^(▲better: |▼worse: |·not decided: |–not tested: ) /);
+  assert.match(await table.locator('tbody td').first().getAttribute('title'), /^\d+ blocks, p .* after Holm/);
+  assert.deepEqual(told, []);
+  await context.close();
+});
+
 test('figures for print are shown, and saved as SVG and PNG', async () => {
   const { page, told, context } = await open(rows);
   const figures = page.locator('details.figures').first();

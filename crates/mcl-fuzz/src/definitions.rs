@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use mcl_datasets::registry::{Dataset, Source};
+use mcl_datasets::registry::{Dataset, Origin};
 use mcl_study::study::definition::Study;
 
 use crate::memory::{ANY_INPUT, bounded};
@@ -24,7 +24,7 @@ pub fn dataset(bytes: &[u8]) {
     assert_eq!(dataset.name, "lab");
     assert!(dataset.max_range.is_finite() && dataset.max_range > 0.0);
     assert!(dataset.robot_from_laser.is_finite());
-    if let Source::File(file) = &dataset.source {
+    if let Origin::File(file) = &dataset.source {
         // Names are joined to folders that are written to.
         let folder = Path::new("folder");
         for name in std::iter::once(&file.name).chain(&file.other_names) {

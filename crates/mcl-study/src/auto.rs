@@ -20,7 +20,7 @@ pub const SIGMA_RANGE: [f64; 2] = [0.005, 5.0];
 
 /// A chosen number, and the values that were tried.
 #[derive(Debug, Clone, Serialize)]
-pub struct Chosen {
+pub struct DataChoice {
     /// The criterion that decided.
     pub by: Criterion,
     /// The chosen number of points, or σ in metres.
@@ -94,7 +94,7 @@ impl<const D: usize> Rating<'_, D> {
         by: Criterion,
         sigma: f64,
         observe: impl Fn(&Tried),
-    ) -> Result<Chosen> {
+    ) -> Result<DataChoice> {
         let largest = self.largest(by);
         // Sizes that round to the same number are built once.
         let mut known: BTreeMap<usize, f64> = BTreeMap::new();
@@ -122,7 +122,7 @@ impl<const D: usize> Rating<'_, D> {
         by: Criterion,
         size: Option<MapSize>,
         observe: impl Fn(&Tried),
-    ) -> Result<Chosen> {
+    ) -> Result<DataChoice> {
         let score = |sigma: f64| -> Result<f64> {
             let score = self.score(by, size, sigma)?;
             observe(&Tried { value: sigma, score });
@@ -133,7 +133,7 @@ impl<const D: usize> Rating<'_, D> {
     }
 }
 
-fn chosen(by: Criterion, mut tried: Vec<Tried>, value: impl Fn(f64) -> f64) -> Chosen {
+fn chosen(by: Criterion, mut tried: Vec<Tried>, value: impl Fn(f64) -> f64) -> DataChoice {
     tried.iter_mut().for_each(|tried| tried.value = value(tried.value));
-    Chosen { by, value: best(&tried).map_or(f64::NAN, |tried| tried.value), tried }
+    DataChoice { by, value: best(&tried).map_or(f64::NAN, |tried| tried.value), tried }
 }

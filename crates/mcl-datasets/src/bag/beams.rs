@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use mcl_core::{Pose2, ScanGeometry, Sweep, is_usable_range, math};
 
-use super::laser::Mount;
+use super::laser::LaserMount;
 use super::messages::ScanMessage;
 use super::moment::Moment;
 use super::track::{Occurrence, Placed, PoseTrack};
@@ -151,7 +151,7 @@ impl Swept {
     pub fn place(
         &mut self,
         scan: &mut ScanMessage,
-        mount: Mount,
+        mount: LaserMount,
         time_increment: f64,
         moved: Option<Moved<'_>>,
     ) -> (Vec<f64>, Sweep) {
@@ -184,7 +184,7 @@ impl Swept {
 /// The motion of the laser during a scan, by a track that covers the scan's start.
 pub(super) struct Moved<'a> {
     poses: &'a PoseTrack,
-    mount: Mount,
+    mount: LaserMount,
     moment: Moment,
     start: Pose2,
     time_increment: f64,
@@ -195,7 +195,7 @@ impl<'a> Moved<'a> {
         moment: Moment,
         occurrence: Occurrence,
         time_increment: f64,
-        tracks: [(Option<&'a PoseTrack>, Mount); 2],
+        tracks: [(Option<&'a PoseTrack>, LaserMount); 2],
     ) -> Option<Self> {
         tracks.into_iter().find_map(|(track, mount)| {
             let poses = track?;

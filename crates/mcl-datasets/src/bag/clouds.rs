@@ -3,7 +3,7 @@
 use mcl_core::Point;
 use nalgebra::Point3;
 
-use super::content::{Content, Kind, Purpose};
+use super::content::{Content, MessageKind, Purpose};
 use super::decoder::{Decoder, Logged, same_frame, time, tree};
 use super::error::BagError;
 use super::moment::{Moment, Stretches};
@@ -59,7 +59,7 @@ pub(crate) fn join(mut content: Content, options: &CloudOptions) -> Result<BagCl
     let mut decoder = Decoder::new(content, messages);
     let mut frame: Option<String> = None;
     let clouds = decoder.topic(
-        |name, kind| name == topic && kind == Kind::Cloud,
+        |name, kind| name == topic && kind == MessageKind::Cloud,
         |_, view, _, _| {
             let cloud = CloudMessage::new(view, options.max_range)?;
             same_frame("header.frame_id", &mut frame, &cloud.header.frame)?;

@@ -17,7 +17,7 @@ use crate::container::item::{Channel, Damaged, Input, Item, Message, SchemaText,
 use crate::container::position::Position;
 use crate::container::problem::StreamProblem;
 use crate::container::read;
-use crate::log::report::{Place, ReadReport, SkippedRecord};
+use crate::log::report::{ReadReport, RecordPlace, SkippedRecord};
 use crate::packed::ZSTD_MAGIC;
 use crate::room::{HEAP_BYTES, Room};
 use mcl_core::{LaserScan, memory};
@@ -51,12 +51,17 @@ const TRANSFORM: &str = "geometry_msgs/TransformStamped";
 const PATH: &str = "nav_msgs/Path";
 const STRING: &str = "std_msgs/String";
 /// The kinds of messages that hold a pose, and their type names.
-pub(super) const POSE_KINDS: [Kind; 5] =
-    [Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry, Kind::Transform, Kind::Path];
+pub(super) const POSE_KINDS: [MessageKind; 5] = [
+    MessageKind::Pose,
+    MessageKind::PoseWithCovariance,
+    MessageKind::Odometry,
+    MessageKind::Transform,
+    MessageKind::Path,
+];
 
 /// What messages of a type are used as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum MessageKind {
     Scan,
     Odometry,
     Pose,
@@ -70,25 +75,25 @@ pub(super) enum Kind {
     Lists,
 }
 
-impl Kind {
+impl MessageKind {
     fn of(type_name: &str) -> Option<Self> {
         Some(match type_name {
-            SCAN => Kind::Scan,
-            ODOMETRY => Kind::Odometry,
-            POSE => Kind::Pose,
-            POSE_WITH_COVARIANCE => Kind::PoseWithCovariance,
-            TRANSFORMS | "tf/tfMessage" => Kind::Transforms,
-            CLOUD => Kind::Cloud,
-            MULTI_ECHO => Kind::MultiEcho,
-            TRANSFORM => Kind::Transform,
-            PATH => Kind::Path,
+            SCAN => MessageKind::Scan,
+            ODOMETRY => MessageKind::Odometry,
+            POSE => MessageKind::Pose,
+            POSE_WITH_COVARIANCE => MessageKind::PoseWithCovariance,
+            TRANSFORMS | "tf/tfMessage" => MessageKind::Transforms,
+            CLOUD => MessageKind::Cloud,
+            MULTI_ECHO => MessageKind::MultiEcho,
+            TRANSFORM => MessageKind::Transform,
+            PATH => MessageKind::Path,
             _ => return None,
         })
     }
 
     /// Whether it is a scan, or a scan can be made of it.
     pub fn is_scan(self) -> bool {
-        matches!(self, Kind::Scan | Kind::MultiEcho | Kind::Cloud)
+        matches!(self, MessageKind::Scan | MessageKind::MultiEcho | MessageKind::Cloud)
     }
 
     pub fn is_pose(self) -> bool {
@@ -103,7 +108,7 @@ pub(super) struct Topic {
     pub encoding: String,
     pub description: Option<Arc<SchemaText>>,
     /// What its messages are used as, if at all.
-    pub kind: Option<Kind>,
+    pub kind: Option<MessageKind>,
     pub messages: usize,
     /// Log times of its first and last message, in nanoseconds.
     pub logged: Option<(u64, u64)>,
@@ -140,7 +145,7 @@ impl Topic {
     }
 
     pub fn is_cloud(&self) -> bool {
-        Kind::of(&plain_name(self.type_name())) == Some(Kind::Cloud)
+        MessageKind::of(&plain_name(self.type_name())) == Some(MessageKind::Cloud)
     }
 
     /// The layout of its messages.
@@ -193,9 +198,9 @@ impl Topic {
             scan.map(|scan| Body::Scan(Box::new(scan)))
         };
         match self.kind? {
-            Kind::Scan => scan(ScanMessage::new),
-            Kind::MultiEcho => scan(ScanMessage::multi_echo),
-            Kind::Odometry => layout
+            MessageKind::Scan => scan(ScanMessage::new),
+            MessageKind::MultiEcho => scan(ScanMessage::multi_echo),
+            MessageKind::Odometry => layout
                 .decode(MAX_MESSAGE_BYTES, data, OdometryMessage::new)
                 .map(|moved| Body::Odometry(Box::new(moved))),
             _ => return None,
@@ -268,11 +273,13 @@ pub(crate) enum Purpose {
 }
 
 impl Purpose {
-    fn keeps(self, kind: Kind) -> bool {
+    fn keeps(self, kind: MessageKind) -> bool {
         match self {
-            Purpose::Scans | Purpose::Topics => kind != Kind::Cloud,
-            Purpose::Slices => !matches!(kind, Kind::Scan | Kind::MultiEcho),
-            Purpose::Clouds => matches!(kind, Kind::Cloud | Kind::Odometry | Kind::Transforms),
+            Purpose::Scans | Purpose::Topics => kind != MessageKind::Cloud,
+            Purpose::Slices => !matches!(kind, MessageKind::Scan | MessageKind::MultiEcho),
+            Purpose::Clouds => {
+                matches!(kind, MessageKind::Cloud | MessageKind::Odometry | MessageKind::Transforms)
+            }
         }
     }
 }
@@ -337,7 +344,7 @@ impl Content {
             Item::Damaged(damaged) => {
                 let Damaged { table, position, field, found, expected } = damaged;
                 self.damaged.skip(SkippedRecord {
-                    place: Place::At(position),
+                    place: RecordPlace::At(position),
                     record: table.to_owned(),
                     field: field.to_owned(),
                     found: found.to_owned(),
@@ -371,8 +378,8 @@ impl Content {
         let key = (name.clone(), encoding.clone(), description.clone());
         *self.by_description.entry(key).or_insert_with(|| {
             let kind = description.as_ref().and_then(|text| match &*plain_name(&text.name) {
-                STRING => (name == lists::TOPIC).then_some(Kind::Lists),
-                type_name => Kind::of(type_name),
+                STRING => (name == lists::TOPIC).then_some(MessageKind::Lists),
+                type_name => MessageKind::of(type_name),
             });
             self.topics.push(Topic {
                 name,
@@ -389,7 +396,7 @@ impl Content {
     }
 
     fn is_kept(&self, topic: &Topic) -> bool {
-        let is_other = |kind: Kind| {
+        let is_other = |kind: MessageKind| {
             kind.is_scan() && self.asked.as_ref().is_some_and(|asked| *asked != topic.name)
         };
         self.purpose != Purpose::Topics && topic.kind.is_some_and(|kind| !is_other(kind))
@@ -415,7 +422,7 @@ impl Content {
         if is_first {
             self.topics[topic].head = data[..data.len().min(HEAD_BYTES)].to_vec();
         }
-        if self.topics[topic].kind == Some(Kind::Lists) {
+        if self.topics[topic].kind == Some(MessageKind::Lists) {
             let text = self.topics[topic].layout().ok().and_then(|layout| {
                 let text = |view: &View<'_>| Ok(view.text("data")?.to_owned());
                 layout.decode(MAX_CLOUD_BYTES, &data, text).ok()
@@ -468,7 +475,7 @@ impl Content {
     }
 
     /// Names of the topics with messages of one of these kinds.
-    pub(super) fn names(&self, kinds: &[Kind]) -> Vec<&str> {
+    pub(super) fn names(&self, kinds: &[MessageKind]) -> Vec<&str> {
         let of_kind = |topic: &&Topic| topic.kind.is_some_and(|kind| kinds.contains(&kind));
         let used = self.topics.iter().filter(of_kind).filter(|topic| topic.messages > 0);
         let names: BTreeSet<&str> = used.map(|topic| topic.name.as_str()).collect();

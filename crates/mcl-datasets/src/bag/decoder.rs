@@ -4,7 +4,9 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::cdr::View;
-use super::content::{Body, Content, Kept, Kind, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES};
+use super::content::{
+    Body, Content, Kept, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, MessageKind,
+};
 use super::error::BagError;
 use super::messages::{
     MessageError, OdometryMessage, PoseMessage, ScanMessage, TransformMessage, malformed,
@@ -12,7 +14,7 @@ use super::messages::{
 };
 use super::moment::Stretches;
 use super::motion::Motion;
-use crate::log::report::{Place, ReadReport, SkippedRecord};
+use crate::log::report::{ReadReport, RecordPlace, SkippedRecord};
 
 /// A message's value, with its position and log time.
 pub(super) struct Logged<T> {
@@ -70,8 +72,13 @@ impl<'a> Decoder<'a> {
     /// in a part of a message to its last argument.
     pub fn topic<T>(
         &mut self,
-        wanted: impl Fn(&str, Kind) -> bool,
-        mut value: impl FnMut(Kind, &View<'_>, &Kept, &mut Vec<MessageError>) -> Result<T, MessageError>,
+        wanted: impl Fn(&str, MessageKind) -> bool,
+        mut value: impl FnMut(
+            MessageKind,
+            &View<'_>,
+            &Kept,
+            &mut Vec<MessageError>,
+        ) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
         self.each(wanted, |kind, layout, message, faults| match &message.body {
             Body::Encoded(data) => {
@@ -84,7 +91,7 @@ impl<'a> Decoder<'a> {
     /// The poses of an odometry topic, as transforms between its two frames.
     pub fn odometry(&mut self, topic: &str) -> Result<Vec<Logged<TransformMessage>>, BagError> {
         self.each(
-            |name, kind| name == topic && kind == Kind::Odometry,
+            |name, kind| name == topic && kind == MessageKind::Odometry,
             |kind, layout, message, _| match &message.body {
                 Body::Odometry(moved) => Ok(moved.transform.clone()),
                 Body::Encoded(data) => layout
@@ -97,9 +104,9 @@ impl<'a> Decoder<'a> {
 
     fn each<T>(
         &mut self,
-        wanted: impl Fn(&str, Kind) -> bool,
+        wanted: impl Fn(&str, MessageKind) -> bool,
         mut value: impl FnMut(
-            Kind,
+            MessageKind,
             &Layout,
             &mut Kept,
             &mut Vec<MessageError>,
@@ -136,13 +143,13 @@ impl<'a> Decoder<'a> {
                     MessageError::Schema(error) => return Err(topic.schema_error(error)),
                     MessageError::Malformed { field, found, expected } => {
                         self.report.skip(SkippedRecord {
-                            place: Place::Message {
+                            place: RecordPlace::Message {
                                 topic: topic.name.clone(),
                                 log_time: message.log_time,
                                 position: message.position,
                             },
                             record: match kind {
-                                Kind::Cloud => format!("{} {count}", topic.type_name()),
+                                MessageKind::Cloud => format!("{} {count}", topic.type_name()),
                                 _ => topic.type_name().to_owned(),
                             },
                             field,
@@ -171,8 +178,8 @@ impl<'a> Decoder<'a> {
                     Body::Odometry(_) => return Err(decoded_before()),
                     Body::Encoded(data) => {
                         layout.decode(limit(kind), &data, |view| match kind {
-                            Kind::Scan => ScanMessage::new(view),
-                            Kind::MultiEcho => ScanMessage::multi_echo(view),
+                            MessageKind::Scan => ScanMessage::new(view),
+                            MessageKind::MultiEcho => ScanMessage::multi_echo(view),
                             _ => of_cloud(view),
                         })?
                     }
@@ -201,14 +208,16 @@ impl<'a> Decoder<'a> {
                     Body::Odometry(moved) => vec![PoseMessage::of_odometry((**moved).clone())],
                     Body::Encoded(data) => layout.decode(limit(kind), data, |view| {
                         Ok(match kind {
-                            Kind::Odometry => {
+                            MessageKind::Odometry => {
                                 vec![PoseMessage::of_odometry(OdometryMessage::new(view)?)]
                             }
-                            Kind::PoseWithCovariance => {
+                            MessageKind::PoseWithCovariance => {
                                 vec![PoseMessage::pose_with_covariance(view)?]
                             }
-                            Kind::Transform => vec![PoseMessage::of(TransformMessage::one(view)?)],
-                            Kind::Path => path_poses(view, faults)?,
+                            MessageKind::Transform => {
+                                vec![PoseMessage::of(TransformMessage::one(view)?)]
+                            }
+                            MessageKind::Path => path_poses(view, faults)?,
                             _ => vec![PoseMessage::pose(view)?],
                         })
                     })?,
@@ -230,7 +239,7 @@ impl<'a> Decoder<'a> {
             let (message, (kind, several)) = message.split();
             for pose in several {
                 let pose = message.map(pose);
-                if kind != Kind::Path {
+                if kind != MessageKind::Path {
                     poses.push(pose);
                     continue;
                 }
@@ -248,7 +257,7 @@ impl<'a> Decoder<'a> {
     /// The child frame of the bag's only odometry topic.
     pub fn odometry_frame(&mut self) -> Result<Option<String>, BagError> {
         let content = self.content;
-        let &[only] = content.names(&[Kind::Odometry]).as_slice() else { return Ok(None) };
+        let &[only] = content.names(&[MessageKind::Odometry]).as_slice() else { return Ok(None) };
         let first = self.poses(only)?.into_iter().next();
         Ok(first.and_then(|pose| pose.value.child).filter(|child| !child.is_empty()))
     }
@@ -260,7 +269,7 @@ impl<'a> Decoder<'a> {
         for is_static in [true, false] {
             let messages = self.topic(
                 |name, kind| {
-                    kind == Kind::Transforms
+                    kind == MessageKind::Transforms
                         && name.ends_with("tf_static") == is_static
                         && topics.contains(&name)
                 },
@@ -298,8 +307,8 @@ fn decoded_before() -> MessageError {
 }
 
 /// Largest message decoded, in bytes.
-fn limit(kind: Kind) -> usize {
-    if kind == Kind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES }
+fn limit(kind: MessageKind) -> usize {
+    if kind == MessageKind::Cloud { MAX_CLOUD_BYTES } else { MAX_MESSAGE_BYTES }
 }
 
 /// Poses in different frames cannot be compared: those in another frame than the first count as malformed.

@@ -23,7 +23,7 @@ pub(super) fn in_space(laser: LaserPose, z: f64) -> Isometry3<f64> {
 
 /// The mount of the laser on the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mount {
+pub(super) struct LaserMount {
     pub robot_from_laser: Pose2,
     /// Mounted upside down, so that its beams turn the other way.
     pub is_upside_down: bool,
@@ -33,8 +33,8 @@ pub(super) struct Mount {
     pub plane: [[f64; 2]; 2],
 }
 
-impl Mount {
-    pub const IDENTITY: Mount = Mount {
+impl LaserMount {
+    pub const IDENTITY: LaserMount = LaserMount {
         robot_from_laser: Pose2::IDENTITY,
         is_upside_down: false,
         tilt_degrees: 0.0,
@@ -49,7 +49,7 @@ impl Mount {
         let is_upside_down = up < 0.0;
         let plane = match tilt_degrees >= PROJECTED_TILT {
             false if is_upside_down => [[1.0, 0.0], [0.0, -1.0]],
-            false => Mount::IDENTITY.plane,
+            false => LaserMount::IDENTITY.plane,
             true => {
                 let turned = robot_from_laser.rotation.to_rotation_matrix();
                 let (sin, cos) = math::sin_cos(seen.theta);
@@ -61,13 +61,13 @@ impl Mount {
                 [[ahead[0], left[0]], [ahead[1], left[1]]]
             }
         };
-        Mount { robot_from_laser: seen, is_upside_down, tilt_degrees, plane }
+        LaserMount { robot_from_laser: seen, is_upside_down, tilt_degrees, plane }
     }
 
     /// The requested mount.
     pub fn asked(laser: LaserPose) -> Self {
-        let mount = Mount::of(&in_space(laser, 0.0));
-        Mount { robot_from_laser: laser.robot_from_laser, ..mount }
+        let mount = LaserMount::of(&in_space(laser, 0.0));
+        LaserMount { robot_from_laser: laser.robot_from_laser, ..mount }
     }
 
     /// Returns it unless the laser is tilted too far to scan the plane.
@@ -84,7 +84,7 @@ impl Mount {
 
     /// The mount for scans that are level and seen from above already.
     pub fn level(self) -> Self {
-        Mount { robot_from_laser: self.robot_from_laser, ..Mount::IDENTITY }
+        LaserMount { robot_from_laser: self.robot_from_laser, ..LaserMount::IDENTITY }
     }
 
     /// The pose of the laser for a pose of the robot, both in the same frame.

@@ -6,7 +6,7 @@ use mcl_core::Pose2;
 use nalgebra::{Isometry3, Translation3};
 
 use super::error::BagError;
-use super::laser::Mount;
+use super::laser::LaserMount;
 use super::messages::{TransformMessage, planar};
 use super::moment::Moment;
 use super::track::longest_interval;
@@ -297,7 +297,7 @@ impl Motion {
     ///
     /// # Errors
     /// When the transforms between them change, or tilt the laser out of the plane.
-    pub fn mount(&self, base: &str, laser: &str) -> Result<Option<Mount>, BagError> {
+    pub fn mount(&self, base: &str, laser: &str) -> Result<Option<LaserMount>, BagError> {
         let mount = self.any_mount(base, laser)?;
         mount.map(|mount| mount.checked(base, laser)).transpose()
     }
@@ -306,16 +306,16 @@ impl Motion {
     ///
     /// # Errors
     /// When the transforms between them change.
-    pub fn any_mount(&self, base: &str, laser: &str) -> Result<Option<Mount>, BagError> {
+    pub fn any_mount(&self, base: &str, laser: &str) -> Result<Option<LaserMount>, BagError> {
         if base == laser {
-            return Ok(Some(Mount::IDENTITY));
+            return Ok(Some(LaserMount::IDENTITY));
         }
         let Some(link) = self.link(base, laser) else { return Ok(None) };
         if let Some((child, edge)) = link.edges().find(|(_, edge)| edge.is_moving()) {
             let (parent, child) = (edge.parent.clone(), (*child).to_owned());
             return Err(BagError::MovingLaser { parent, child });
         }
-        Ok(link.first().map(|first| Mount::of(&first)))
+        Ok(link.first().map(|first| LaserMount::of(&first)))
     }
 
     /// The first pose of a frame on the robot in space; the identity where it is not known.
@@ -457,8 +457,8 @@ impl Link<'_> {
     }
 
     /// The mount at a time, where it is known.
-    pub fn mount_at(&self, at: Moment) -> Option<Mount> {
-        self.at(at).map(|transform| Mount::of(&transform))
+    pub fn mount_at(&self, at: Moment) -> Option<LaserMount> {
+        self.at(at).map(|transform| LaserMount::of(&transform))
     }
 }
 

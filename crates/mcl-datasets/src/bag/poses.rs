@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use mcl_core::{Pose2, Stamp, Trajectory, math};
 
-use super::content::{Content, Kind};
+use super::content::{Content, MessageKind};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
 use super::messages::{Covariance, PoseMessage, ScanMessage, planar};
@@ -95,7 +95,7 @@ pub(crate) fn poses(
     let mut child = first.and_then(|pose| named(pose.child.as_deref()?));
     let mut report = decoder.report.clone();
     // The rest only needs the mount of the laser; losses on scan topics do not concern this topic.
-    let scan_topics = content.names(&[Kind::Scan, Kind::MultiEcho]);
+    let scan_topics = content.names(&[MessageKind::Scan, MessageKind::MultiEcho]);
     let laser = match scan_topics.as_slice() {
         &[only] => {
             let scans = decoder.scans(only, ScanMessage::new)?;
@@ -126,7 +126,7 @@ pub(crate) fn poses(
         }
     };
     let mut carried_from = None;
-    let is_odometry = |name: &str| content.names(&[Kind::Odometry]).contains(&name);
+    let is_odometry = |name: &str| content.names(&[MessageKind::Odometry]).contains(&name);
     // In a namespace of its own, the frame has the same name within it.
     let own = |into: &str| {
         let (namespace, _) = parent.as_deref()?.rsplit_once('/')?;

@@ -6,10 +6,10 @@ use mcl_core::text::counted;
 use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
 use super::beams::{self, Moved, Swept};
-use super::content::{Content, Kind, Purpose};
+use super::content::{Content, MessageKind, Purpose};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
-use super::laser::{Mount, in_space};
+use super::laser::{LaserMount, in_space};
 use super::lists::ScanLists;
 use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
 use super::moment::{Moment, Stretches};
@@ -18,7 +18,7 @@ use super::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_fil
 use super::scans::{contradictions, drop_repeated, scan_time, stretches};
 use super::slice;
 use super::survey::Survey;
-use super::topics::{Chosen, Pair, choose, possible_references, transform_topics};
+use super::topics::{ChosenTopics, Pair, choose, possible_references, transform_topics};
 use super::track::{Occurrence, PoseTrack};
 use crate::log::content::{Log, LogKind};
 use crate::log::options::{ReadOptions, ReferenceTrack};
@@ -37,7 +37,7 @@ pub(crate) fn content(options: &ReadOptions) -> Content {
 pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Log, BagError> {
     let messages = std::mem::take(&mut content.messages);
     let lists = content.lists.take();
-    let Chosen {
+    let ChosenTopics {
         scan: scan_topic,
         odometry: odometry_topic,
         reference: reference_topic,
@@ -60,7 +60,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         _ => Vec::new(),
     };
     let mut topics = transform_topics(&content, Some(scan_topic));
-    let mut left_out = content.names(&[Kind::Transforms]);
+    let mut left_out = content.names(&[MessageKind::Transforms]);
     left_out.retain(|name| !topics.contains(name));
     if let Some(pair) = pair.and_then(Pair::of) {
         topics.push(pair.topic);
@@ -278,7 +278,7 @@ impl Assembly<'_> {
                 },
                 None => mount,
             };
-            let at = |track: &mut Option<Track>, mount: Mount| {
+            let at = |track: &mut Option<Track>, mount: LaserMount| {
                 let robot = track.as_mut()?.at(moment, occurrence)?;
                 Some(mount.laser(robot))
             };
@@ -409,10 +409,10 @@ impl Assembly<'_> {
         poses.iter().map(sample).collect()
     }
 
-    fn mount(&mut self, base: &str, laser: &str) -> Result<Mount, BagError> {
+    fn mount(&mut self, base: &str, laser: &str) -> Result<LaserMount, BagError> {
         if let Some(asked) = self.options.laser_pose {
             self.notes.push(format!("laser on {base:?}: as asked for"));
-            let mount = self.of_scans(Mount::asked(asked), base, laser)?;
+            let mount = self.of_scans(LaserMount::asked(asked), base, laser)?;
             self.say_tilt(base, mount);
             return Ok(mount);
         }
@@ -424,7 +424,7 @@ impl Assembly<'_> {
             self.report.doubts.push(format!(
                 "laser on {base:?}: {why}, so it is taken to be at the robot's origin, looking ahead; say where it is with --laser-pose X,Y,THETA"
             ));
-            return Ok(Mount::IDENTITY);
+            return Ok(LaserMount::IDENTITY);
         };
         let Pose2 { x, y, theta } = mount.robot_from_laser;
         let turned = if mount.is_upside_down { ", upside down" } else { "" };
@@ -438,14 +438,14 @@ impl Assembly<'_> {
     }
 
     /// A slice is level, however its scanner is mounted; otherwise the laser must scan the plane.
-    fn of_scans(&self, mount: Mount, base: &str, laser: &str) -> Result<Mount, BagError> {
+    fn of_scans(&self, mount: LaserMount, base: &str, laser: &str) -> Result<LaserMount, BagError> {
         match self.options.slice {
             Some(_) => Ok(mount.level()),
             None => mount.checked(base, laser),
         }
     }
 
-    fn say_tilt(&mut self, base: &str, mount: Mount) {
+    fn say_tilt(&mut self, base: &str, mount: LaserMount) {
         if mount.is_tilted() {
             self.assumptions.push(format!(
                 "laser on {base:?}: tilted by {:.1}°, so the ends of its beams are projected into the plane",
@@ -586,8 +586,8 @@ impl Assembly<'_> {
         child: Option<String>,
         base: &str,
         laser: &str,
-        mount: Mount,
-    ) -> Result<(Option<Mount>, String), BagError> {
+        mount: LaserMount,
+    ) -> Result<(Option<LaserMount>, String), BagError> {
         let asked = self.options.reference_frame.clone();
         let frame = match asked.or(child).as_deref() {
             Some("robot") | None => base.to_owned(),
@@ -598,7 +598,7 @@ impl Assembly<'_> {
             return Ok((None, frame));
         }
         if frame == laser {
-            return Ok((Some(Mount::IDENTITY), frame));
+            return Ok((Some(LaserMount::IDENTITY), frame));
         }
         let found = self.motion.any_mount(&frame, laser)?;
         let found = found.map(|mount| self.of_scans(mount, &frame, laser)).transpose()?;

@@ -3,7 +3,7 @@
 use mcl_core::Stamp;
 use serde::Serialize;
 
-use super::content::{Content, Kind, Topic};
+use super::content::{Content, MessageKind, Topic};
 use super::layout::ElementType;
 use super::topics::{choose, possible_references};
 use crate::log::options::ReadOptions;
@@ -99,11 +99,12 @@ fn choices(content: &Content, options: &ReadOptions) -> Vec<Choice> {
         Choice { what, taken, others, is_open, options }
     };
     let owned = |names: Vec<&str>| names.into_iter().map(str::to_owned).collect::<Vec<_>>();
-    let taken = |of: fn(&super::topics::Chosen<'_>) -> Option<String>| chosen.as_ref().and_then(of);
+    let taken =
+        |of: fn(&super::topics::ChosenTopics<'_>) -> Option<String>| chosen.as_ref().and_then(of);
     let odometry = taken(|chosen| chosen.odometry.map(str::to_owned));
-    let scan_kinds: &[Kind] = match options.slice {
-        Some(_) => &[Kind::Cloud],
-        None => &[Kind::Scan, Kind::MultiEcho],
+    let scan_kinds: &[MessageKind] = match options.slice {
+        Some(_) => &[MessageKind::Cloud],
+        None => &[MessageKind::Scan, MessageKind::MultiEcho],
     };
     let mut scans = owned(content.names(scan_kinds));
     let clouds = content.topics.iter().filter(|topic| topic.is_cloud() && topic.messages > 0);
@@ -123,7 +124,7 @@ fn choices(content: &Content, options: &ReadOptions) -> Vec<Choice> {
             "odometry",
             "--odom-topic, --odom-frame",
             odometry.clone(),
-            owned(content.names(&[Kind::Odometry])),
+            owned(content.names(&[MessageKind::Odometry])),
         ),
         Choice {
             is_open: is_reference_open,

@@ -1,6 +1,6 @@
 //! Selects the topics of a bag.
 
-use super::content::{Content, Kind, POSE_KINDS, Topic, list};
+use super::content::{Content, MessageKind, POSE_KINDS, Topic, list};
 use super::error::BagError;
 use crate::log::options::{ReadOptions, ReferencePoses};
 
@@ -60,7 +60,7 @@ impl Content {
     fn asked<'a>(
         &self,
         topic: &'a str,
-        kinds: &[Kind],
+        kinds: &[MessageKind],
         option: &'static str,
         expected: &'static str,
     ) -> Result<&'a str, BagError> {
@@ -79,7 +79,7 @@ impl Content {
     fn asked_poses<'a>(&self, topic: &'a str, option: &'static str) -> Result<&'a str, BagError> {
         match Pair::of(topic).filter(|_| !self.topics.iter().any(|found| found.name == topic)) {
             Some(pair) => self
-                .asked(pair.topic, &[Kind::Transforms], option, "tf2_msgs/msg/TFMessage")
+                .asked(pair.topic, &[MessageKind::Transforms], option, "tf2_msgs/msg/TFMessage")
                 .map(|_| topic),
             None => self.asked(topic, &POSE_KINDS, option, POSE_TYPES),
         }
@@ -95,7 +95,7 @@ impl Content {
 
 /// The topics that a recording is made of.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Chosen<'a> {
+pub(super) struct ChosenTopics<'a> {
     pub scan: &'a str,
     pub odometry: Option<&'a str>,
     /// A topic of poses, or a pair of frames ([`Pair`]).
@@ -119,11 +119,11 @@ pub(super) struct Chosen<'a> {
 pub(super) fn choose<'a>(
     content: &'a Content,
     options: &'a ReadOptions,
-) -> Result<Chosen<'a>, BagError> {
+) -> Result<ChosenTopics<'a>, BagError> {
     let asked = &options.topics;
-    let (kinds, types): (&[Kind], _) = match options.slice {
-        Some(_) => (&[Kind::Cloud], "sensor_msgs/msg/PointCloud2 (with --slice)"),
-        None => (&[Kind::Scan, Kind::MultiEcho], SCAN_TYPES),
+    let (kinds, types): (&[MessageKind], _) = match options.slice {
+        Some(_) => (&[MessageKind::Cloud], "sensor_msgs/msg/PointCloud2 (with --slice)"),
+        None => (&[MessageKind::Scan, MessageKind::MultiEcho], SCAN_TYPES),
     };
     let no_scan = || {
         let damaged = (content.damaged.skipped > 0).then(|| content.damaged.to_string());
@@ -146,7 +146,7 @@ pub(super) fn choose<'a>(
         error => Err(error),
     };
     let odometry_topics: Vec<&str> = content
-        .names(&[Kind::Odometry])
+        .names(&[MessageKind::Odometry])
         .into_iter()
         .filter(|name| asked.reference.as_deref() != Some(*name))
         .collect();
@@ -155,7 +155,7 @@ pub(super) fn choose<'a>(
     const ODOMETRY_TYPE: &str = "nav_msgs/msg/Odometry";
     let odometry = match &asked.odometry {
         Some(topic) => {
-            Some(content.asked(topic, &[Kind::Odometry], "--odom-topic", ODOMETRY_TYPE)?)
+            Some(content.asked(topic, &[MessageKind::Odometry], "--odom-topic", ODOMETRY_TYPE)?)
         }
         None => only_or_named(&raw, "/odom")
             .map_err(|names| content.ambiguous(ODOMETRY_TYPE, &names, "--odom-topic"))
@@ -177,7 +177,7 @@ pub(super) fn choose<'a>(
             "reference: {topic} is the only topic of poses, and by its name neither a ground truth nor an estimate; it is taken for the truth (--reference none, --reference-topic or --reference FILE says otherwise)"
         ));
     }
-    Ok(Chosen { scan, odometry, reference: found, doubts, assumptions })
+    Ok(ChosenTopics { scan, odometry, reference: found, doubts, assumptions })
 }
 
 /// A pair of frames as a topic of poses: `/tf:map.base_link`.
@@ -207,7 +207,7 @@ impl<'a> Pair<'a> {
 /// The topics of transforms that belong to a topic: those in the namespace that is the longest prefix of its
 /// name, for `/tf_static` and the others alike; all of them, where none is a prefix.
 pub(super) fn transform_topics<'a>(content: &'a Content, of: Option<&str>) -> Vec<&'a str> {
-    let names = content.names(&[Kind::Transforms]);
+    let names = content.names(&[MessageKind::Transforms]);
     let Some(of) = of else { return names };
     let namespace = |name: &str| name.rfind('/').map_or(0, |slash| slash + 1);
     let is_static = |name: &str| name.ends_with("tf_static");
@@ -231,9 +231,9 @@ pub(super) fn cloud_topic<'a>(
     const OPTION: &str = "--cloud-topic";
     const TYPE: &str = "sensor_msgs/msg/PointCloud2";
     if let Some(topic) = asked {
-        return content.asked(topic, &[Kind::Cloud], OPTION, TYPE);
+        return content.asked(topic, &[MessageKind::Cloud], OPTION, TYPE);
     }
-    only_or_named(&content.names(&[Kind::Cloud]), "/points")
+    only_or_named(&content.names(&[MessageKind::Cloud]), "/points")
         .map_err(|names| content.ambiguous(TYPE, &names, OPTION))?
         .ok_or_else(|| BagError::NoCloud {
             topics: content.list(),
@@ -250,8 +250,8 @@ pub(super) fn odometry_topic<'a>(
     const OPTION: &str = "--odom-topic";
     const TYPE: &str = "nav_msgs/msg/Odometry";
     match asked {
-        Some(topic) => content.asked(topic, &[Kind::Odometry], OPTION, TYPE).map(Some),
-        None => only_or_named(&content.names(&[Kind::Odometry]), "/odom")
+        Some(topic) => content.asked(topic, &[MessageKind::Odometry], OPTION, TYPE).map(Some),
+        None => only_or_named(&content.names(&[MessageKind::Odometry]), "/odom")
             .map_err(|names| content.ambiguous(TYPE, &names, OPTION)),
     }
 }
@@ -265,13 +265,17 @@ fn reference_topic<'a>(
     if let Some(topic) = asked {
         return content.asked_poses(topic, OPTION).map(Some);
     }
-    let mut poses = content.names(&[Kind::Pose, Kind::PoseWithCovariance]);
+    let mut poses = content.names(&[MessageKind::Pose, MessageKind::PoseWithCovariance]);
     poses.retain(|name| !is_named(name, &GOALS) && !is_estimate(name));
     let truths = |names: &[&'a str]| -> Vec<&'a str> {
         names.iter().copied().filter(|name| is_named(name, &REFERENCE)).collect()
     };
     let candidates = match (poses.as_slice(), truths(&poses)) {
-        ([], _) => truths(&content.names(&[Kind::Odometry, Kind::Transform, Kind::Path])),
+        ([], _) => truths(&content.names(&[
+            MessageKind::Odometry,
+            MessageKind::Transform,
+            MessageKind::Path,
+        ])),
         (&[only], _) => vec![only],
         (several, named) if named.is_empty() => several.to_vec(),
         (_, named) => named,
@@ -341,7 +345,7 @@ pub(super) fn pose_topic<'a>(
     };
     let none = || BagError::NoPoses { topics: content.list() };
     if let Some(topic) = asked {
-        let is_transforms = content.names(&[Kind::Transforms]).contains(&topic);
+        let is_transforms = content.names(&[MessageKind::Transforms]).contains(&topic);
         if is_transforms {
             return Ok(PosesAt::Transforms);
         }
@@ -350,14 +354,14 @@ pub(super) fn pose_topic<'a>(
         let pair = Pair::of(topic).filter(|_| !is_topic);
         return Ok(pair.map_or(PosesAt::Topic(topic), PosesAt::Pair));
     }
-    let kinds: &[&[Kind]] = match role {
+    let kinds: &[&[MessageKind]] = match role {
         PoseRole::Reference => match reference_topic(content, None)? {
             Some(topic) => return Ok(PosesAt::Topic(topic)),
-            None => &[&[Kind::Path, Kind::Transform]],
+            None => &[&[MessageKind::Path, MessageKind::Transform]],
         },
         PoseRole::Estimate => &[
-            &[Kind::Pose, Kind::PoseWithCovariance, Kind::Odometry],
-            &[Kind::Path, Kind::Transform],
+            &[MessageKind::Pose, MessageKind::PoseWithCovariance, MessageKind::Odometry],
+            &[MessageKind::Path, MessageKind::Transform],
         ],
     };
     for kinds in kinds {
@@ -369,7 +373,7 @@ pub(super) fn pose_topic<'a>(
             several => return Err(content.ambiguous("poses", several, option)),
         }
     }
-    let transforms = content.names(&[Kind::Transforms]);
+    let transforms = content.names(&[MessageKind::Transforms]);
     match transforms.iter().any(|name| !name.ends_with("tf_static")) {
         true => Ok(PosesAt::Transforms),
         false => Err(none()),

@@ -17,7 +17,7 @@ use super::types::{LASER_SCAN, MessageType, ODOMETRY, POSE_STAMPED, TF_MESSAGE};
 #[cfg(feature = "sqlite")]
 use super::write_database::DatabaseWriter;
 use super::write_ros1::Ros1Writer;
-use crate::mount::Mount;
+use crate::mount::MountConversion;
 
 /// Uncompressed size of a chunk, in bytes. Small, because a truncated file loses most of its last chunk.
 const CHUNK_BYTES: u64 = 64 << 10;
@@ -226,7 +226,7 @@ struct Prepared {
     spans: Spans,
     /// Whether a scan lacks odometry or a reference pose that its neighbours have.
     has_gap: bool,
-    placed: Vec<Placed>,
+    placed: Vec<ScanPoses>,
 }
 
 impl Prepared {
@@ -291,7 +291,7 @@ impl Prepared {
             }
             let stamp = scan.stamp.unwrap_or(zero);
             log_time = log_time.max(stamp.nanoseconds() as u64);
-            let Placed { odometry, reference, edges } = placed;
+            let ScanPoses { odometry, reference, edges } = placed;
             if let Some(topic) = tf_topic.filter(|_| !edges.is_empty()) {
                 bag.message(topic, log_time, transforms(stamp, &edges))?;
             }
@@ -325,7 +325,7 @@ fn is_followed(scans: &[LaserScan], index: usize) -> bool {
 }
 
 /// The poses written for a scan.
-struct Placed {
+struct ScanPoses {
     odometry: Option<Pose2>,
     reference: Option<Pose2>,
     /// For `/tf`: parent, child, pose.
@@ -334,7 +334,7 @@ struct Placed {
 
 /// The poses to write, which must be in the range that readers accept: sums of many steps, or of a pose and
 /// the mount, may exceed it.
-fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagError> {
+fn place(recording: &Recording, spans: &Spans) -> Result<Vec<ScanPoses>, WriteBagError> {
     let is_readable =
         |pose: &Pose2| pose.is_finite() && pose.x.abs().max(pose.y.abs()) <= MAX_POSITION;
     let out_of_range = |scan, what| {
@@ -344,7 +344,7 @@ fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagEr
     if !is_readable(&recording.robot_from_laser) {
         return Err(out_of_range(0, "mount of the laser is out of range"));
     }
-    let mount = Mount::new(recording.robot_from_laser);
+    let mount = MountConversion::new(recording.robot_from_laser);
     let mut robot = Pose2::IDENTITY;
     let mut placed = Vec::with_capacity(recording.scans.len());
     for (index, scan) in recording.scans.iter().enumerate() {
@@ -369,7 +369,7 @@ fn place(recording: &Recording, spans: &Spans) -> Result<Vec<Placed>, WriteBagEr
             let what = "pose of the robot, with the odometry up to it, is out of range";
             return Err(out_of_range(index, what));
         }
-        placed.push(Placed { odometry, reference, edges });
+        placed.push(ScanPoses { odometry, reference, edges });
     }
     Ok(placed)
 }

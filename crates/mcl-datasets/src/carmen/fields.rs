@@ -5,7 +5,7 @@ use std::str::SplitAsciiWhitespace;
 
 use mcl_core::{ParseStampError, Pose2, Stamp};
 
-use crate::log::report::{Place, SkippedRecord};
+use crate::log::report::{RecordPlace, SkippedRecord};
 
 /// Largest pose component accepted (metres, radians). Beyond any place on Earth, and small enough that
 /// composed poses stay finite.
@@ -52,7 +52,7 @@ impl Malformed {
     /// Adds the line in the log (from 1).
     pub fn at_line(self, line: usize) -> SkippedRecord {
         SkippedRecord {
-            place: Place::Line(line),
+            place: RecordPlace::Line(line),
             record: self.record.to_owned(),
             field: self.field.to_string(),
             found: self.found,
@@ -63,17 +63,17 @@ impl Malformed {
 
 /// The fields of a record after its kind, read one by one.
 #[derive(Clone)]
-pub(crate) struct Fields<'a> {
+pub(crate) struct RecordFields<'a> {
     record: &'static str,
     tokens: SplitAsciiWhitespace<'a>,
 }
 
-impl<'a> Fields<'a> {
+impl<'a> RecordFields<'a> {
     /// Fields of `line` after its first one, the kind.
     pub fn of(record: &'static str, line: &'a str) -> Self {
         let mut tokens = line.split_ascii_whitespace();
         tokens.next();
-        Fields { record, tokens }
+        RecordFields { record, tokens }
     }
 
     pub fn malformed(&self, field: Field, found: &str, expected: impl Into<String>) -> Malformed {
@@ -133,7 +133,7 @@ impl<'a> Fields<'a> {
         ))
     }
 
-    /// [`Fields::stamp`]; `None` as well where the record ends before it.
+    /// [`RecordFields::stamp`]; `None` as well where the record ends before it.
     pub fn stamp_if_any(&mut self, field: Field) -> Result<Option<Stamp>, Malformed> {
         if self.remaining() == 0 { Ok(None) } else { self.stamp(field) }
     }

@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use mcl_core::{Pose2, ScanGeometry, Stamp};
 
-use super::fields::{Field, Fields, Malformed};
+use super::fields::{Field, Malformed, RecordFields};
 use crate::log::options::ReferencePoses;
 
 /// Parameters with the mount of the front laser on the robot: metres ahead of its centre and to the left, and
@@ -158,9 +158,11 @@ pub fn parse(line: &[u8]) -> Result<Record, Malformed> {
         RecordKind::Flaser => flaser(&text).map(Record::Scan),
         RecordKind::RobotLaser1 => robot_laser(&text).map(Record::Scan),
         RecordKind::RawLaser1 => raw_laser(&text).map(Record::RawScan),
-        RecordKind::Odom => Fields::of("ODOM", &text).pose(["x", "y", "theta"]).map(Record::Odom),
+        RecordKind::Odom => {
+            RecordFields::of("ODOM", &text).pose(["x", "y", "theta"]).map(Record::Odom)
+        }
         RecordKind::TruePos => {
-            Fields::of("TRUEPOS", &text).pose(["x", "y", "theta"]).map(Record::TruePos)
+            RecordFields::of("TRUEPOS", &text).pose(["x", "y", "theta"]).map(Record::TruePos)
         }
         _ => param(&text),
     }
@@ -226,7 +228,7 @@ pub(super) fn steps_off(geometry: &ScanGeometry, fov: f64) -> f64 {
 /// `FLASER n r₁…rₙ x y θ ox oy oθ stamp host logger_stamp`, of which the last three may be missing. The
 /// directions are those of a log without parameters.
 fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
-    let mut fields = Fields::of("FLASER", line);
+    let mut fields = RecordFields::of("FLASER", line);
     let beams = fields.count(Field::Named("n"))?;
     if beams == 0 {
         return Err(fields.malformed(Field::Named("n"), "0", "at least 1 beam"));
@@ -259,7 +261,7 @@ fn flaser(line: &str) -> Result<ScanRecord, Malformed> {
 /// `RAWLASER1 type start_angle fov resolution max_range accuracy remission_mode n r₁…rₙ m e₁…eₘ stamp host
 /// logger_stamp`
 fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
-    let mut fields = Fields::of("RAWLASER1", line);
+    let mut fields = RecordFields::of("RAWLASER1", line);
     let (geometry, readings, fov) = explicit_scan(&mut fields, 3)?;
     let stamp = fields.stamp(Field::Named("stamp"))?;
     Ok(readings.scan(geometry, [Pose2::IDENTITY; 2], stamp, fov))
@@ -269,7 +271,7 @@ fn raw_laser(line: &str) -> Result<ScanRecord, Malformed> {
 /// laser_x laser_y laser_θ robot_x robot_y robot_θ tv rv forward_safety side_safety turn_axis stamp
 /// host logger_stamp`
 fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
-    let mut fields = Fields::of("ROBOTLASER1", line);
+    let mut fields = RecordFields::of("ROBOTLASER1", line);
     let (geometry, readings, fov) = explicit_scan(&mut fields, 14)?;
     let laser = fields.pose(["laser_x", "laser_y", "laser_theta"])?;
     let robot = fields.pose(["robot_x", "robot_y", "robot_theta"])?;
@@ -281,7 +283,7 @@ fn robot_laser(line: &str) -> Result<ScanRecord, Malformed> {
 /// The directions and readings of a record with explicit directions, up to its remission values, which are
 /// not used; `after` fields follow them.
 fn explicit_scan(
-    fields: &mut Fields<'_>,
+    fields: &mut RecordFields<'_>,
     after: usize,
 ) -> Result<(ScanGeometry, Readings, Option<f64>), Malformed> {
     fields.pass(1);
@@ -321,7 +323,7 @@ fn explicit_scan(
 
 /// `PARAM name value …`; parameters that are not used may have any form.
 fn param(line: &str) -> Result<Record, Malformed> {
-    let mut fields = Fields::of("PARAM", line);
+    let mut fields = RecordFields::of("PARAM", line);
     let name = fields.text(Field::Named("name"), "a parameter's name")?;
     let laser_of = |names: [(&'static str, Laser); 2]| names.into_iter().find(|of| of.0 == name);
     if let Some((name, laser)) = laser_of(FOV_PARAMS) {
@@ -358,7 +360,7 @@ struct Readings {
 
 impl Readings {
     /// The next fields of a record with this number of beams.
-    fn of(fields: &mut Fields<'_>, beams: usize) -> Self {
+    fn of(fields: &mut RecordFields<'_>, beams: usize) -> Self {
         let ranges = Vec::with_capacity(beams);
         let mut readings = Readings { ranges, unreadable: 0, first_unreadable: None };
         for index in 0..beams {
@@ -386,7 +388,7 @@ impl Readings {
 
 /// Checks the number of fields of the whole record, of which `read` (kind included) have been read.
 fn check_total(
-    fields: &Fields<'_>,
+    fields: &RecordFields<'_>,
     read: usize,
     expected: usize,
     because: impl Fn() -> String,

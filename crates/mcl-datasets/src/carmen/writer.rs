@@ -8,7 +8,7 @@ use mcl_core::{LaserScan, Pose2, Recording, ScanGeometry, Stamp};
 use super::fields::MAX_POSE_COMPONENT;
 use super::reader::MAX_LINE_BYTES;
 use super::record::{REFERENCE_PARAM, flaser_geometry};
-use crate::mount::Mount;
+use crate::mount::MountConversion;
 
 /// The value written for a reading without return (NaN or infinite), in metres. CARMEN writes such readings
 /// as values beyond the sensor's range, and many of its readers stop at `inf`.
@@ -130,7 +130,7 @@ pub fn write(
 }
 
 /// The poses written for a scan.
-struct Placed {
+struct RecordPoses {
     /// Raw odometry up to the scan, where it is known.
     odometry: Option<Pose2>,
     laser: Pose2,
@@ -139,9 +139,9 @@ struct Placed {
 
 /// The poses to write, which must be in the range that readers accept: sums of many steps, or of a pose and
 /// the mount, may exceed it.
-fn place(recording: &Recording, has_reference: bool) -> Result<Vec<Placed>, WriteError> {
-    let mount = Mount::new(recording.robot_from_laser);
-    let mut placed: Vec<Placed> = Vec::with_capacity(recording.scans.len());
+fn place(recording: &Recording, has_reference: bool) -> Result<Vec<RecordPoses>, WriteError> {
+    let mount = MountConversion::new(recording.robot_from_laser);
+    let mut placed: Vec<RecordPoses> = Vec::with_capacity(recording.scans.len());
     let mut raw = Pose2::IDENTITY;
     for (index, scan) in recording.scans.iter().enumerate() {
         let start = match placed.last() {
@@ -159,13 +159,13 @@ fn place(recording: &Recording, has_reference: bool) -> Result<Vec<Placed>, Writ
             let what = "pose with the mount or the odometry up to it";
             return Err(WriteError::OutOfRange { scan: index, what });
         }
-        placed.push(Placed { odometry, laser, robot });
+        placed.push(RecordPoses { odometry, laser, robot });
     }
     Ok(placed)
 }
 
 /// Checks that no line is longer than readers accept.
-fn check_lengths(scans: &[LaserScan], placed: &[Placed]) -> Result<(), WriteError> {
+fn check_lengths(scans: &[LaserScan], placed: &[RecordPoses]) -> Result<(), WriteError> {
     let is_flaser = are_flaser(scans);
     let mut line = String::new();
     for (index, (scan, placed)) in scans.iter().zip(placed).enumerate() {
@@ -185,7 +185,7 @@ fn check_lengths(scans: &[LaserScan], placed: &[Placed]) -> Result<(), WriteErro
 
 fn write_lines(
     recording: &Recording,
-    placed: &[Placed],
+    placed: &[RecordPoses],
     has_reference: bool,
     comments: &[&str],
     sink: &mut impl Write,
@@ -319,8 +319,8 @@ fn write_odom(
     sink.write_all(line.as_bytes())
 }
 
-fn push_scan(line: &mut String, scan: &LaserScan, placed: &Placed, is_flaser: bool) {
-    let &Placed { laser, robot, .. } = placed;
+fn push_scan(line: &mut String, scan: &LaserScan, placed: &RecordPoses, is_flaser: bool) {
+    let &RecordPoses { laser, robot, .. } = placed;
     if is_flaser {
         push_flaser(line, scan, laser, robot);
     } else {

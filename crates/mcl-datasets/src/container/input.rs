@@ -9,7 +9,7 @@ use crate::packed::{SNIFFED_BYTES, damage};
 
 /// A reader that tracks offset and checksum.
 pub(super) struct Counted<'a> {
-    source: Source<'a>,
+    source: ByteSource<'a>,
     /// Bytes read or skipped so far.
     pub offset: u64,
     /// Checksum of all of them, as long as it is needed.
@@ -18,7 +18,7 @@ pub(super) struct Counted<'a> {
     pub damaged: Option<String>,
 }
 
-enum Source<'a> {
+enum ByteSource<'a> {
     Stream(Box<dyn Read + 'a>),
     File { file: BufReader<File>, length: u64 },
 }
@@ -32,18 +32,18 @@ impl<'a> Counted<'a> {
     }
 
     pub fn of_stream(stream: impl Read + 'a) -> Self {
-        Self::of(Source::Stream(Box::new(stream)))
+        Self::of(ByteSource::Stream(Box::new(stream)))
     }
 
-    fn of(source: Source<'a>) -> Self {
+    fn of(source: ByteSource<'a>) -> Self {
         Counted { source, offset: 0, crc: None, damaged: None }
     }
 
     /// Length of the file; `None` where the input cannot be seeked.
     pub fn length(&self) -> Option<u64> {
         match self.source {
-            Source::Stream(_) => None,
-            Source::File { length, .. } => Some(length),
+            ByteSource::Stream(_) => None,
+            ByteSource::File { length, .. } => Some(length),
         }
     }
 
@@ -51,8 +51,8 @@ impl<'a> Counted<'a> {
     pub fn read_up_to(&mut self, length: u64, bytes: &mut Vec<u8>) -> Result<(), StreamProblem> {
         let start = bytes.len();
         let outcome = match &mut self.source {
-            Source::Stream(stream) => stream.take(length).read_to_end(bytes),
-            Source::File { file, .. } => file.take(length).read_to_end(bytes),
+            ByteSource::Stream(stream) => stream.take(length).read_to_end(bytes),
+            ByteSource::File { file, .. } => file.take(length).read_to_end(bytes),
         };
         self.offset += (bytes.len() - start) as u64;
         if let Some(crc) = &mut self.crc {
@@ -83,7 +83,7 @@ impl<'a> Counted<'a> {
 
     /// Seeks to an offset of a file; bytes that are not read in order have no checksum.
     pub fn seek(&mut self, offset: u64) -> Result<(), StreamProblem> {
-        if let Source::File { file, .. } = &mut self.source {
+        if let ByteSource::File { file, .. } = &mut self.source {
             file.seek_relative(offset as i64 - self.offset as i64)?;
             self.offset = offset;
             self.crc = None;
@@ -94,7 +94,7 @@ impl<'a> Counted<'a> {
     /// Up to `length` bytes at an offset of a file; nothing for other inputs.
     pub fn peek(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, StreamProblem> {
         let mut bytes = Vec::new();
-        if let Source::File { file, .. } = &mut self.source {
+        if let ByteSource::File { file, .. } = &mut self.source {
             // Bypasses the buffer, which stays unchanged.
             let file = file.get_mut();
             let at = file.stream_position()?;
@@ -121,9 +121,9 @@ impl<'a> Counted<'a> {
 }
 
 /// A regular file, read from its first byte on: a pipe can be read only once.
-fn seekable<'a>(path: &std::path::Path) -> Option<Source<'a>> {
+fn seekable<'a>(path: &std::path::Path) -> Option<ByteSource<'a>> {
     let is_file = path.metadata().is_ok_and(|data| data.is_file());
     let file = is_file.then(|| File::open(path).ok()).flatten()?;
     let length = file.metadata().ok()?.len();
-    Some(Source::File { file: BufReader::with_capacity(SNIFFED_BYTES, file), length })
+    Some(ByteSource::File { file: BufReader::with_capacity(SNIFFED_BYTES, file), length })
 }

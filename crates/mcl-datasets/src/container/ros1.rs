@@ -246,7 +246,7 @@ impl Reader<'_> {
         Ok(if (bytes.len() as u64) < length { Piece::Cut } else { Piece::Whole })
     }
 
-    fn bag_header(&mut self, fields: &Fields<'_>) -> Result<(), StreamProblem> {
+    fn bag_header(&mut self, fields: &HeaderFields<'_>) -> Result<(), StreamProblem> {
         if let Some(encryptor) = fields.find("encryptor").filter(|name| !name.is_empty())
             && encryptor != b"rosbag/NoEncryptor"
         {
@@ -310,7 +310,7 @@ impl Reader<'_> {
     }
 
     /// Whether a chunk is uncompressed, complete, and in a file of which not everything is wanted.
-    fn is_plain(&self, chunk: &Fields<'_>, length: u64) -> bool {
+    fn is_plain(&self, chunk: &HeaderFields<'_>, length: u64) -> bool {
         let end = self.input.offset.saturating_add(length);
         chunk.find("compression") == Some(b"none")
             && chunk.u32("size").map(u64::from) == Ok(length)
@@ -388,7 +388,7 @@ impl Reader<'_> {
 
     fn chunk(
         &mut self,
-        fields: &Fields<'_>,
+        fields: &HeaderFields<'_>,
         packed: &[u8],
         is_cut: bool,
         visit: &mut Visit<'_>,
@@ -426,7 +426,7 @@ impl Reader<'_> {
     fn record(
         &mut self,
         opcode: u8,
-        fields: &Fields<'_>,
+        fields: &HeaderFields<'_>,
         data: &[u8],
         visit: &mut Visit<'_>,
     ) -> Result<(), StreamProblem> {
@@ -524,10 +524,10 @@ impl Reader<'_> {
 }
 
 /// The fields of a header: its bytes, checked to be well formed.
-struct Fields<'a>(&'a [u8]);
+struct HeaderFields<'a>(&'a [u8]);
 
 /// Fields `name=value`, each after its length.
-fn fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
+fn fields(header: &[u8]) -> Result<HeaderFields<'_>, BadRecord> {
     let mut rest = header;
     while !rest.is_empty() {
         let (field, after) = blob(rest).ok_or(BadRecord::new(
@@ -540,11 +540,11 @@ fn fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
         }
         rest = after;
     }
-    Ok(Fields(header))
+    Ok(HeaderFields(header))
 }
 
 /// The fields of a record in a chunk.
-fn chunk_fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
+fn chunk_fields(header: &[u8]) -> Result<HeaderFields<'_>, BadRecord> {
     let fields = fields(header)?;
     match fields.opcode()? {
         CONNECTION | MESSAGE => Ok(fields),
@@ -552,7 +552,7 @@ fn chunk_fields(header: &[u8]) -> Result<Fields<'_>, BadRecord> {
     }
 }
 
-impl<'a> Fields<'a> {
+impl<'a> HeaderFields<'a> {
     fn find(&self, name: &str) -> Option<&'a [u8]> {
         let mut rest = self.0;
         while let Some((field, after)) = blob(rest) {
@@ -592,7 +592,7 @@ impl<'a> Fields<'a> {
 }
 
 /// A chunk of the index at the end of a file, with its offset.
-fn summary(info: &Fields<'_>, data: &[u8]) -> Option<(u64, Summary)> {
+fn summary(info: &HeaderFields<'_>, data: &[u8]) -> Option<(u64, Summary)> {
     if info.opcode() != Ok(CHUNK_INFO) {
         return None;
     }

@@ -32,4 +32,4 @@ pub use options::{
 };
 pub use plane::{PoseInSpace, out_of_plane};
 pub use reference::poses_at;
-pub use report::{Place, ReadReport, SkippedRecord};
+pub use report::{ReadReport, RecordPlace, SkippedRecord};

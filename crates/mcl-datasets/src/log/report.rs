@@ -74,7 +74,7 @@ impl fmt::Display for ReadReport {
 
 /// The position of a record in its log.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Place {
+pub enum RecordPlace {
     /// Line of a text, from 1.
     Line(usize),
     /// Row of a table.
@@ -90,12 +90,12 @@ pub enum Place {
     },
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for RecordPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Line(line) => write!(f, "line {line}"),
-            Place::At(position) => position.fmt(f),
-            Place::Message { topic, log_time, position } => {
+            RecordPlace::Line(line) => write!(f, "line {line}"),
+            RecordPlace::At(position) => position.fmt(f),
+            RecordPlace::Message { topic, log_time, position } => {
                 let (seconds, rest) = (log_time / 1_000_000_000, log_time % 1_000_000_000);
                 write!(f, "{topic} at {seconds}.{rest:09} s ({position})")
             }
@@ -107,7 +107,7 @@ impl fmt::Display for Place {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SkippedRecord {
     /// Its position.
-    pub place: Place,
+    pub place: RecordPlace,
     /// Kind of the record (`FLASER`), or type of the message.
     pub record: String,
     /// Name of the field at fault.

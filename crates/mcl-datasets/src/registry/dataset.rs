@@ -20,7 +20,7 @@ pub struct Dataset {
     /// Whether it has scans or points.
     pub kind: DatasetKind,
     /// Where its scans or points come from.
-    pub source: Source,
+    pub source: Origin,
     /// Largest reading that counts as a measurement, in metres, inclusive; of a cloud, largest distance from
     /// the origin of its frame, where the scanner is.
     pub max_range: f64,
@@ -50,7 +50,7 @@ pub enum DatasetKind {
 
 /// Where the scans of a data set come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Source {
+pub enum Origin {
     /// A log on disk, CARMEN or MCAP (recognized by its first bytes), or a point cloud (recognized by its
     /// file ending).
     File(LogFile),
@@ -92,8 +92,8 @@ impl Dataset {
     /// The file of the data set; `None` when it is generated in memory.
     pub fn log_file(&self) -> Option<&LogFile> {
         match &self.source {
-            Source::File(file) => Some(file),
-            Source::Simulated { .. } => None,
+            Origin::File(file) => Some(file),
+            Origin::Simulated { .. } => None,
         }
     }
 }

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use crate::log::options::ReferencePoses;
 
-use super::dataset::{Dataset, DatasetKind, KnownCopy, LogFile, Source};
+use super::dataset::{Dataset, DatasetKind, KnownCopy, LogFile, Origin};
 use super::{DEFINITION_FILE, Facts};
 
 /// What is wrong with a `dataset.toml`.
@@ -160,7 +160,7 @@ impl Definition {
                 refuse(self.seed.is_some(), "seed", format)?;
                 let name = self.file.ok_or(DefinitionError::MissingKey { key: "file", format })?;
                 let file = log_file(format, name, self.other_names, self.urls, self.copies)?;
-                Source::File(LogFile { member: self.member, ..file })
+                Origin::File(LogFile { member: self.member, ..file })
             }
             Format::Simulated | Format::SimulatedCloud => {
                 refuse(self.file.is_some(), "file", format)?;
@@ -169,7 +169,7 @@ impl Definition {
                 refuse(self.member.is_some(), "member", format)?;
                 refuse(!self.copies.is_empty(), "copy", format)?;
                 let seed = self.seed.ok_or(DefinitionError::MissingKey { key: "seed", format })?;
-                Source::Simulated { seed }
+                Origin::Simulated { seed }
             }
         };
         Ok(Dataset {

@@ -45,7 +45,7 @@ mod verify;
 use std::path::{Path, PathBuf};
 
 pub use content::Content;
-pub use dataset::{DEFINITION_FILE, Dataset, DatasetKind, KnownCopy, LogFile, Source};
+pub use dataset::{DEFINITION_FILE, Dataset, DatasetKind, KnownCopy, LogFile, Origin};
 pub use definition::{DefinitionError, is_plain_name};
 pub use digest::{ParseDigestError, Sha256Digest};
 #[cfg(feature = "fetch")]

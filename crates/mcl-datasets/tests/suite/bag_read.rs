@@ -9,7 +9,7 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use mcl_core::Pose2;
 use mcl_datasets::bag::{self, Encoder, types};
-use mcl_datasets::log::{LogKind, Place, ReadOptions, ReferencePoses, TopicChoice, read_log};
+use mcl_datasets::log::{LogKind, ReadOptions, RecordPlace, ReferencePoses, TopicChoice, read_log};
 
 fn with_topics(scan: Option<&str>, odometry: Option<&str>, reference: Option<&str>) -> ReadOptions {
     let topics = TopicChoice {
@@ -267,7 +267,7 @@ fn malformed_messages_are_skipped_and_named() {
     // The increment spans them.
     assert_pose(log.recording.scans[1].odometry, 0.0, -3.0, 0.0);
     let details = &log.report.skipped_details;
-    let Place::Message { topic, log_time, .. } = &details[0].place else { panic!() };
+    let RecordPlace::Message { topic, log_time, .. } = &details[0].place else { panic!() };
     assert_eq!((topic.as_str(), *log_time), ("/scan", 2 * SECOND as u64));
     let text = log.report.to_string();
     for part in ["/scan at 2.000000000 s", "ends at byte 30", "0x0009", "transforms"] {

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use crate::support::*;
 use mcl_core::Stamp;
 use mcl_datasets::carmen::{self, CarmenError, MAX_LINE_BYTES};
-use mcl_datasets::log::{LogKind, Place, ReferencePoses, SkippedRecord};
+use mcl_datasets::log::{LogKind, RecordPlace, ReferencePoses, SkippedRecord};
 
 #[test]
 fn beams_of_flaser_begin_at_minus_90_degrees_in_whole_or_half_degrees() {
@@ -137,7 +137,7 @@ fn skipped(bad: &str) -> SkippedRecord {
     assert_eq!((log.report.skipped, log.recording.scans.len()), (1, 1), "{}", log.report);
     assert!(!log.report.is_complete());
     let record = log.report.skipped_details[0].clone();
-    assert_eq!(record.place, Place::Line(2));
+    assert_eq!(record.place, RecordPlace::Line(2));
     record
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mcl_datasets::log::ReferencePoses;
-use mcl_datasets::registry::{Content, DEFINITION_FILE, Dataset, Registry, RegistryError, Source};
+use mcl_datasets::registry::{Content, DEFINITION_FILE, Dataset, Origin, Registry, RegistryError};
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -74,7 +74,7 @@ fn the_definitions_agree_with_what_is_known_of_the_logs() {
         assert!(freiburg.iter().any(|known| known == name), "{name}");
     }
     let office = registry.get("simulated-office").unwrap();
-    assert!(matches!(office.source, Source::Simulated { .. }));
+    assert!(matches!(office.source, Origin::Simulated { .. }));
 }
 
 #[test]

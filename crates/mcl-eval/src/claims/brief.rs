@@ -5,7 +5,7 @@ use std::path::Path;
 use mcl_core::text::{list, numbers as told_apart};
 use mcl_study::store::results::{FIGURES, Results};
 
-use crate::claims::claim::{Claim, DatasetClaims, Evidence, Place, Verdict};
+use crate::claims::claim::{Claim, Conditions, DatasetClaims, Evidence, Verdict};
 use crate::claims::numbers::{Numbers, numbers, preference};
 use crate::claims::render::{columns, interval, shown};
 use crate::claims::short;
@@ -173,7 +173,7 @@ fn rest(all: &[&Claim], first: &[&Claim], open: usize, root: &Path) -> Vec<Strin
     let mut parts = Vec::new();
     if !others.is_empty() {
         let hold = others.iter().filter(|claim| claim.verdict == Verdict::Reproduced).count();
-        let of_paper: Vec<&Place> = first.iter().map(|claim| &claim.place).collect();
+        let of_paper: Vec<&Conditions> = first.iter().map(|claim| &claim.place).collect();
         let places = places(&others, &of_paper);
         parts.push(format!("under {places} {hold} of {}", others.len()));
     }
@@ -189,14 +189,14 @@ fn rest(all: &[&Claim], first: &[&Claim], open: usize, root: &Path) -> Vec<Strin
 }
 
 /// "book, default, alternate": how these places differ from the others.
-fn places(claims: &[&&Claim], than: &[&Place]) -> String {
+fn places(claims: &[&&Claim], than: &[&Conditions]) -> String {
     let is_known = |name: &String| {
-        let is_split = |place: &&Place| place.split.is_some_and(|split| split.name() == name);
+        let is_split = |place: &&Conditions| place.split.is_some_and(|split| split.name() == name);
         than.iter().any(|place| place.preset.as_ref() == Some(name) || is_split(place))
     };
     let mut names: Vec<String> = Vec::new();
     for claim in claims {
-        let Place { preset, split, .. } = &claim.place;
+        let Conditions { preset, split, .. } = &claim.place;
         for name in preset.iter().cloned().chain(split.iter().map(|split| split.name().to_owned()))
         {
             if !names.contains(&name) && !is_known(&name) {

@@ -15,7 +15,7 @@ use mcl_study::table::Value;
 use mcl_study::view::compare::{self, Comparison};
 use mcl_study::view::groups::{Group, Groups, order};
 
-use crate::claims::claim::{Claim, Outcome, Place, Test, Untestable};
+use crate::claims::claim::{Claim, Conditions, Outcome, Test, Untestable};
 
 /// The paper's four kinds of map.
 pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
@@ -91,7 +91,7 @@ impl Sizes {
 
 /// The measurements of a study on the paper's four kinds of map under the same settings.
 pub(super) struct Sampled<'a> {
-    pub place: Place,
+    pub place: Conditions,
     pub results: &'a Results,
     /// By kind and size, ascending; including those that have no rows yet.
     cells: Vec<Cell<'a>>,
@@ -162,7 +162,7 @@ impl<'a> Sampled<'a> {
             let results = groups.results;
             let text = |setting: &str| groups.place(setting).map(|at| of_part[0].text(at));
             let split = text("split").unwrap_or_default();
-            let place = Place {
+            let place = Conditions {
                 dataset: results.facts.name.clone(),
                 experiment: Some(results.name.clone()),
                 split: Split::ALL.into_iter().find(|known| known.name() == split),

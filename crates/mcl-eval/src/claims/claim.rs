@@ -26,7 +26,7 @@ pub struct DatasetClaims {
 pub struct Claim {
     /// The conditions of the measurement.
     #[serde(flatten)]
-    pub place: Place,
+    pub place: Conditions,
     /// Name of the claim, the same in every version of the program.
     pub id: &'static str,
     /// Section of the paper; sorts as it is written (I, IV, V, V-A, V-B).
@@ -46,7 +46,7 @@ pub struct Claim {
 
 /// The conditions of a claim's measurement.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Place {
+pub struct Conditions {
     /// Name in the registry, or of the log file.
     pub dataset: String,
     /// Name of the study; `None` for facts about the data.
@@ -205,7 +205,7 @@ pub(super) struct Test<F> {
 
 impl<F> Test<F> {
     /// The claim for an outcome.
-    pub fn claim(&self, place: Place, outcome: Outcome) -> Claim {
+    pub fn claim(&self, place: Conditions, outcome: Outcome) -> Claim {
         let Test { id, section, statement, test, .. } = *self;
         let (verdict, measured, evidence) = match outcome {
             Ok(Finding { holds: true, measured, evidence }) => {

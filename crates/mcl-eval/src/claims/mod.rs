@@ -25,7 +25,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mcl_study::store::results::Results;
 
 use cells::Sampled;
-use claim::{Claim, DatasetClaims, Place};
+use claim::{Claim, Conditions, DatasetClaims};
 
 /// Decides every claim for every data set in the plane on which a study has likelihoods or localization
 /// errors of the paper's four kinds of map; other studies are ignored. A study that cannot be compared with
@@ -82,7 +82,7 @@ fn decide_dataset(results: &[&Results]) -> Option<DatasetClaims> {
         return None;
     }
     let of_data =
-        Place { dataset: facts.name.clone(), experiment: None, split: None, preset: None };
+        Conditions { dataset: facts.name.clone(), experiment: None, split: None, preset: None };
     let of_facts = facts::CLAIMS.iter();
     let mut claims: Vec<Claim> =
         of_facts.map(|test| test.claim(of_data.clone(), (test.decide)(facts))).collect();

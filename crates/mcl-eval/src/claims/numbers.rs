@@ -8,7 +8,7 @@ use mcl_study::recipe::split::Split;
 use mcl_study::store::results::Results;
 
 use crate::claims::cells::{Cell, Sampled, Sizes, kinds};
-use crate::claims::claim::{Place, Untestable};
+use crate::claims::claim::{Conditions, Untestable};
 
 /// The preferred size (%); the nearest one is shown.
 const SIZE: f64 = 1.0;
@@ -49,7 +49,7 @@ pub fn numbers(results: &[Results]) -> Vec<Numbers> {
 }
 
 /// Sort key of several places: the conditions of the paper come first.
-pub(super) fn preference(place: &Place) -> [bool; 2] {
+pub(super) fn preference(place: &Conditions) -> [bool; 2] {
     let is_papers = |preset: &String| *preset == Preset::Carmen.to_string();
     [
         place.split.is_some_and(|split| split != Split::Same),

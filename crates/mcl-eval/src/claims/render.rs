@@ -3,7 +3,7 @@
 use mcl_core::text::{counted, numbers, p_value, printable};
 use mcl_study::recipe::split::Split;
 
-use crate::claims::claim::{ALPHA, Claim, DatasetClaims, Evidence, Place, Verdict};
+use crate::claims::claim::{ALPHA, Claim, Conditions, DatasetClaims, Evidence, Verdict};
 use crate::progress::wrapped;
 
 /// Width limits in columns: longer lines are hard to follow, and shorter ones would not fit some words.
@@ -163,11 +163,11 @@ fn place(claim: &Claim, all: &[&Claim]) -> String {
 fn filter(claim: &Claim, all: &[&Claim]) -> String {
     let alike =
         || all.iter().map(|other| (other.id, &other.place)).filter(|(id, _)| *id == claim.id);
-    let is_another = |a: &Place| {
+    let is_another = |a: &Conditions| {
         let mut of_data = alike().filter(|(_, b)| a.dataset == b.dataset);
         of_data.any(|(_, b)| a.experiment != b.experiment)
     };
-    let Place { experiment, preset, split, .. } = &claim.place;
+    let Conditions { experiment, preset, split, .. } = &claim.place;
     let experiment = experiment.as_deref().filter(|_| alike().any(|(_, place)| is_another(place)));
     let preset = preset.as_ref().filter(|_| alike().any(|(_, place)| place.preset != *preset));
     let split = split.filter(|&split| split != Split::Same).map(Split::name);
@@ -265,7 +265,7 @@ mod tests {
     use super::*;
 
     fn claim(id: &'static str, split: Option<Split>, verdict: Verdict) -> Claim {
-        let place = Place {
+        let place = Conditions {
             dataset: "office".into(),
             experiment: Some("localization".into()),
             split,
@@ -343,7 +343,7 @@ mod tests {
                 claim
             });
             dataset.claims = claims.collect();
-            let place = Place { preset: None, ..dataset.claims[0].place.clone() };
+            let place = Conditions { preset: None, ..dataset.claims[0].place.clone() };
             dataset.claims.push(Claim { place, ..claim("spread", None, Verdict::NotReproduced) });
             dataset
         };

@@ -7,7 +7,8 @@ mod read;
 use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Parser, Subcommand, ValueEnum};
 
 use crate::studies;
 pub use evaluate::{AlignTo, EvaluateArgs, Group, MatchBy, RpePairs, RpePath, TimeOffset, Whose};
@@ -186,6 +187,33 @@ pub struct StudyArgs {
     /// Folder that holds <study>/<data set>/; what trials took that are done there says what others will take.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
+}
+
+impl StudyArgs {
+    /// The options among these that the command line gives, except data sets and folder, as words of another command.
+    pub fn given(matches: &ArgMatches) -> Vec<String> {
+        let known = Self::augment_args(clap::Command::new("study"));
+        let mut words = Vec::new();
+        for option in known.get_arguments().filter(|option| !option.is_positional()) {
+            let id = option.get_id().as_str();
+            let is_given = matches.value_source(id) == Some(ValueSource::CommandLine);
+            let Some(long) = option.get_long().filter(|_| is_given) else { continue };
+            if ["datasets", "output"].contains(&id) {
+                continue;
+            }
+            match option.get_action().takes_values() {
+                true => words.extend(
+                    matches
+                        .get_raw(id)
+                        .into_iter()
+                        .flatten()
+                        .map(|value| format!("--{long}={}", value.to_string_lossy())),
+                ),
+                false => words.push(format!("--{long}")),
+            }
+        }
+        words
+    }
 }
 
 #[derive(Debug, Args)]

@@ -3,8 +3,8 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use mcl_datasets::log::read_log_as;
 use mcl_datasets::registry::{
-    Dataset, DatasetKind, Facts, FetchError, FetchEvent, FetchSettings, Fetched, ReadLogError,
-    Registry, Source, Verification,
+    Dataset, DatasetKind, Facts, FetchError, FetchEvent, FetchSettings, Fetched, Origin,
+    ReadLogError, Registry, Verification,
 };
 use serde::Serialize;
 
@@ -68,8 +68,8 @@ fn report(
 fn list(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     report(registry, names, |dataset| {
         let place = match &dataset.source {
-            Source::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
-            Source::File(file) => match registry.locate(dataset) {
+            Origin::Simulated { .. } => "simulated, nothing to fetch".to_owned(),
+            Origin::File(file) => match registry.locate(dataset) {
                 Ok(path) => path.display().to_string(),
                 Err(error) if file.urls.is_empty() => format!("not at hand: {error}"),
                 Err(_) => format!("not at hand: mcl-eval datasets fetch {}", dataset.name),
@@ -123,7 +123,7 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
     report(registry, names, |dataset| {
         let read = |path: &Path| read_for_facts(dataset, path);
         // Without names, data sets that are not available are not a failure.
-        let absent = matches!(dataset.source, Source::File(_)) && registry.locate(dataset).is_err();
+        let absent = matches!(dataset.source, Origin::File(_)) && registry.locate(dataset).is_err();
         match registry.verify(dataset, &read) {
             Err(error) if absent && names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))

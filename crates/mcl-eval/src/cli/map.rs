@@ -19,7 +19,7 @@ use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{input_files, print, reference_of_data, refuse, tell_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
-use mcl_study::auto::{Chosen, Rating, SIGMA_RANGE};
+use mcl_study::auto::{DataChoice, Rating, SIGMA_RANGE};
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::DataSource;
 use mcl_study::recipe::criterion::Criterion;
@@ -49,10 +49,10 @@ pub struct Built {
     reference: Option<String>,
     /// How an automatic size was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
-    auto_size: Option<Chosen>,
+    auto_size: Option<DataChoice>,
     /// How an automatic σ was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
-    auto_sigma: Option<Chosen>,
+    auto_sigma: Option<DataChoice>,
 }
 
 /// The size and σ of a map, given or chosen.
@@ -181,7 +181,7 @@ fn choose<const D: usize>(
     offset: GridOffset<D>,
     args: &MapArgs,
     watch: &Watch<'_>,
-) -> Result<(Wanted, [Option<Chosen>; 2])> {
+) -> Result<(Wanted, [Option<DataChoice>; 2])> {
     let by = args.auto_by;
     let is_auto = matches!(args.size, Some(Auto::Auto)) || matches!(args.sigma, Auto::Auto);
     let folds = match (is_auto && by == Criterion::HeldOut, folds) {
@@ -285,7 +285,7 @@ impl<const D: usize> Fitted<D> {
         data: &PointSet<D>,
         grid: Option<GridFigures>,
         wanted: Wanted,
-        [auto_size, auto_sigma]: [Option<Chosen>; 2],
+        [auto_size, auto_sigma]: [Option<DataChoice>; 2],
         args: &MapArgs,
     ) -> Result<Built> {
         let Fitted { initial, map, report } = self;

@@ -24,10 +24,10 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 
 use crate::progress::{tell, told_once};
-use args::{Cli, Command};
+use args::{Cli, Command, StudyArgs};
 
 /// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +53,7 @@ pub fn main() -> ExitCode {
 /// Runs the program on arguments, the first of which is its name, and returns its exit code. A usage error and an
 /// interrupted study end the process.
 pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    let result = match Cli::try_parse_from(arguments) {
+    let result = match parse(arguments) {
         Ok(cli) => run_command(cli),
         // The text of --help and --version is a result like any other.
         Err(told) if !told.use_stderr() => output::print_styled(&told),
@@ -72,6 +72,15 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             1
         }
     }
+}
+
+fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
+    let matches = Cli::command().try_get_matches_from(arguments)?;
+    let mut cli = Cli::from_arg_matches(&matches)?;
+    if let (Command::Plan(plan), Some((_, of_plan))) = (&mut cli.command, matches.subcommand()) {
+        plan.given = StudyArgs::given(of_plan);
+    }
+    Ok(cli)
 }
 
 fn run_command(cli: Cli) -> anyhow::Result<Outcome> {
@@ -104,7 +113,6 @@ fn set_threads(threads: u16) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     /// clap does not wrap lines of usage: those of `map` and `evaluate` were longer.
     #[test]

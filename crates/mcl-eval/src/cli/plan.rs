@@ -173,6 +173,9 @@ fn script(args: &PlanArgs, datasets: &[String], engine: Engine, planned: &Planne
     for dataset in datasets {
         run += &format!(" --dataset {}", quoted(dataset));
     }
+    for option in &args.given {
+        run += &format!(" {}", quoted(option));
+    }
     run += &format!(" -o {}", quoted(&args.of.output.display().to_string()));
     let head = format!(
         "# {} in {parts} parts: {} trials, about {:.2} hours of processor time ({}),\n# the longest part {:.2} hours, about {memory_mb:.0} MB of memory each.\n",

@@ -4,7 +4,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use mcl_core::files::hold;
 use mcl_core::text::{self, counted, printable};
-use mcl_datasets::registry::{Registry, Source, is_plain_name};
+use mcl_datasets::registry::{Origin, Registry, is_plain_name};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
 use mcl_study::data::source::{DataSource, name_of};
@@ -385,7 +385,7 @@ fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     let (mut names, mut missing) = (Vec::new(), Vec::new());
     for name in study.dataset_names() {
         let dataset = registry.get(name)?;
-        let present = matches!(dataset.source, Source::Simulated { .. });
+        let present = matches!(dataset.source, Origin::Simulated { .. });
         match registry.locate(dataset) {
             Err(_) if !present => missing.push(printable(name)),
             _ => names.push(name.to_owned()),

@@ -7,6 +7,7 @@ use mcl_study::recipe::localizer::LOCALIZER;
 use mcl_study::study::settings::PRESET;
 use mcl_study::table::{Row, Value};
 use mcl_study::view::labels::name_and_unit;
+use serde::Serialize;
 
 use crate::claims::claim::ALPHA;
 use crate::report::folder::Folder;
@@ -43,38 +44,44 @@ const SIZE: &str = "size_percent";
 /// Settings of a test that are positions in the table.
 const PLACES: [&str; 2] = ["dataset", SIZE];
 
-/// The verdict of a test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// The first is better, or larger for measures without a better direction.
+/// Which of the two a test shows to be better. Serialized as the name of its style on the page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Winner {
+    /// The first, or it is larger for measures without a better direction.
     First,
-    /// The second is.
+    /// The second.
     Second,
-    /// Not significant.
+    /// Neither: not significant.
     Open,
 }
 
 /// One test.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Cell {
     /// "0.65 times (0.60 to 0.71)" or "+3.2 (3.1 to 3.3)".
     pub effect: String,
     /// Blocks and p value; or why there was no test.
     pub detail: String,
-    /// The verdict; `None` where nothing could be tested.
-    pub verdict: Option<Verdict>,
+    /// Which of the two is better; `None` where nothing could be tested.
+    pub winner: Option<Winner>,
     /// Size of the effect, to find the largest: |difference| or |ln ratio|.
+    #[serde(skip)]
     strength: f64,
 }
 
-/// A comparison of two values of a setting by one measure, over data sets, sizes and other settings.
-#[derive(Debug)]
+/// A comparison of two values of a setting by one measure, over data sets, sizes and other settings. Serialized are
+/// the words and the table, which the page's script shows when it is opened.
+#[derive(Debug, Serialize)]
 pub struct Comparison {
     /// "gbs+f-km against gbs".
+    #[serde(skip)]
     pub title: String,
     /// "log-likelihood \[nats per point\]".
+    #[serde(skip)]
     pub measure: String,
     /// The result, in a sentence or two.
+    #[serde(skip)]
     pub sentence: String,
     /// Names of the columns of the table: sizes, or one without name.
     pub sizes: Vec<String>,
@@ -83,10 +90,13 @@ pub struct Comparison {
     /// "better" and "worse", or "higher" and "lower".
     pub words: [&'static str; 2],
     /// The setting whose values are compared.
+    #[serde(skip)]
     column: String,
     /// Its two values.
+    #[serde(skip)]
     sides: [String; 2],
     /// The sizes, to sort by.
+    #[serde(skip)]
     values: Vec<Value>,
 }
 
@@ -105,7 +115,7 @@ pub struct Unbeaten {
 pub type Share = Option<[usize; 2]>;
 
 /// A row of a comparison's table.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub struct ComparisonRow {
     /// The data set and, where they vary, other settings.
     pub place: String,
@@ -114,50 +124,20 @@ pub struct ComparisonRow {
 }
 
 impl Cell {
-    /// A symbol, so that nothing depends on colour.
-    pub fn symbol(&self) -> &'static str {
-        match self.verdict {
-            Some(Verdict::First) => "▲",
-            Some(Verdict::Second) => "▼",
-            Some(Verdict::Open) => "·",
-            None => "–",
-        }
-    }
-
-    /// Name of its style.
-    pub fn class(&self) -> &'static str {
-        match self.verdict {
-            Some(Verdict::First) => "first",
-            Some(Verdict::Second) => "second",
-            Some(Verdict::Open) => "open",
-            None => "none",
-        }
-    }
-
-    /// The symbol in words.
-    pub fn word<'a>(&self, words: &[&'a str; 2]) -> &'a str {
-        match self.verdict {
-            Some(Verdict::First) => words[0],
-            Some(Verdict::Second) => words[1],
-            Some(Verdict::Open) => "not decided",
-            None => "not tested",
-        }
-    }
-
     fn of(row: &Row<'_>) -> Self {
         let is_ratio = row.text("kind") == "ratio";
         let numbers =
             ["effect", "effect_low", "effect_high", "p_holm"].map(|name| row.number(name));
         let [Some(effect), Some(low), Some(high), Some(p)] = numbers else {
             let note = row.text("note").to_owned();
-            return Cell { effect: "–".to_owned(), detail: note, verdict: None, strength: 0.0 };
+            return Cell { effect: "–".to_owned(), detail: note, winner: None, strength: 0.0 };
         };
         let is_more = if is_ratio { effect > 1.0 } else { effect > 0.0 };
         let is_less_better = LESS.contains(&row.text("y"));
-        let verdict = match (p < ALPHA, is_more != is_less_better) {
-            (false, _) => Verdict::Open,
-            (true, true) => Verdict::First,
-            (true, false) => Verdict::Second,
+        let winner = match (p < ALPHA, is_more != is_less_better) {
+            (false, _) => Winner::Open,
+            (true, true) => Winner::First,
+            (true, false) => Winner::Second,
         };
         let blocks = row.number("blocks").unwrap_or(0.0) as usize;
         let interval = format!("{} to {}", number(low), number(high));
@@ -171,7 +151,7 @@ impl Cell {
         Cell {
             effect: shown_effect,
             detail: format!("{}, {} after Holm{note}", counted(blocks, "block"), p_value(p)),
-            verdict: Some(verdict),
+            winner: Some(winner),
             strength: if is_ratio { mcl_core::math::ln(effect).abs() } else { effect.abs() },
         }
     }
@@ -276,16 +256,16 @@ fn unbeaten_of(comparisons: &[&Comparison]) -> Unbeaten {
             .iter()
             .flat_map(|row| comparison.values.iter().zip(&row.cells).map(move |found| (row, found)))
         {
-            let Some(verdict) = cell.as_ref().and_then(|cell| cell.verdict) else { continue };
+            let Some(winner) = cell.as_ref().and_then(|cell| cell.winner) else { continue };
             let size = sizes.iter().position(|known| *known == size);
             let size = size.expect("sizes are those of all comparisons");
-            let losers = [Verdict::Second, Verdict::First];
+            let losers = [Winner::Second, Winner::First];
             for (side, loses) in comparison.sides.iter().zip(losers) {
                 let name = names.iter().position(|known| *known == side).unwrap_or_else(|| {
                     names.push(side);
                     names.len() - 1
                 });
-                *beaten.entry((name, &row.place, size)).or_default() |= verdict == loses;
+                *beaten.entry((name, &row.place, size)).or_default() |= winner == loses;
             }
         }
     }
@@ -347,10 +327,10 @@ fn percent(size: &Value) -> String {
 /// 0.1 % (Intel Research Lab): +3.2 (3.1 to 3.3)."
 fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]) -> String {
     let cells = || rows.iter().flat_map(|row| row.cells.iter().enumerate().map(move |c| (row, c)));
-    let count = |verdict| {
-        cells().filter(|(_, (_, c))| c.as_ref().and_then(|c| c.verdict) == Some(verdict)).count()
+    let count = |winner| {
+        cells().filter(|(_, (_, c))| c.as_ref().and_then(|c| c.winner) == Some(winner)).count()
     };
-    let [first, second, open] = [Verdict::First, Verdict::Second, Verdict::Open].map(count);
+    let [first, second, open] = [Winner::First, Winner::Second, Winner::Open].map(count);
     let tested = first + second + open;
     if tested == 0 {
         let untested = cells().find_map(|(_, (_, cell))| cell.as_ref());
@@ -370,12 +350,10 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
             format!("{} of {of}", capital(&parts.join(", ")))
         }
     };
-    for (verdict, word, total) in
-        [(Verdict::First, better, first), (Verdict::Second, worse, second)]
-    {
+    for (winner, word, total) in [(Winner::First, better, first), (Winner::Second, worse, second)] {
         let is_all = |place: &usize| {
             let mut of_size = rows.iter().filter_map(|row| row.cells[*place].as_ref()).peekable();
-            of_size.peek().is_some() && of_size.all(|cell| cell.verdict == Some(verdict))
+            of_size.peek().is_some() && of_size.all(|cell| cell.winner == Some(winner))
         };
         let agreed: Vec<usize> = (0..sizes.len()).filter(is_all).collect();
         if total < tested && rows.len() > 1 && !agreed.is_empty() && !sizes[0].is_empty() {
@@ -385,7 +363,7 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
     let decided = cells().filter_map(|(row, (place, cell))| {
         let cell = cell
             .as_ref()
-            .filter(|cell| matches!(cell.verdict, Some(Verdict::First | Verdict::Second)))?;
+            .filter(|cell| matches!(cell.winner, Some(Winner::First | Winner::Second)))?;
         Some((row, place, cell))
     });
     let strongest = decided.max_by(|a, b| a.2.strength.total_cmp(&b.2.strength));
@@ -402,13 +380,13 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
 fn by_preset(tests: &[(&Folder, Row<'_>)], [better, worse]: [&str; 2]) -> String {
     let mut presets: Vec<(&str, [usize; 3])> = Vec::new();
     for (_, row) in tests {
-        let Some(verdict) = Cell::of(row).verdict else { continue };
+        let Some(winner) = Cell::of(row).winner else { continue };
         let name = row.text(PRESET);
         let place = presets.iter().position(|(known, _)| *known == name).unwrap_or_else(|| {
             presets.push((name, [0; 3]));
             presets.len() - 1
         });
-        presets[place].1[verdict as usize] += 1;
+        presets[place].1[winner as usize] += 1;
     }
     let told = presets.iter().map(|(name, counts)| {
         let of: usize = counts.iter().sum();
@@ -494,11 +472,12 @@ mod tests {
             "Better in 3, worse in 1, not decided in 1 of 5 tests; better in every row at 0.1 %. \
              Largest at 0.1 % on aces: +3.20 (3.10 to 3.30)."
         );
-        let symbols = |row: &ComparisonRow| -> Vec<&str> {
-            row.cells.iter().map(|cell| cell.as_ref().map_or("", Cell::symbol)).collect()
+        let winners = |row: &ComparisonRow| -> Vec<Option<Winner>> {
+            row.cells.iter().map(|cell| cell.as_ref().and_then(|cell| cell.winner)).collect()
         };
-        assert_eq!(symbols(&found.rows[0]), ["▲", "▲", "·"]);
-        assert_eq!(symbols(&found.rows[1]), ["▲", "▼", ""]);
+        use Winner::{First, Open, Second};
+        assert_eq!(winners(&found.rows[0]), [Some(First), Some(First), Some(Open)]);
+        assert_eq!(winners(&found.rows[1]), [Some(First), Some(Second), None]);
         // A single pair says no more than its own table.
         assert!(unbeaten(std::slice::from_ref(found)).is_empty());
     }

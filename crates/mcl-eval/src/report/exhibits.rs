@@ -18,7 +18,7 @@ use crate::progress::{tell, told_once};
 use crate::report::at_hand::AtHand;
 use crate::report::compare_maps::{self, ChosenMaps, MapPair};
 use crate::report::slot::{Slot, SlotKind};
-use crate::report::watch::{self, Chosen, Watch};
+use crate::report::watch::{self, ChosenRuns, Watch};
 
 /// Limits in bytes for all runs of a page, and for all maps.
 const RUN_BYTES: usize = 1_500_000;
@@ -37,7 +37,7 @@ pub struct Wanted {
     /// Whether the study has a picture of a run.
     pictures_run: bool,
     /// Its runs, or why they are not shown; `None` for a study without runs.
-    runs: Option<Result<Chosen, String>>,
+    runs: Option<Result<ChosenRuns, String>>,
     /// Its maps, or why they are not shown; `None` for a study without two that can be compared.
     maps: Option<Result<ChosenMaps, String>>,
 }
@@ -99,7 +99,7 @@ impl Wanted {
 
     fn runs(
         &self,
-        chosen: &Chosen,
+        chosen: &ChosenRuns,
         at_hand: &mut AtHand<'_>,
         room: &mut Room,
     ) -> Result<Shown<Watch>> {

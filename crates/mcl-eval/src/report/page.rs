@@ -26,6 +26,7 @@ use crate::report::matrix::{Matrix, matrix};
 use crate::report::payload::{self, Payload, Style, pack};
 use crate::report::slot::Slot;
 use crate::report::text::{argument, bytes, date, duration, shown, shown_lines};
+use crate::studies::built_in;
 
 /// plotly.js, compressed by the build script.
 const PLOTLY: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plotly.js.gz"));
@@ -88,6 +89,8 @@ struct StudySection<'a> {
     cells: Vec<Vec<RunCell>>,
     is_first: bool,
     comparisons: Vec<Comparison>,
+    /// The tables of the comparisons.
+    packed: String,
     unbeaten: Vec<Unbeaten>,
     folders: Vec<FolderSection<'a>>,
     settings: Vec<Settings>,
@@ -322,7 +325,12 @@ fn study<'a>(
         .map(|(of, text)| Settings { of: of.join(", "), text: shown_lines(text) })
         .collect();
     let comparisons = comparisons(folders);
+    let packed = match comparisons.as_slice() {
+        [] => String::new(),
+        comparisons => pack(&serde_json::to_vec(comparisons)?)?,
+    };
     Ok(StudySection {
+        packed,
         unbeaten: unbeaten(&comparisons),
         name: shown(name),
         about: printable(&about.join(" ")).into_owned(),
@@ -454,7 +462,11 @@ fn commands(folder: &Folder) -> String {
     let root = folder.path.parent().and_then(|study| study.parent());
     let root = root.map_or(".".into(), |root| root.to_string_lossy());
     let root = argument(if root.is_empty() { "." } else { &root });
-    let study = argument(&format!("experiments/{}.toml", folder.study));
+    let is_built_in = built_in()
+        .iter()
+        .any(|known| known.name == folder.study && folder.settings.as_deref() == Some(known.text));
+    let file = if is_built_in { folder.study.clone() } else { format!("{}.toml", folder.study) };
+    let study = argument(&file);
     let dataset = argument(&folder.dataset);
     printable(&format!("mcl-eval run {study} --dataset {dataset} -o {root}")).into_owned()
         + &format!(

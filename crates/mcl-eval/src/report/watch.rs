@@ -58,7 +58,7 @@ pub struct WatchedRun {
 
 /// The chosen runs of a study.
 #[derive(Debug)]
-pub struct Chosen {
+pub struct ChosenRuns {
     /// How they were chosen, in a sentence.
     pub rule: String,
     /// Each with its role and its row.
@@ -107,7 +107,7 @@ pub fn distance_from_shown(map: &MapRecipe) -> (u8, f64) {
 ///
 /// # Errors
 /// Why there are no runs to show.
-pub fn choose(results: &Results, plan: &Plan) -> Result<Chosen> {
+pub fn choose(results: &Results, plan: &Plan) -> Result<ChosenRuns> {
     let of_own = |run: &&RunRecipe| run.program().is_none();
     let mut all: Vec<(&MapRecipe, &RunRecipe)> = Vec::new();
     for trial in &plan.trials {
@@ -150,7 +150,7 @@ pub fn choose(results: &Results, plan: &Plan) -> Result<Chosen> {
 }
 
 /// Ranks runs that differ in draw and run only.
-fn rank(found: Vec<(Trial, Row<'_>)>, map: &MapRecipe, run: &RunRecipe) -> Chosen {
+fn rank(found: Vec<(Trial, Row<'_>)>, map: &MapRecipe, run: &RunRecipe) -> ChosenRuns {
     let mut found: Vec<(f64, Trial, Row<'_>)> = found
         .into_iter()
         // A run without estimate has no mean, and ranks worst.
@@ -168,7 +168,7 @@ fn rank(found: Vec<(Trial, Row<'_>)>, map: &MapRecipe, run: &RunRecipe) -> Chose
     });
     let size = map.size.map_or(String::new(), |size| format!(" {size}"));
     let settings = format!("{}{size}, preset {}, split {}", map.kind, run.preset, split_of(map));
-    Chosen {
+    ChosenRuns {
         rule: rule(&counted(all, "run"), &format!("on {settings}"), all),
         runs: runs.collect(),
     }
@@ -208,7 +208,7 @@ pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
 ///
 /// # Errors
 /// When a run cannot be repeated, or differs from its row.
-pub fn repeat(title: String, chosen: &Chosen, data: &StudyData) -> Result<Watch> {
+pub fn repeat(title: String, chosen: &ChosenRuns, data: &StudyData) -> Result<Watch> {
     let maps = Maps::<2>::new(data, chosen.runs.iter().map(|chosen| &chosen.trial.map))?;
     let one = |chosen: &ChosenRun| -> Result<WatchedRun> {
         let run = repeat_one(chosen, &maps, data).with_context(|| chosen.trial.to_string())?;

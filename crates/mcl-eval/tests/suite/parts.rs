@@ -186,6 +186,11 @@ fn a_plan_starts_nothing_and_says_how_to_start() {
     assert_eq!((&found["each"][0]["trials"], &found["is_measured"]), (&0.into(), &true.into()));
     assert!(plan(&["--parts", "2", "--engine", "kubernetes"]).contains("completionMode: Indexed"));
     assert!(plan(&["--parts", "2", "--engine", "parallel"]).contains("parallel -S"));
+    // The parts read the data as the plan did.
+    let read = ["--max-range", "7.5", "--laser-pose", "-0.1,0,3.14", "--no-deskew"];
+    let script = plan(&[&["--parts", "2", "--engine", "parallel"], &read[..]].concat());
+    let options = " --max-range=7.5 --laser-pose=-0.1,0,3.14 --no-deskew -o results";
+    assert_eq!(script.matches(options).count(), 2, "{script}");
 }
 
 /// Makes the study so long that its parts are not over before somebody looks.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use mcl_core::{Point, Seed};
 use mcl_datasets::bag::{CloudOptions, is_in_range};
 use mcl_datasets::log::{ReadReport, is_bag, is_bag_folder, read_clouds};
-use mcl_datasets::registry::{Dataset, Facts, Registry, Source};
+use mcl_datasets::registry::{Dataset, Facts, Origin, Registry};
 use mcl_datasets::simulator::{LidarSettings, OfficeSettings, simulate_cloud};
 use mcl_maps::files::read_cloud;
 use sha2::{Digest, Sha256};
@@ -110,8 +110,8 @@ impl CloudSource {
     ) -> Result<Self> {
         let max_range = options.max_range.unwrap_or(dataset.max_range);
         let read = match &dataset.source {
-            Source::File(_) => read(&registry.locate(dataset)?, Some(max_range), options)?,
-            Source::Simulated { seed } => {
+            Origin::File(_) => read(&registry.locate(dataset)?, Some(max_range), options)?,
+            Origin::Simulated { seed } => {
                 // The lidar has the same range; its points are in the map's frame.
                 let lidar = LidarSettings { max_range, ..LidarSettings::default() };
                 let points = simulate_cloud(&OfficeSettings::default(), &lidar, Seed::new(*seed))?;

@@ -10,7 +10,7 @@ use mcl_datasets::bag::{BagError, Survey};
 use mcl_datasets::log::{
     Log, LogError, LogKind, ReadReport, ReferencePoses, is_bag, is_bag_folder, read_log_as,
 };
-use mcl_datasets::registry::{Dataset, DatasetKind, Registry, Source};
+use mcl_datasets::registry::{Dataset, DatasetKind, Origin, Registry};
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_maps::files::is_point_cloud;
 use sha2::{Digest, Sha256};
@@ -224,14 +224,14 @@ impl LogSource {
             return refuse_cloud(&dataset.name);
         }
         match &dataset.source {
-            Source::File(_) => {
+            Origin::File(_) => {
                 let path = registry.locate(dataset)?;
                 let mut read = options.read_options(dataset.reference)?;
                 read.no_deskew |= dataset.no_deskew;
                 let log = read_log_as(&path, &read)?;
                 Ok(Self::from_log(dataset.name.clone(), dataset.title.clone(), log, max_range))
             }
-            Source::Simulated { seed } => {
+            Origin::Simulated { seed } => {
                 let recording = simulate(&OfficeSettings::default(), Seed::new(*seed))?;
                 Ok(LogSource {
                     title: dataset.title.clone(),

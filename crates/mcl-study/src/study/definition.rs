@@ -155,7 +155,7 @@ impl Study {
 
     fn checked(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text).map_err(|error| toml_error(text, &error))?;
-        let source = Source(text);
+        let source = SourceText(text);
         let names = file.measures.as_ref();
         let measures = Measures::of(names.map_or(&[], |names| names.get_ref()));
         let start = names.map_or(0, |names| names.span().start);
@@ -420,12 +420,12 @@ fn sha256_of(path: &Path) -> Result<String> {
 }
 
 /// The text of a file, to report positions in it.
-struct Source<'a>(&'a str);
+struct SourceText<'a>(&'a str);
 
 /// Keys as written in a file.
 type Keys = BTreeMap<String, Spanned<toml::Value>>;
 
-impl Source<'_> {
+impl SourceText<'_> {
     fn line(&self, offset: usize) -> usize {
         line_at(self.0, offset)
     }
@@ -564,7 +564,7 @@ fn short(error: Error) -> Error {
 fn toml_error(text: &str, error: &toml::de::Error) -> Error {
     let message = error.message();
     match error.span() {
-        Some(span) => anyhow!("line {}: {message}", Source(text).line(span.start)),
+        Some(span) => anyhow!("line {}: {message}", SourceText(text).line(span.start)),
         None => anyhow!("{message}"),
     }
 }

@@ -6,14 +6,14 @@
 use crate::container::problem::BadRecord;
 
 /// The fields of one record.
-pub(super) struct Fields<'a> {
+pub(super) struct BinaryFields<'a> {
     record: &'static str,
     rest: &'a [u8],
 }
 
-impl<'a> Fields<'a> {
+impl<'a> BinaryFields<'a> {
     pub fn new(record: &'static str, body: &'a [u8]) -> Self {
-        Fields { record, rest: body }
+        BinaryFields { record, rest: body }
     }
 
     fn bad(&self, field: &'static str, found: &'static str) -> BadRecord {
@@ -66,7 +66,7 @@ impl<'a> Fields<'a> {
 
     /// Pairs of strings after the length of all of them in bytes, a `u32`.
     pub fn map(&mut self, field: &'static str) -> Result<Vec<(&'a str, &'a str)>, BadRecord> {
-        let mut inner = Fields { record: self.record, rest: self.blob(field)? };
+        let mut inner = BinaryFields { record: self.record, rest: self.blob(field)? };
         let mut pairs = Vec::new();
         while !inner.rest.is_empty() {
             pairs.push((inner.text(field)?, inner.text(field)?));
@@ -87,10 +87,10 @@ mod tests {
     #[test]
     fn no_field_reaches_beyond_its_record() {
         let huge = [0xff, 0xff, 0xff, 0xff, b'a'];
-        assert_eq!(Fields::new("Schema", &huge).text("name").unwrap_err().field, "name");
-        assert!(Fields::new("Channel", &huge).map("metadata").is_err());
-        assert!(Fields::new("Schema", &[1]).u16("id").is_err());
-        let mut fields = Fields::new("Schema", &[7, 0, 2, 0, 0, 0, b'o', b'k', 9]);
+        assert_eq!(BinaryFields::new("Schema", &huge).text("name").unwrap_err().field, "name");
+        assert!(BinaryFields::new("Channel", &huge).map("metadata").is_err());
+        assert!(BinaryFields::new("Schema", &[1]).u16("id").is_err());
+        let mut fields = BinaryFields::new("Schema", &[7, 0, 2, 0, 0, 0, b'o', b'k', 9]);
         assert_eq!(fields.u16("id"), Ok(7));
         assert_eq!(fields.text("name"), Ok("ok"));
         assert_eq!(fields.rest(), [9]);

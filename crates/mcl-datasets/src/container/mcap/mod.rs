@@ -23,7 +23,7 @@ use crate::container::item::{
 };
 use crate::container::position::Position;
 use crate::container::problem::{StreamError, StreamProblem};
-use fields::Fields;
+use fields::BinaryFields;
 
 /// MCAP, the default format of ROS 2 since 2023.
 pub static CONTAINER: Container =
@@ -141,12 +141,12 @@ impl Reader<'_> {
             }
             match opcode {
                 op::METADATA => {
-                    let mut fields = Fields::new("Metadata", &body);
+                    let mut fields = BinaryFields::new("Metadata", &body);
                     let name = fields.text("name")?;
                     visit(Item::Metadata(name, &fields.map("metadata")?))?;
                 }
                 op::DATA_END => {
-                    let declared = Fields::new("DataEnd", &body).u32("data_section_crc")?;
+                    let declared = BinaryFields::new("DataEnd", &body).u32("data_section_crc")?;
                     let found = crc_before.map(|crc| crc.finalize());
                     if let Some(found) = found.filter(|found| declared != 0 && declared != *found) {
                         return Err(StreamProblem::DataCrc { declared, found });
@@ -169,7 +169,7 @@ impl Reader<'_> {
     ) -> Result<(), StreamProblem> {
         match opcode {
             op::SCHEMA => {
-                let mut fields = Fields::new("Schema", body);
+                let mut fields = BinaryFields::new("Schema", body);
                 let id = fields.u16("id")?;
                 let schema = SchemaText {
                     name: fields.text("name")?.to_owned(),
@@ -185,7 +185,7 @@ impl Reader<'_> {
                 }
             }
             op::CHANNEL => {
-                let mut fields = Fields::new("Channel", body);
+                let mut fields = BinaryFields::new("Channel", body);
                 let id = fields.u16("id")?;
                 let schema_id = fields.u16("schema_id")?;
                 let topic = fields.text("topic")?.to_owned();
@@ -212,7 +212,7 @@ impl Reader<'_> {
                 }
             }
             op::MESSAGE => {
-                let mut fields = Fields::new("Message", body);
+                let mut fields = BinaryFields::new("Message", body);
                 let id = fields.u16("channel_id")?;
                 let sequence = fields.u32("sequence")?;
                 let log_time = fields.u64("log_time")?;

@@ -2,13 +2,13 @@
 
 use std::borrow::Cow;
 
-use super::fields::Fields;
+use super::fields::BinaryFields;
 use crate::container::chunk::{Compression, MAX_CHUNK_BYTES, unpack};
 use crate::container::problem::{BadRecord, StreamProblem};
 
 /// The records of a chunk, back to back. Of a truncated chunk (`is_cut`), as much as can be read.
 pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Cow<'_, [u8]>, StreamProblem> {
-    let mut fields = Fields::new("Chunk", body);
+    let mut fields = BinaryFields::new("Chunk", body);
     fields.bytes("message_start_time, message_end_time", 16)?;
     let size = fields.u64("uncompressed_size")?;
     let crc = fields.u32("uncompressed_crc")?;
@@ -43,7 +43,7 @@ pub(super) fn of(body: &[u8], is_cut: bool) -> Result<Cow<'_, [u8]>, StreamProbl
 /// Log times of the first and the last message of a chunk, in nanoseconds, and the offset of the records in
 /// its body, if they are not compressed.
 pub(super) fn head(body: &[u8]) -> Result<((u64, u64), Option<u64>), BadRecord> {
-    let mut fields = Fields::new("Chunk", body);
+    let mut fields = BinaryFields::new("Chunk", body);
     let log_times = (fields.u64("message_start_time")?, fields.u64("message_end_time")?);
     fields.u64("uncompressed_size")?;
     fields.u32("uncompressed_crc")?;

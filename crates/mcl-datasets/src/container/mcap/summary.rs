@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use mcap::records::op;
 
-use super::fields::Fields;
+use super::fields::BinaryFields;
 use super::{PREFIX_BYTES, prefix};
 use crate::container::index::{Spans, Summary};
 use crate::container::input::Counted;
@@ -27,7 +27,7 @@ pub(super) fn read(
     };
     let footer = input.peek(end, END_BYTES)?;
     let Some((op::FOOTER, 20)) = prefix(&footer) else { return Ok(None) };
-    let start = Fields::new("Footer", &footer[PREFIX_BYTES..]).u64("summary_start")?;
+    let start = BinaryFields::new("Footer", &footer[PREFIX_BYTES..]).u64("summary_start")?;
     let length = end.saturating_sub(start);
     if start == 0 || length > MAX_SUMMARY_BYTES {
         return Ok(None);
@@ -57,7 +57,7 @@ pub(super) fn read(
 }
 
 fn chunk(body: &[u8]) -> Result<(u64, Summary), BadRecord> {
-    let mut fields = Fields::new("ChunkIndex", body);
+    let mut fields = BinaryFields::new("ChunkIndex", body);
     let log_times = (fields.u64("message_start_time")?, fields.u64("message_end_time")?);
     let at = fields.u64("chunk_start_offset")?;
     fields.u64("chunk_length")?;
@@ -68,7 +68,7 @@ fn chunk(body: &[u8]) -> Result<(u64, Summary), BadRecord> {
 
 /// Number of chunks.
 fn statistics(body: &[u8]) -> Result<u32, BadRecord> {
-    let mut fields = Fields::new("Statistics", body);
+    let mut fields = BinaryFields::new("Statistics", body);
     fields.u64("message_count")?;
     fields.u16("schema_count")?;
     for field in ["channel_count", "attachment_count", "metadata_count"] {
@@ -79,7 +79,7 @@ fn statistics(body: &[u8]) -> Result<u32, BadRecord> {
 
 /// Adds the entries of a message index record; returns whether it is one.
 pub(super) fn add_entries(body: &[u8], spans: &mut Spans) -> bool {
-    let mut fields = Fields::new("MessageIndex", body);
+    let mut fields = BinaryFields::new("MessageIndex", body);
     let (Ok(id), Ok(entries)) = (fields.u16("channel_id"), fields.blob("records")) else {
         return false;
     };
@@ -92,7 +92,7 @@ pub(super) fn add_entries(body: &[u8], spans: &mut Spans) -> bool {
 /// Channel and log time of the message at the start of `bytes`.
 pub(super) fn message(bytes: &[u8]) -> Option<(u32, u64)> {
     let (op::MESSAGE, _) = prefix(bytes)? else { return None };
-    let mut fields = Fields::new("Message", &bytes[PREFIX_BYTES..]);
+    let mut fields = BinaryFields::new("Message", &bytes[PREFIX_BYTES..]);
     let id = fields.u16("channel_id").ok()?;
     fields.u32("sequence").ok()?;
     Some((u32::from(id), fields.u64("log_time").ok()?))

@@ -104,6 +104,9 @@ pub struct PlanArgs {
     /// Print the script that starts the parts with this, and the merge behind them.
     #[arg(long, value_name = "ENGINE")]
     pub engine: Option<Engine>,
+    /// The options of the study as they were given, except data sets and folder: the parts need them, too.
+    #[arg(skip)]
+    pub given: Vec<String>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

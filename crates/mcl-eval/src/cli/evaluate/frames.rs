@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use mcl_core::{Pose2, Trajectory};
 use serde::Serialize;
 
-use super::source::Source;
+use super::source::TrajectoryInput;
 use crate::cli::args::Whose;
 use crate::progress::tell;
 
@@ -84,8 +84,8 @@ pub fn name_of(whose: &Whose) -> String {
 /// # Errors
 /// When a side would have to be converted, and the mount is not known.
 pub fn compared<'a>(
-    reference: &'a Source,
-    estimate: &'a Source,
+    reference: &'a TrajectoryInput,
+    estimate: &'a TrajectoryInput,
     asked: Option<&Whose>,
     given: &Mounts,
 ) -> Result<Compared<'a>> {
@@ -102,7 +102,7 @@ pub fn compared<'a>(
         None if of_reference != of_estimate && *of_estimate == Whose::Laser => of_estimate,
         None => of_reference,
     };
-    let carry = |source: &Source, from: &Whose| -> Result<Pose2> {
+    let carry = |source: &TrajectoryInput, from: &Whose| -> Result<Pose2> {
         let Some(mount) = between(from, target) else {
             bail!(
                 "{}: its poses are those of {from}, and nothing says where {target} is beside that; compare it with a trajectory that says so (of `localize`, a log or a bag), give the laser's place with --mount X,Y,THETA, say whose poses files have with --reference-frame and --estimate-frame, or compare poses of another frame with --frame",
@@ -152,7 +152,7 @@ fn moved(trajectory: &Trajectory, carry: Pose2) -> Cow<'_, Trajectory> {
 }
 
 /// Whether both sides are in the same world frame, as far as known; warns where they are not.
-pub fn are_in_one_world(reference: &Source, estimate: &Source) -> bool {
+pub fn are_in_one_world(reference: &TrajectoryInput, estimate: &TrajectoryInput) -> bool {
     let [of_reference, of_estimate] = [&reference.within, &estimate.within].map(Option::as_deref);
     let label = estimate.of.label();
     match (of_reference, of_estimate) {

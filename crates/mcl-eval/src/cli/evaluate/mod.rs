@@ -22,7 +22,7 @@ use crate::progress::{tell, told_once};
 use figure::DrawnGroup;
 use group::{Comparison, GroupFigures, Run, run_name};
 use row::{ErrorRow, Evaluated, Row, Sampled};
-use source::{Named, Source};
+use source::{Named, TrajectoryInput};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
@@ -59,12 +59,12 @@ impl Done {
 struct References<'a> {
     args: &'a EvaluateArgs,
     global: &'a Global,
-    read: BTreeMap<String, Source>,
+    read: BTreeMap<String, TrajectoryInput>,
 }
 
 impl References<'_> {
     /// The reference for an estimate.
-    fn of(&mut self, estimate: &str) -> Result<&Source> {
+    fn of(&mut self, estimate: &str) -> Result<&TrajectoryInput> {
         let name =
             self.args.reference.replace("{run}", run_name(estimate)).replace("{file}", estimate);
         if !self.read.contains_key(&name) {

@@ -14,7 +14,7 @@ use mcl_metrics::{
 use serde::Serialize;
 
 use super::frames::{self, Mounts, SideFrames, compared};
-use super::source::{Named, Source};
+use super::source::{Named, TrajectoryInput};
 use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOffset};
 use crate::pose_errors::{ErrorSamples, Figures};
 use crate::progress::tell;
@@ -182,8 +182,8 @@ pub struct Sampled {
 
 /// Compares an estimate with the reference.
 pub fn evaluate(
-    reference: &Source,
-    source: &Source,
+    reference: &TrajectoryInput,
+    source: &TrajectoryInput,
     metric: &WeightedPoseError,
     args: &EvaluateArgs,
     quiet: bool,
@@ -416,7 +416,7 @@ fn tell_covered(
 /// Agreement of the errors with the estimate's covariances, in the estimate's own frames.
 fn consistency(
     matched: &Matched,
-    source: &Source,
+    source: &TrajectoryInput,
     places: &[usize],
     to_estimated: Pose2,
     reference_from_estimate: Pose2,

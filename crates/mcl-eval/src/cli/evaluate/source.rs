@@ -30,7 +30,7 @@ const BASE: [&str; 2] = ["base_link", "base_footprint"];
 const MAP: &str = "map";
 
 /// A trajectory, its source, and what is known of its frames.
-pub struct Source {
+pub struct TrajectoryInput {
     pub of: Named,
     pub trajectory: Trajectory,
     /// Covariance of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the
@@ -67,9 +67,9 @@ impl Named {
     }
 }
 
-impl Source {
+impl TrajectoryInput {
     fn new(file: &str, topic: Option<String>, trajectory: Trajectory) -> Self {
-        Source {
+        TrajectoryInput {
             of: Named { file: file.to_owned(), topic },
             trajectory,
             covariances: Vec::new(),
@@ -114,7 +114,7 @@ enum Format {
 }
 
 /// The trajectory of a file given as the reference.
-pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
+pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<TrajectoryInput> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
         return refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
@@ -135,10 +135,10 @@ pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Sou
 pub fn estimate(
     file: &str,
     topic: Option<&str>,
-    reference: &Source,
+    reference: &TrajectoryInput,
     args: &EvaluateArgs,
     global: &Global,
-) -> Result<Source> {
+) -> Result<TrajectoryInput> {
     let into = reference.within.as_deref().unwrap_or(MAP);
     let into = (args.align == AlignTo::None).then_some(into);
     let request = PoseRequest { topic, role: PoseRole::Estimate, into };
@@ -160,7 +160,7 @@ fn read(
     request: &PoseRequest<'_>,
     args: &EvaluateArgs,
     global: &Global,
-) -> Result<Source> {
+) -> Result<TrajectoryInput> {
     let mut source = match format {
         Format::Poses => poses(file, args, global)?,
         Format::Log => log(file, request.role, global)?,
@@ -213,7 +213,7 @@ fn bag_of_dataset(name: &str) -> Result<Option<PathBuf>> {
 }
 
 /// A file with poses only.
-fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
+fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<TrajectoryInput> {
     let read = |order| {
         let non_planar = if args.project { NonPlanar::Project } else { NonPlanar::Refuse };
         trajectory_file::read_file(file, &ReadSettings { non_planar, order })
@@ -227,7 +227,7 @@ fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
     if !global.quiet {
         found.notes.iter().for_each(|note| tell!("note: {file}: {note}"));
     }
-    let mut source = Source::new(file, None, found.trajectory);
+    let mut source = TrajectoryInput::new(file, None, found.trajectory);
     if !args.positions {
         found.doubts.iter().for_each(|doubt| tell!("warning: {file}: {doubt}"));
         source.is_complete = found.doubts.is_empty();
@@ -242,7 +242,7 @@ fn poses(file: &str, args: &EvaluateArgs, global: &Global) -> Result<Source> {
 
 /// The laser poses written in a CARMEN log: as a reference only where they are corrected; as an
 /// estimate also raw odometry.
-fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
+fn log(file: &str, role: PoseRole, global: &Global) -> Result<TrajectoryInput> {
     let reference = match role {
         PoseRole::Reference => None,
         PoseRole::Estimate => Some(ReferenceSource::Log(ReferencePoses::Recorded)),
@@ -267,17 +267,22 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<Source> {
         );
     }
     let is_complete = tell_losses(file, &log) == Outcome::Done && unstamped == 0;
-    Ok(Source {
+    Ok(TrajectoryInput {
         whose: Some(Whose::Laser),
         mounts: Mounts::of_laser(log.recording.robot_from_laser),
         is_complete,
-        ..Source::new(file, None, trajectory)
+        ..TrajectoryInput::new(file, None, trajectory)
     })
 }
 
 /// The poses of a bag's topic. Where the bag does not state whose they are, they are taken as the robot's
 /// (REP 105).
-fn bag(file: &str, path: &Path, request: &PoseRequest<'_>, global: &Global) -> Result<Source> {
+fn bag(
+    file: &str,
+    path: &Path,
+    request: &PoseRequest<'_>,
+    global: &Global,
+) -> Result<TrajectoryInput> {
     let found = read_poses(path, request)?;
     if !found.report.is_complete() {
         tell!("warning: {file}: {}", found.report);
@@ -298,14 +303,14 @@ fn bag(file: &str, path: &Path, request: &PoseRequest<'_>, global: &Global) -> R
         mounts.insert(Whose::Laser, laser);
     }
     let whose = found.frame.map_or(Whose::Robot, Whose::Frame);
-    let source = Source {
+    let source = TrajectoryInput {
         covariances: found.covariances,
         whose: Some(whose),
         within: found.parent,
         carried_from: found.carried_from,
         mounts,
         is_complete: found.report.is_complete(),
-        ..Source::new(file, Some(found.name), found.trajectory)
+        ..TrajectoryInput::new(file, Some(found.name), found.trajectory)
     };
     if !global.quiet {
         tell!("note: {}", source.describe());

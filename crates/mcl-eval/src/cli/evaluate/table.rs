@@ -21,7 +21,7 @@ pub struct Table {
 
 /// The format of `--table`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum TableFormat {
     Csv,
     Markdown,
     Latex,
@@ -31,12 +31,12 @@ pub enum Kind {
 ///
 /// # Errors
 /// When the ending is not one of the supported formats.
-pub fn kind_of(path: &Path) -> Result<Kind> {
+pub fn kind_of(path: &Path) -> Result<TableFormat> {
     let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_lowercase);
     match ending.as_deref() {
-        Some("csv") => Ok(Kind::Csv),
-        Some("md") => Ok(Kind::Markdown),
-        Some("tex") => Ok(Kind::Latex),
+        Some("csv") => Ok(TableFormat::Csv),
+        Some("md") => Ok(TableFormat::Markdown),
+        Some("tex") => Ok(TableFormat::Latex),
         _ => bail!("cannot write a table as {}: expected .csv, .md or .tex", path.display()),
     }
 }
@@ -47,9 +47,9 @@ pub fn kind_of(path: &Path) -> Result<Kind> {
 /// When the file cannot be written.
 pub fn write(path: &Path, tables: &[Table], rows: &[&Row]) -> Result<()> {
     let text = match kind_of(path)? {
-        Kind::Csv => return save(path, &csv(rows)?),
-        Kind::Markdown => join(tables, Table::markdown),
-        Kind::Latex => join(tables, Table::latex),
+        TableFormat::Csv => return save(path, &csv(rows)?),
+        TableFormat::Markdown => join(tables, Table::markdown),
+        TableFormat::Latex => join(tables, Table::latex),
     };
     save(path, text.as_bytes())
 }
@@ -256,6 +256,6 @@ mod tests {
         assert!(starred.latex().contains("\n{}*.tum & 1 "));
         assert!(table().text().starts_with("errors\nestimate      ATE, m\na_b|<script>"));
         assert!(kind_of("x.html".as_ref()).is_err());
-        assert_eq!(kind_of("x.TEX".as_ref()).unwrap(), Kind::Latex);
+        assert_eq!(kind_of("x.TEX".as_ref()).unwrap(), TableFormat::Latex);
     }
 }
