@@ -10,7 +10,7 @@ RESULTS ?= results
 # The page that shows all of them.
 REPORT ?= $(RESULTS)/report.html
 
-.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny wheel sdist python-test features package semver fmt clippy doc
+.PHONY: build experiments beyond sensitivity datasets figures report page-test test fuzz interop cluster large-bag bench peers localizers reproduce check deny wheel sdist python-test features package semver dist fmt clippy doc
 
 build:
 	$(CARGO) build --release --locked -p mcl-eval
@@ -178,6 +178,25 @@ sdist: $(MATURIN)/ready
 
 python-test: wheel sdist
 	CARGO_TARGET_DIR="$(TARGET)" crates/mcl-py/test.sh $(PYTHON) $(WHEELS)
+
+# A release, from a clean checkout: wheel, source distribution, crates, a program for any x86-64 Linux (static, by musl),
+# the licences of what is linked, and checksums. Needs cargo-about, and rustup's target of musl.
+DIST = $(TARGET)/dist
+STATIC = x86_64-unknown-linux-musl
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml)
+PROGRAM = mcl-eval-$(VERSION)-x86_64-linux
+dist:
+	@test -z "$$(git status --porcelain)" || { echo "make dist needs a clean checkout: a release is a revision" >&2; exit 1; }
+	@$(CARGO) about --version >/dev/null 2>&1 || { echo "make dist needs cargo-about: cargo install --locked cargo-about --features cli" >&2; exit 1; }
+	$(MAKE) wheel sdist package
+	rm -rf $(DIST) && mkdir -p $(DIST)/$(PROGRAM)
+	PATH="$(MATURIN)/bin:$$PATH" $(CARGO) zigbuild --release --locked --target $(STATIC) -p mcl-eval
+	$(CARGO) about generate --locked about.hbs >$(DIST)/licences-of-others.txt
+	cp "$(TARGET)/$(STATIC)/release/mcl-eval" README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE $(DIST)/licences-of-others.txt $(DIST)/$(PROGRAM)
+	tar -C $(DIST) --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$$(git log -1 --format=%ct)" -czf $(DIST)/$(PROGRAM).tar.gz $(PROGRAM)
+	rm -r $(DIST)/$(PROGRAM)
+	cp $(WHEELS)/*-$(VERSION)-*.whl $(WHEELS)/*-$(VERSION).tar.gz "$(TARGET)"/package/*-$(VERSION).crate $(DIST)
+	cd $(DIST) && sha256sum * >SHA256SUMS && cat SHA256SUMS
 
 # Licences, sources and duplicates of the dependencies; needs cargo-deny.
 deny:

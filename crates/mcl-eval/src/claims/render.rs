@@ -295,7 +295,7 @@ mod tests {
     fn datasets() -> Vec<DatasetClaims> {
         vec![DatasetClaims {
             name: "office".into(),
-            description: "Simulated office: 916 scans, 157,537 points with 0 < r ≤ 10 m, and so on"
+            description: "Simulated office: 916 scans, 157,426 points with 0 < r ≤ 10 m, and so on"
                 .into(),
             claims: vec![
                 claim("a", Some(Split::Same), Verdict::Reproduced),
