@@ -285,6 +285,9 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
             text += &format!("{}: {trial}{runs}: {state}\n", printable(dataset));
         }
         let pending = || listed.iter().filter(|trial| !trial.is_done);
+        if pending().count() == 0 {
+            return text + &format!("{}, all of them done", counted(listed.len(), "trial"));
+        }
         let seconds: f64 = pending().map(|trial| trial.seconds).sum();
         text += &format!(
             "{} trials, {} to be run: about {:.1} minutes of processor time, {}",

@@ -100,7 +100,8 @@ pub fn is_of(view: &Chart, name: &str) -> bool {
 fn panel(title: &str, view: Option<&Chart>) -> Panel {
     let is_part = |title_of: &str| !title_of.is_empty() && title.starts_with(title_of);
     let parts = view.map_or(&[][..], |view| &view.parts);
-    let part = parts.iter().position(|part| is_part(&part.title)).unwrap_or(0);
+    let number = parts.iter().position(|part| is_part(&part.title)).unwrap_or(0);
+    let part = parts.get(number);
     let axis =
         |axis: Option<&mcl_study::study::views::Axis>, own: Option<Scale>, name: &str| PanelAxis {
             label: match axis {
@@ -110,11 +111,16 @@ fn panel(title: &str, view: Option<&Chart>) -> Panel {
             scale: own.or(axis.map(|axis| axis.scale)).unwrap_or_default(),
             places: Vec::new(),
         };
+    let mut y = axis(view.map(|v| &v.y), part.and_then(|part| part.y), "y");
+    // A part may show a column of its own.
+    if let Some(column) = part.and_then(|part| part.column.as_deref()) {
+        y.label = axis_label(column);
+    }
     Panel {
         title: title.to_owned(),
-        part,
-        x: axis(view.and_then(|v| v.x.as_ref()), parts.get(part).and_then(|part| part.x), "x"),
-        y: axis(view.map(|v| &v.y), parts.get(part).and_then(|part| part.y), "y"),
+        part: number,
+        x: axis(view.and_then(|v| v.x.as_ref()), part.and_then(|part| part.x), "x"),
+        y,
         curves: String::new(),
         labels: Vec::new(),
         points: Vec::new(),
@@ -173,16 +179,19 @@ mod tests {
         let text = "panel,curve,x,y,low,high,blocks,rows,mark\n\
                     all sizes: carmen,gbs,0.1,6.5,6.3,6.7,20,40,3/40\n\
                     all sizes: carmen,rnd,0.1,7,,,20,40,\n\
-                    small,gbs,auto,1,,,2,2,\n";
+                    small,gbs,auto,1,,,2,2,\n\
+                    runs lost: carmen,gbs,0.1,0.5,,,2,2,\n";
         let study = Study::parse(
             "seed = 1\n[[trials]]\nmap = [\"gbs\", \"rnd\"]\nsize = 1\nruns = 1\n\
              [[views.charts]]\nname = \"errors-{split}\"\nx = { column = \"real_percent\", scale = \"log\" }\n\
-             y = { column = \"weighted\" }\nparts = [{ title = \"all sizes\", y = \"log\" }, { title = \"small\" }]\n",
+             y = { column = \"weighted\" }\nparts = [{ title = \"all sizes\", y = \"log\" }, { title = \"small\" }, { title = \"runs lost\", column = \"lost\" }]\n",
         )
         .unwrap();
         let table = parse_table(text.as_bytes()).unwrap();
         let found = chart("errors-same", &table, Some(&study));
-        let [all, small] = &found.panels[..] else { panic!("{found:?}") };
+        let [all, small, lost] = &found.panels[..] else { panic!("{found:?}") };
+        assert_eq!((lost.part, lost.y.label.as_str()), (2, "share of runs lost [–]"));
+        assert_eq!(small.y.label, "mean weighted error d [–]");
         assert_eq!(all.labels, ["gbs", "rnd"]);
         assert_eq!((all.x.scale, all.y.scale), (Scale::Log, Scale::Log));
         assert_eq!(all.points[0].interval, Some([6.3, 6.7]));
