@@ -410,7 +410,7 @@ fn a_line_that_cannot_be_taken_back_ends_the_journal() {
     result.unwrap_err();
     assert_eq!(steps.last().unwrap().0, Operation::Truncate);
     let message = journal.append(b"third").unwrap_err().to_string();
-    assert!(message.contains("could not be taken back"), "{message}");
+    assert!(message.contains("could not be removed"), "{message}");
     assert_eq!(read(journal.path()), (vec![b"first".to_vec()], Some(3)));
 }
 

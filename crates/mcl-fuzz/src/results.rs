@@ -90,7 +90,7 @@ pub fn folder(bytes: &[u8]) {
     drop(view::ranking::ranking(&all));
     for dataset in claims::decide(&all) {
         assert!(!dataset.claims.is_empty());
-        serde_json::to_string(&dataset).expect("claims can be told in JSON");
+        serde_json::to_string(&dataset).expect("claims can be written as JSON");
     }
 }
 

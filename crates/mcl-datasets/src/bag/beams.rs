@@ -96,7 +96,7 @@ pub(super) fn longest_sweep(
     match longest >= 0.0 && longest.is_finite() && longest <= SWEEP_JITTER * usual {
         true => Ok(longest),
         false => Err(format!(
-            "by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; it is not used, and beams are taken as measured at once"
+            "by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; time_increment is not used, and beams are taken as measured at once"
         )),
     }
 }
@@ -119,7 +119,7 @@ impl Swept {
         let Swept { scans, placed, farthest, longest, .. } = *self;
         if no_deskew && scans > 0 {
             return Some(format!(
-                "a scan takes {longest:.3} s; its beams are taken as measured at once, as asked for"
+                "a scan takes {longest:.3} s; its beams are taken as measured at once, as requested"
             ));
         }
         (placed > 0).then(|| {
@@ -135,7 +135,7 @@ impl Swept {
         let mut told = Vec::new();
         if lost > 0 {
             told.push(format!(
-                "{lost} readings were measured where neither odometry nor reference says where the laser was; they are left out (--no-deskew takes them as measured at the stamp)"
+                "{lost} readings were measured at times for which neither odometry nor reference gives the pose of the laser; they are left out (--no-deskew takes them as measured at the stamp)"
             ));
         }
         if placed < scans && !no_deskew {

@@ -121,7 +121,7 @@ impl Stretches {
         let (from, to) = (Stamp::from_nanoseconds(*from), Stamp::from_nanoseconds(*to));
         let times = counted(self.starts.len(), "time");
         Some(format!(
-            "time jumps back {times}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is taken apart; was a bag played in a loop, or a simulator reset?",
+            "time jumps back {times}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is kept apart; was a bag played in a loop, or a simulator reset?",
             from.seconds_since(to)
         ))
     }

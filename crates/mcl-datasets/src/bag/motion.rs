@@ -148,12 +148,12 @@ impl Motion {
         }).collect();
         if !told.is_empty() {
             doubts.push(format!(
-                "transforms: two topics tell different things of {}; what is on a topic of static transforms counts, else the last one",
+                "transforms: two topics contradict each other on {}; that of static transforms is used, else the last one",
                 told.join(", ")
             ));
         }
         doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|told| {
-            format!("transforms: {told} (--odom-frame NAME takes the odometry from another one)")
+            format!("transforms: {told} (--odom-frame NAME takes the odometry from another frame)")
         }));
         doubts
     }
@@ -174,7 +174,7 @@ impl Motion {
         let told = |(child, others): (&str, Vec<String>)| {
             let edge = self.edges.get(child).filter(|edge| edge.is_moving() && wanted(edge))?;
             Some(format!(
-                "{child:?} moves in {:?} and in {} as well on {}; the first is taken where none is asked for",
+                "{child:?} moves in {:?} and also in {} on {}; the first is used unless an option names another",
                 edge.parent,
                 others.join(", "),
                 edge.topic

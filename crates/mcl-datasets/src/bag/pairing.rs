@@ -42,7 +42,7 @@ pub(crate) fn shared_stamps(moments: impl Iterator<Item = Moment>) -> Option<(St
     let (most, count) = counts.iter().max_by_key(|(_, count)| **count)?;
     (sharing > 0).then(|| {
         let told = format!(
-            "{sharing} of {all} scans share their stamp with another, which then cannot tell them apart: there {} {}, that of {} s {} times",
+            "{sharing} of {all} scans share their stamp with another scan, so stamps cannot tell them apart: there {} {}, and {} s occurs {} times",
             if counts.len() == 1 { "is" } else { "are" },
             counted(counts.len(), "different stamp"),
             Stamp::from_nanoseconds(most.at),
@@ -136,7 +136,7 @@ impl Track {
                 }
             };
             told.doubts.push(format!(
-                "{what}: stamps do not tell which of its poses belongs to {unclear} of {scans} scans{shared}; no {what} there"
+                "{what}: stamps do not say which of its poses belongs to {unclear} of {scans} scans{shared}; no {what} there"
             ));
         }
         if outside == scans {
@@ -160,7 +160,7 @@ impl Track {
         }
         if in_gaps > 0 {
             told.doubts.push(format!(
-                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over so long, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
+                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over that time, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
                 lie(in_gaps),
                 longest_gap as f64 / NANOSECONDS,
                 scans - unclear - outside - in_gaps,
@@ -210,7 +210,7 @@ pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
 /// The error that a file of poses covers more time stretches than the log and cannot be used.
 pub(crate) fn goes_over_again(name: &str, in_file: usize, in_log: usize) -> String {
     format!(
-        "reference: in {name} time jumps back {} and goes over the same time again, in the scans {}, so nothing says which belongs to which and it is not used: cut it where its time jumps",
+        "reference: time jumps back {} in {name}, which then covers the same time again, and {} in the scans, so poses cannot be matched with scans and the reference is not used: cut it where its time jumps",
         counted(in_file.saturating_sub(1), "time"),
         counted(in_log.saturating_sub(1), "time"),
     )

@@ -131,7 +131,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     };
     if !left_out.is_empty() {
         assembly.notes.push(format!(
-            "transforms: those on {} are left out, as they are of another namespace than {scan_topic}",
+            "transforms: those on {} are left out, as their namespace is not that of {scan_topic}",
             left_out.join(", ")
         ));
     }
@@ -174,7 +174,7 @@ fn robot_frame(
     match by_tree() {
         Some(robot) => {
             let doubt = format!(
-                "odometry: it is of frame {child:?}, which no transforms connect with {laser:?}; its poses are taken to be those of {robot:?} (--base-frame says otherwise)"
+                "odometry: it is of frame {child:?}, which no transforms connect with {laser:?}; its poses are taken as those of {robot:?} (--base-frame changes this)"
             );
             (robot, Some(doubt))
         }
@@ -241,7 +241,7 @@ impl Assembly<'_> {
             && self.motion.link(&base, &laser).is_some_and(|link| link.sways());
         if sways {
             self.notes.push(format!(
-                "the laser sways on {base:?}: where it is, is taken at the time of each scan"
+                "the laser sways on {base:?}: each scan has the pose of the laser at its own time"
             ));
         }
         let occurrences = self.occurrences.clone();
@@ -316,7 +316,7 @@ impl Assembly<'_> {
         self.say_swept(&swept);
         if by_log_time > 0 {
             self.assumptions.push(format!(
-                "stamps: scans without a stamp in their header: {by_log_time}; the time they were logged is taken"
+                "stamps: scans without a stamp in their header: {by_log_time}; their log time is used"
             ));
         }
         for track in [odometry, reference].into_iter().flatten() {
@@ -395,7 +395,7 @@ impl Assembly<'_> {
         let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
         if without > 0 && self.lists.is_none() {
             self.assumptions.push(format!(
-                "{what}: {without} of {} have no stamp in their header; the time they were logged is taken",
+                "{what}: {without} of {} have no stamp in their header; their log time is used",
                 counted(poses.len(), "message")
             ));
         }
@@ -411,7 +411,7 @@ impl Assembly<'_> {
 
     fn mount(&mut self, base: &str, laser: &str) -> Result<LaserMount, BagError> {
         if let Some(asked) = self.options.laser_pose {
-            self.notes.push(format!("laser on {base:?}: as asked for"));
+            self.notes.push(format!("laser on {base:?}: as given by --laser-pose"));
             let mount = self.of_scans(LaserMount::asked(asked), base, laser)?;
             self.say_tilt(base, mount);
             return Ok(mount);
@@ -604,7 +604,7 @@ impl Assembly<'_> {
         let found = found.map(|mount| self.of_scans(mount, &frame, laser)).transpose()?;
         if found.is_none() {
             self.report.doubts.push(format!(
-                "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken to be those of {base:?} (--reference-frame robot, laser or NAME says otherwise)"
+                "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken as those of {base:?} (--reference-frame robot, laser or NAME changes this)"
             ));
             return Ok((Some(mount), base.to_owned()));
         }

@@ -93,7 +93,7 @@ pub(super) fn contradictions(
         let scan = &scans[index].value;
         let geometry = &scan.geometry;
         said.doubts.push(format!(
-            "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings by angle_increment {:.6} from angle_min {:.4} on end at {:.4} rad, angle_max is {:.4} (scan {index}); angle_increment is taken",
+            "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings with angle_increment {:.6} from angle_min {:.4} end at {:.4} rad, but angle_max is {:.4} (scan {index}); angle_increment is used",
             off.len(),
             scans.len(),
             geometry.beams,

@@ -284,7 +284,7 @@ impl Database {
             let number = row.get(0).map_err(Stop::of)?;
             at.current = number;
             if at.used.is_some_and(|used| number <= used) {
-                return Err(Stop::Damage(format!("row {number} comes a second time")));
+                return Err(Stop::Damage(format!("row {number} occurs twice")));
             }
             let length: Option<i64> = row.get(3).map_err(Stop::of)?;
             left = left.checked_sub(length.map_or(0, i64::unsigned_abs)).ok_or_else(|| {
@@ -393,7 +393,7 @@ fn told(error: &rusqlite::Error) -> String {
                 .to_owned()
         }
         Some(ErrorCode::TooBig) => {
-            format!("a row is longer than {MAX_CHUNK_BYTES} bytes, or says so")
+            format!("a row is longer than {MAX_CHUNK_BYTES} bytes, or claims to be")
         }
         _ => format!("the database is damaged ({error})"),
     }

@@ -40,7 +40,7 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
     };
     if frame != LASER && !ROBOT.contains(&frame) {
         log.report.doubts.push(format!(
-            "reference: its poses are of frame {frame:?}, and the log says nothing of frames; they are taken to be the robot's (--reference-frame robot or laser says otherwise)"
+            "reference: its poses are of frame {frame:?}, but the log names no frames; they are taken as poses of the robot (--reference-frame robot or laser changes this)"
         ));
     }
     let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);

@@ -314,7 +314,7 @@ fn a_small_database_of_many_or_large_rows_is_stopped() {
             }
         },
     );
-    assert_says(&refused(&doubled), &["comes a second time"]);
+    assert_says(&refused(&doubled), &["occurs twice"]);
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 

@@ -150,9 +150,9 @@ fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
         let chunk = places(&bytes, b"chunk_pos=")[3] + 10;
         for (at, what) in [(index, "the index"), (chunk, "a chunk")] {
             for (place, told) in [
-                (1_u64 << 40, "behind the end of the file"),
-                (bytes.len() as u64, "behind the end of the file"),
-                (5_000, "where none is"),
+                (1_u64 << 40, "beyond the end of the file"),
+                (bytes.len() as u64, "beyond the end of the file"),
+                (5_000, "where there is none"),
             ] {
                 let mut damaged = bytes.clone();
                 damaged[at..at + 8].copy_from_slice(&place.to_le_bytes());

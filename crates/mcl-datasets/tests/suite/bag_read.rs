@@ -170,7 +170,7 @@ fn reference_poses_are_of_the_robot_and_become_those_of_the_laser() {
             "/a (",
             "/b (",
             "--odom-topic",
-            "none is taken",
+            "none is used",
         ],
     );
     let log = bag::read(&*bag(&entries), &with_topics(None, None, Some("/gazebo"))).unwrap();

@@ -151,7 +151,7 @@ fn what_a_bag_says_of_its_scans_is_not_used_of_others() {
     let log = read_log(&path).unwrap();
     assert!(log.recording.scans.len() < 20);
     let told = &log.report.doubts[0];
-    assert!(told.contains("tells of 20 scans") && told.contains("another program"), "{told}");
+    assert!(told.contains("lists 20 scans") && told.contains("another program"), "{told}");
 }
 
 #[test]

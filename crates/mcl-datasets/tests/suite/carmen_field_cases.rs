@@ -268,7 +268,7 @@ fn readings_that_programs_of_windows_print_are_no_returns() {
         assert!(if is_nan { found.is_nan() } else { found == f64::INFINITY }, "{text}: {found}");
         assert_eq!(log.recording.scans[0].usable_beams(10.0), 179);
         let is_word = text == "-1.#J";
-        assert_eq!(log.notes.join("").contains("no numbers: 1"), is_nan && !is_word);
+        assert_eq!(log.notes.join("").contains("not numbers: 1"), is_nan && !is_word);
         assert_eq!(log.report.is_complete(), !is_word, "{text}");
     }
 }
@@ -282,7 +282,7 @@ fn a_reading_that_is_a_word_costs_itself_alone() {
         assert_eq!((log.recording.scans.len(), log.report.skipped), (3, 0), "{text}");
         let found = &log.recording.scans[1].ranges;
         assert!(found[0].is_nan() && found[1..].iter().all(|&range| range == 1.0), "{text}");
-        let told = format!("readings: 1 in 1 of 3 scans are no numbers (line 2: r1 is {text})");
+        let told = format!("readings: 1 in 1 of 3 scans are not numbers (line 2: r1 is {text})");
         assert!(log.report.doubts[0].contains(&told), "{}", log.report);
         assert!(!log.report.is_complete());
     }

@@ -45,7 +45,10 @@ fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
         ],
     );
     let wrong_sign = Fields { angle_min: FRAC_PI_2, angle_max: -FRAC_PI_2, ..HALF_TURN };
-    assert_doubts(&read(&with(wrong_sign, BEAMS)), &["end at 4.7124 rad, angle_max is -1.5708"]);
+    assert_doubts(
+        &read(&with(wrong_sign, BEAMS)),
+        &["end at 4.7124 rad, but angle_max is -1.5708"],
+    );
     let degrees = Fields { angle_min: 0.0, angle_max: 359.0, step: 1.0, ..HALF_TURN };
     assert_says(&refused(&with(degrees, 360)), &["57.1 turns", "are these degrees?"]);
 }
@@ -109,7 +112,7 @@ fn of_two_robots_only_the_transforms_of_the_one_that_is_read_count() {
     // Two topics that tell different things of one frame.
     let mut entries = usual();
     entries.push(edge("/tf", 0.0, ["mast", "laser"], other));
-    assert_doubts(&read(&bag(&entries)), &["two topics tell different things of laser"]);
+    assert_doubts(&read(&bag(&entries)), &["two topics contradict each other on laser"]);
 }
 
 #[test]
@@ -257,7 +260,7 @@ fn odometry_of_a_frame_without_transforms() {
     let log = read(&bag(&entries));
     assert_doubts(
         &log,
-        &["frame \"odom_link\"", "taken to be those of \"base_link\"", "--base-frame"],
+        &["frame \"odom_link\"", "taken as those of \"base_link\"", "--base-frame"],
     );
     assert!(worst(&log) < 1e-5);
     let options =

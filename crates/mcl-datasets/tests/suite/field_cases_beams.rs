@@ -128,7 +128,7 @@ fn beams_are_placed_where_the_laser_was_when_they_were_measured() {
         // What comes after the last pose has no place.
         assert_eq!((usable(&log, 9), usable(&log, 10)), (FULL_TURN, 1));
         let told = log.assumptions.join("\n");
-        assert!(told.contains("359 readings were measured where neither"), "{told}");
+        assert!(told.contains("359 readings were measured at times for which neither"), "{told}");
         assert!(log.report.is_complete());
         assert!(log.recording.scans.iter().all(|scan| scan.sweep.time_increment == 0.0));
     }
@@ -136,7 +136,7 @@ fn beams_are_placed_where_the_laser_was_when_they_were_measured() {
     let log = bag::read(&*bag(&both), &options).unwrap();
     assert!(worst(&log) > 0.5, "{}", worst(&log));
     assert_eq!(log.assumptions, [""; 0]);
-    assert!(log.notes.iter().any(|note| note.contains("measured at once, as asked for")));
+    assert!(log.notes.iter().any(|note| note.contains("measured at once, as requested")));
     // Written as they were measured, they come to the same; but the last, as the bag has no pose after it.
     let written = bag::write(&log.recording, std::io::Cursor::new(Vec::new())).unwrap();
     let mut again = read(written.get_ref());

@@ -22,7 +22,10 @@ fn a_mount_that_two_topics_tell_differently_is_told() {
                 false => entries.extend(others),
             }
             let log = read(&bag(&entries));
-            assert_doubts(&log, &["different things of laser", "/tf has it 0.400 m and 90.0°"]);
+            assert_doubts(
+                &log,
+                &["contradict each other on laser", "/tf has it 0.400 m and 90.0°"],
+            );
             assert_eq!(worst(&log) < 1e-5, fixed == MOUNT, "that of /tf_static counts");
         }
     }
@@ -50,7 +53,7 @@ fn a_robot_that_moves_in_two_frames_has_a_track_in_each() {
             assert!(log.recording.has_odometry() && !log.recording.has_reference());
             let notes = log.notes.join("\n");
             for part in [
-                format!("\"base_link\" moves in \"odom\" and in {world:?} as well on /tf"),
+                format!("\"base_link\" moves in \"odom\" and also in {world:?} on /tf"),
                 "101 transforms from \"odom\"".to_owned(),
                 format!("could take {pair}"),
             ] {
