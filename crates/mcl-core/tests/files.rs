@@ -292,7 +292,7 @@ fn two_outputs_are_two_files() {
 }
 
 #[test]
-fn what_is_being_written_is_no_leftover() {
+fn files_being_written_are_not_leftovers() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("map.csv");
     let mut output = Output::create(&path).unwrap();

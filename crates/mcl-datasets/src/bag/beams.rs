@@ -132,19 +132,19 @@ impl Swept {
     /// What is not known about them.
     pub fn assumptions(&self, no_deskew: bool) -> Vec<String> {
         let Swept { scans, placed, lost, longest, .. } = *self;
-        let mut told = Vec::new();
+        let mut assumptions = Vec::new();
         if lost > 0 {
-            told.push(format!(
+            assumptions.push(format!(
                 "{lost} readings were measured at times for which neither odometry nor reference gives the pose of the laser; they are left out (--no-deskew takes them as measured at the stamp)"
             ));
         }
         if placed < scans && !no_deskew {
-            told.push(format!(
+            assumptions.push(format!(
                 "a scan takes {longest:.3} s, but for {} of {scans} neither odometry nor reference says how the laser moved meanwhile; their beams are taken as measured at once",
                 scans - placed
             ));
         }
-        told
+        assumptions
     }
 
     /// Takes the readings out of a scan and places its beams; returns them with the sweep.

@@ -358,11 +358,11 @@ impl Content {
             }
             Item::Metadata(..) => Ok(Wanted::Shown),
         })?;
-        let told = |reason| match name {
+        let with_name = |reason| match name {
             Some(name) => format!("{name}: {reason}"),
             None => reason,
         };
-        self.truncated = self.truncated.take().or(truncated.map(told));
+        self.truncated = self.truncated.take().or(truncated.map(with_name));
         Ok(())
     }
 

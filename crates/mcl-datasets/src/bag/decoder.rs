@@ -38,7 +38,7 @@ impl<T> Logged<T> {
 }
 
 /// A transform, and the topic it was published on.
-pub(super) struct ToldTransform<'a> {
+pub(super) struct PublishedTransform<'a> {
     pub transform: Logged<TransformMessage>,
     pub topic: &'a str,
     pub is_static: bool,
@@ -263,9 +263,12 @@ impl<'a> Decoder<'a> {
     }
 
     /// The transforms of these topics, static ones first.
-    pub fn transforms(&mut self, topics: &[&'a str]) -> Result<Vec<ToldTransform<'a>>, BagError> {
+    pub fn transforms(
+        &mut self,
+        topics: &[&'a str],
+    ) -> Result<Vec<PublishedTransform<'a>>, BagError> {
         let content = self.content;
-        let mut told = Vec::new();
+        let mut published = Vec::new();
         for is_static in [true, false] {
             let messages = self.topic(
                 |name, kind| {
@@ -282,18 +285,18 @@ impl<'a> Decoder<'a> {
                 let topic = content.topics[topic].name.as_str();
                 for transform in transforms {
                     let transform = message.map(transform);
-                    told.push(ToldTransform { transform, topic, is_static });
+                    published.push(PublishedTransform { transform, topic, is_static });
                 }
             }
         }
-        Ok(told)
+        Ok(published)
     }
 }
 
 /// The tree of frames that these transforms form; not sorted yet.
-pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> Motion {
+pub(super) fn tree(transforms: &[PublishedTransform<'_>], stretches: &Stretches) -> Motion {
     let mut motion = Motion::default();
-    for ToldTransform { transform, topic, is_static } in transforms {
+    for PublishedTransform { transform, topic, is_static } in transforms {
         let at = time(transform.value.header.stamp, transform.log_time);
         let moment = stretches.moment(transform.place, at);
         motion.insert(transform.value.clone(), moment, *is_static, topic);

@@ -136,7 +136,7 @@ impl Motion {
     /// The contradictions found.
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
-        let told: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
+        let contradictions: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
             let Conflict { topics: [first, second], parents: [one, other], apart } = found;
             match one == other {
                 true => format!(
@@ -146,14 +146,14 @@ impl Motion {
                 false => format!("{child} (in {one:?} by {first}, in {other:?} by {second})"),
             }
         }).collect();
-        if !told.is_empty() {
+        if !contradictions.is_empty() {
             doubts.push(format!(
                 "transforms: two topics contradict each other on {}; that of static transforms is used, else the last one",
-                told.join(", ")
+                contradictions.join(", ")
             ));
         }
-        doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|told| {
-            format!("transforms: {told} (--odom-frame NAME takes the odometry from another frame)")
+        doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|frame| {
+            format!("transforms: {frame} (--odom-frame NAME takes the odometry from another frame)")
         }));
         doubts
     }
@@ -161,7 +161,7 @@ impl Motion {
     /// Remarks on frames that move in several parents.
     pub fn notes(&self) -> Vec<String> {
         self.several_parents(Edge::is_of_odometry)
-            .map(|told| format!("transforms: {told}"))
+            .map(|frame| format!("transforms: {frame}"))
             .collect()
     }
 
@@ -171,7 +171,7 @@ impl Motion {
         for (child, edge) in self.others.iter().filter(|(_, edge)| edge.is_moving()) {
             parents.entry(child).or_default().push(format!("{:?}", edge.parent));
         }
-        let told = |(child, others): (&str, Vec<String>)| {
+        let note = |(child, others): (&str, Vec<String>)| {
             let edge = self.edges.get(child).filter(|edge| edge.is_moving() && wanted(edge))?;
             Some(format!(
                 "{child:?} moves in {:?} and also in {} on {}; the first is used unless an option names another",
@@ -180,7 +180,7 @@ impl Motion {
                 edge.topic
             ))
         };
-        parents.into_iter().filter_map(told).take(10).collect::<Vec<_>>().into_iter()
+        parents.into_iter().filter_map(note).take(10).collect::<Vec<_>>().into_iter()
     }
 
     /// Sorts all samples by time; to be called before any query. `longest` is the longest time to interpolate

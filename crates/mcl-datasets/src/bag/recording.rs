@@ -14,7 +14,7 @@ use super::lists::ScanLists;
 use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
 use super::moment::{Moment, Stretches};
 use super::motion::Motion;
-use super::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
+use super::pairing::{Track, TrackRemarks, goes_over_again, occurrences, stretches_of_file};
 use super::scans::{contradictions, drop_repeated, scan_time, stretches};
 use super::slice;
 use super::survey::Survey;
@@ -90,7 +90,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     let found = of_scans.map(|topic| topic.messages).sum();
     let (lists, lost) = match lists {
         Some(lists) if lists.are_of_others(found, content.truncated.is_some()) => {
-            (None, Some(lists.told(scan_topic, found)))
+            (None, Some(lists.mismatch(scan_topic, found)))
         }
         lists => (lists, None),
     };
@@ -320,7 +320,7 @@ impl Assembly<'_> {
             ));
         }
         for track in [odometry, reference].into_iter().flatten() {
-            let Told { doubts, assumptions } = track.told(&moments);
+            let TrackRemarks { doubts, assumptions } = track.remarks(&moments);
             self.report.doubts.extend(doubts);
             self.assumptions.extend(assumptions);
         }
@@ -467,11 +467,11 @@ impl Assembly<'_> {
     }
 
     fn say_swept(&mut self, swept: &Swept) {
-        let told = |text: String| format!("{}: {text}", self.scan_topic);
-        self.notes.extend(swept.note(self.options.no_deskew).map(told));
-        let told = |text: String| format!("{}: {text}", self.scan_topic);
+        let with_topic = |text: String| format!("{}: {text}", self.scan_topic);
+        self.notes.extend(swept.note(self.options.no_deskew).map(with_topic));
+        let with_topic = |text: String| format!("{}: {text}", self.scan_topic);
         let assumptions = swept.assumptions(self.options.no_deskew);
-        self.assumptions.extend(assumptions.into_iter().map(told));
+        self.assumptions.extend(assumptions.into_iter().map(with_topic));
     }
 
     /// The reference poses, their name, and their child frame where it is stated.

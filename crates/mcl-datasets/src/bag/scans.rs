@@ -5,9 +5,9 @@ use std::collections::{HashMap, HashSet};
 use mcl_core::text::counted;
 
 use super::beams;
-use super::decoder::{Logged, ToldTransform, time};
+use super::decoder::{Logged, PublishedTransform, time};
 use super::messages::{PoseMessage, ScanMessage};
-use super::moment::{Moment, Stretches, Told};
+use super::moment::{Moment, Stretches, TimedMessage};
 use super::pairing::shared_stamps;
 
 /// Steps between two beams by which the last direction may be off: scanners of a full turn may count the
@@ -32,9 +32,9 @@ pub(super) fn stretches(
     scans: &[Logged<ScanMessage>],
     scan_topic: &str,
     poses: [(Option<&str>, &[Logged<PoseMessage>]); 2],
-    transforms: &[ToldTransform<'_>],
+    transforms: &[PublishedTransform<'_>],
 ) -> Stretches {
-    let of_scans = scans.iter().map(|scan| Told {
+    let of_scans = scans.iter().map(|scan| TimedMessage {
         place: scan.place,
         of: scan_topic,
         at: time(scan.value.header.stamp, scan.log_time),
@@ -45,19 +45,20 @@ pub(super) fn stretches(
         |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
     let of_poses =
         poses.into_iter().filter(|(_, poses)| !is_path(poses)).flat_map(|(topic, poses)| {
-            poses.iter().map(move |pose| Told {
+            poses.iter().map(move |pose| TimedMessage {
                 place: pose.place,
                 of: topic.unwrap_or_default(),
                 at: time(pose.value.header.stamp, pose.log_time),
                 is_even: true,
             })
         });
-    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| Told {
-        place: told.transform.place,
-        of: told.transform.value.child.as_str(),
-        at: time(told.transform.value.header.stamp, told.transform.log_time),
-        is_even: false,
-    });
+    let of_transforms =
+        transforms.iter().filter(|published| !published.is_static).map(|published| TimedMessage {
+            place: published.transform.place,
+            of: published.transform.value.child.as_str(),
+            at: time(published.transform.value.header.stamp, published.transform.log_time),
+            is_even: false,
+        });
     Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
 }
 
@@ -118,9 +119,9 @@ pub(super) fn contradictions(
         ));
     }
     // The stamps of a recording written as a bag are those of its log.
-    if let Some((told, are_many)) = shared_stamps(moments.iter().copied()) {
+    if let Some((message, are_many)) = shared_stamps(moments.iter().copied()) {
         let list = if is_ours && !are_many { &mut said.assumptions } else { &mut said.doubts };
-        list.push(format!("{topic}: {told}"));
+        list.push(format!("{topic}: {message}"));
     }
     let at_max: usize = scans.iter().map(|scan| scan.value.at_max).sum();
     if at_max > 0 {

@@ -306,11 +306,11 @@ fn contains(name: &str, parts: &[&str]) -> bool {
 pub(super) fn possible_references(content: &Content, odometry: Option<&str>) -> Vec<String> {
     let names = content.names(&POSE_KINDS).into_iter();
     let possible = names.filter(|name| Some(*name) != odometry && !is_named(name, &GOALS));
-    let told = |name: &str| match is_estimate(name) {
+    let described = |name: &str| match is_estimate(name) {
         true => format!("{name} (an estimate)"),
         false => name.to_owned(),
     };
-    possible.map(told).collect()
+    possible.map(described).collect()
 }
 
 /// What the poses of a topic are used for.

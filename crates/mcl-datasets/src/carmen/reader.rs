@@ -332,13 +332,13 @@ impl Pass {
             self.off += 1;
             if self.farthest_off.as_ref().is_none_or(|(worst, _)| steps > *worst) {
                 let ScanGeometry { beams, angle_step, .. } = scan.geometry;
-                let told = format!(
+                let message = format!(
                     "line {}: {beams} readings with resolution {angle_step:.6} cover {:.4} rad, fov is {:.4}",
                     self.lines,
                     angle_step.abs() * (beams - 1) as f64,
                     scan.fov.unwrap_or_default()
                 );
-                self.farthest_off = Some((steps, told));
+                self.farthest_off = Some((steps, message));
             }
         }
         let gap = self.odometry.scan(scan.robot);
@@ -466,13 +466,13 @@ impl Pass {
             ));
         }
         if !self.contradicted.is_empty() {
-            let told = |angle: Option<f64>| {
+            let shown = |angle: Option<f64>| {
                 angle.map_or("not given".to_owned(), |a| format!("{:.2}°", a.to_degrees()))
             };
             self.report.doubts.push(format!(
                 "scans: the parameters (field of view {}, resolution {}) contradict FLASER records of {} beams; CARMEN's default directions for that number of beams are used",
-                told(self.fov),
-                told(self.resolution),
+                shown(self.fov),
+                shown(self.resolution),
                 numbers(&self.contradicted)
             ));
         }
@@ -488,9 +488,9 @@ impl Pass {
         let stamps = self.scans.iter().filter_map(|scan| scan.scan.stamp);
         let stamps: Vec<_> = stamps.map(Moment::only).collect();
         self.report.unusable_stamps = self.scans.len() - stamps.len();
-        if let Some((told, are_many)) = shared_stamps(stamps.into_iter()) {
+        if let Some((message, are_many)) = shared_stamps(stamps.into_iter()) {
             let list = if are_many { &mut self.report.doubts } else { &mut assumptions };
-            list.push(format!("stamps: {told}"));
+            list.push(format!("stamps: {message}"));
         }
         let content = Content {
             scans: std::mem::take(&mut self.scans),

@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ramps_are_no_other_axes() {
+    fn ramps_are_not_another_axis() {
         let poses = |tilt_degrees: f64, rise: f64| {
             let at = move |k: usize| PoseInSpace {
                 position: [0.1 * k as f64, 0.0, rise * k as f64],

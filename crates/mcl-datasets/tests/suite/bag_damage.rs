@@ -34,7 +34,7 @@ fn a_truncated_bag_keeps_what_came_before_the_cut() {
 }
 
 #[test]
-fn what_is_no_bag_or_goes_on_after_its_end_is_told() {
+fn files_that_are_not_bags_or_continue_after_their_end_are_reported() {
     assert_says(&refused(b"\x89MCAP1\r\n and more"), &["at byte 0", "magic"]);
     assert_says(&refused(b""), &["no sensor_msgs/msg/LaserScan"]);
     let mut twice = bag(&walk(2));

@@ -273,7 +273,7 @@ fn malformed_messages_are_skipped_and_named() {
     for part in ["/scan at 2.000000000 s", "ends at byte 30", "0x0009", "transforms"] {
         assert!(text.contains(part), "{part}: {text}");
     }
-    // When nothing is left, the reason is told.
+    // When nothing is left, the reason is reported.
     let mut only = scan(SECOND);
     only.data.truncate(10);
     assert_says(&refused(&bag(&[only])), &["no sensor_msgs/msg/LaserScan", "ends at byte 10"]);

@@ -49,7 +49,7 @@ fn every_way_to_write_it_reads_the_same_as_mcap() {
 }
 
 #[test]
-fn it_is_told_by_its_bytes_plain_or_packed() {
+fn it_is_recognized_by_its_bytes_plain_or_packed() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = ros1_bag(&with_reference(), ROS1);
     let expected = read(&bytes);

@@ -42,10 +42,10 @@ fn stamps_that_scans_share_pair_them_with_nothing() {
 fn stamps_that_poses_share_place_no_scan() {
     for (topic, what) in [("/ground_truth", "reference"), ("/odom", "odometry")] {
         let log = read(&bag(&stamped(topic, f64::floor)));
-        let told = format!("{what}: stamps do not say which of its poses belongs to 51 of 51");
+        let doubt = format!("{what}: stamps do not say which of its poses belongs to 51 of 51");
         assert_doubts(
             &log,
-            &[&told, "100 of its 101 poses share their stamp with another", " m and "],
+            &[&doubt, "100 of its 101 poses share their stamp with another", " m and "],
         );
         let is_reference = topic == "/ground_truth";
         assert_eq!((placed(&log) == 0, log.recording.has_odometry()), (is_reference, is_reference));
@@ -80,22 +80,22 @@ fn set_back(seconds: f64) -> Vec<Entry> {
     let mut entries = vec![mounted()];
     for k in 0..=100 {
         let true_time = f64::from(k) * 0.1;
-        let told = if k > 50 { true_time - seconds - 0.1 } else { true_time };
+        let stamp = if k > 50 { true_time - seconds - 0.1 } else { true_time };
         let restart = if k > 50 { 5.1 } else { 0.0 };
         let moved = path(restart).between(&path(true_time));
-        entries.push(odometry_on("/odom", at(told), "base_link", moved));
-        entries.push(pose_on("/ground_truth", at(told), path(true_time)));
+        entries.push(odometry_on("/odom", at(stamp), "base_link", moved));
+        entries.push(pose_on("/ground_truth", at(stamp), path(true_time)));
         if k % 2 == 0 || k == 51 {
             let ranges = seen(path(true_time).compose(&MOUNT), HALF_TURN);
-            let message = scan_message(at(told), "laser", HALF_TURN, &ranges);
-            entries.push(entry("/scan", &LASER_SCAN, at(told), message));
+            let message = scan_message(at(stamp), "laser", HALF_TURN, &ranges);
+            entries.push(entry("/scan", &LASER_SCAN, at(stamp), message));
         }
     }
     entries
 }
 
 #[test]
-fn a_clock_that_is_set_back_a_little_begins_anew() {
+fn a_clock_set_back_a_little_begins_a_new_stretch() {
     for seconds in [0.15, 0.35, 0.5, 0.9, 1.0, 1.1, 4.0] {
         let log = read(&bag(&set_back(seconds)));
         assert_doubts(&log, &["time jumps back 1 time", &format!("by {seconds:.3} s")]);
@@ -128,7 +128,7 @@ fn a_reference_that_ends_early_is_a_loss() {
 #[test]
 fn a_file_of_poses_that_goes_over_the_same_time_again_belongs_to_as_many_stretches() {
     let poses = |times: &mut dyn Iterator<Item = (f64, f64)>| -> Trajectory {
-        times.map(|(told, truly)| (Stamp::from_nanoseconds(at(told)), path(truly))).collect()
+        times.map(|(stamp, truly)| (Stamp::from_nanoseconds(at(stamp)), path(truly))).collect()
     };
     let reading = |entries: &[Entry], trajectory: Trajectory| {
         let track =

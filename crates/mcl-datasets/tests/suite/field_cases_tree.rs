@@ -10,7 +10,7 @@ const OTHER: Pose2 = Pose2::new(0.25, 0.05, 0.0);
 
 /// In either order, and whichever of the two is right.
 #[test]
-fn a_mount_that_two_topics_tell_differently_is_told() {
+fn contradicting_mounts_of_two_topics_are_reported() {
     for (fixed, moving) in [(MOUNT, OTHER), (OTHER, MOUNT)] {
         for is_first in [true, false] {
             let mut entries = usual();
