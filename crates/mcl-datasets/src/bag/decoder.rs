@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::cdr::View;
 use super::content::{
-    Body, Content, Kept, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, MessageKind,
+    Body, Content, KeptMessage, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, MessageKind,
 };
 use super::error::BagError;
 use super::messages::{
@@ -46,7 +46,7 @@ pub(super) struct PublishedTransform<'a> {
 
 pub(super) struct Decoder<'a> {
     content: &'a Content,
-    messages: Vec<Kept>,
+    messages: Vec<KeptMessage>,
     /// Topics whose messages were decoded.
     decoded: BTreeSet<usize>,
     pub report: ReadReport,
@@ -56,7 +56,7 @@ pub(super) struct Decoder<'a> {
 
 impl<'a> Decoder<'a> {
     /// A decoder of these messages of a bag.
-    pub fn new(content: &'a Content, messages: Vec<Kept>) -> Self {
+    pub fn new(content: &'a Content, messages: Vec<KeptMessage>) -> Self {
         let ignored_kinds = content.ignored();
         let report = ReadReport {
             ignored: ignored_kinds.values().sum(),
@@ -76,7 +76,7 @@ impl<'a> Decoder<'a> {
         mut value: impl FnMut(
             MessageKind,
             &View<'_>,
-            &Kept,
+            &KeptMessage,
             &mut Vec<MessageError>,
         ) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
@@ -108,7 +108,7 @@ impl<'a> Decoder<'a> {
         mut value: impl FnMut(
             MessageKind,
             &Layout,
-            &mut Kept,
+            &mut KeptMessage,
             &mut Vec<MessageError>,
         ) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {

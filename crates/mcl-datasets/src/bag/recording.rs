@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use mcl_core::text::counted;
 use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
-use super::beams::{self, Moved, Swept};
+use super::beams::{self, LaserMotion, SweepStatistics};
 use super::content::{Content, MessageKind, Purpose};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
@@ -142,10 +142,10 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         ));
     }
     let Assembly { scans, moments, lists, .. } = &assembly;
-    let said = contradictions(scan_topic, scans, moments, lists.is_some());
-    assembly.report.doubts.extend(said.doubts);
-    assembly.assumptions.extend(said.assumptions);
-    assembly.notes.extend(said.notes);
+    let remarks = contradictions(scan_topic, scans, moments, lists.is_some());
+    assembly.report.doubts.extend(remarks.doubts);
+    assembly.assumptions.extend(remarks.assumptions);
+    assembly.notes.extend(remarks.notes);
     assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
 }
 
@@ -253,7 +253,7 @@ impl Assembly<'_> {
         }
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
-        let mut swept = Swept::default();
+        let mut swept = SweepStatistics::default();
         let numbered = self.scans.iter_mut().zip(&moments).zip(&occurrences);
         for ((logged, &moment), &occurrence) in numbered {
             let header = logged.value.header.stamp;
@@ -301,7 +301,7 @@ impl Assembly<'_> {
             let increment_s = if sweeps { logged.value.time_increment } else { 0.0 };
             let moved = match self.options.no_deskew || increment_s == 0.0 {
                 true => None,
-                false => Moved::of(moment, occurrence, increment_s, tracks),
+                false => LaserMotion::of(moment, occurrence, increment_s, tracks),
             };
             let (ranges, sweep) = swept.place(&mut logged.value, then, increment_s, moved);
             scans.push(LaserScan {
@@ -466,7 +466,7 @@ impl Assembly<'_> {
         }
     }
 
-    fn say_swept(&mut self, swept: &Swept) {
+    fn say_swept(&mut self, swept: &SweepStatistics) {
         let with_topic = |text: String| format!("{}: {text}", self.scan_topic);
         self.notes.extend(swept.note(self.options.no_deskew).map(with_topic));
         let with_topic = |text: String| format!("{}: {text}", self.scan_topic);

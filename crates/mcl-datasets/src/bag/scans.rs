@@ -69,7 +69,7 @@ pub(super) fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
 
 /// Remarks on scans, a line each.
 #[derive(Default)]
-pub(super) struct Said {
+pub(super) struct ScanRemarks {
     pub doubts: Vec<String>,
     pub assumptions: Vec<String>,
     pub notes: Vec<String>,
@@ -82,8 +82,8 @@ pub(super) fn contradictions(
     scans: &[Logged<ScanMessage>],
     moments: &[Moment],
     is_ours: bool,
-) -> Said {
-    let mut said = Said::default();
+) -> ScanRemarks {
+    let mut remarks = ScanRemarks::default();
     let off: Vec<(usize, f64)> = scans
         .iter()
         .map(|scan| scan.value.steps_off())
@@ -93,7 +93,7 @@ pub(super) fn contradictions(
     if let Some(&(index, _)) = off.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
         let scan = &scans[index].value;
         let geometry = &scan.geometry;
-        said.doubts.push(format!(
+        remarks.doubts.push(format!(
             "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings with angle_increment {:.6} from angle_min {:.4} end at {:.4} rad, but angle_max is {:.4} (scan {index}); angle_increment is used",
             off.len(),
             scans.len(),
@@ -108,7 +108,7 @@ pub(super) fn contradictions(
         (0..scans.len()).filter(|&scan| beams::contradicts_scan_time(&scans[scan].value)).collect();
     if let Some(&first) = off.first() {
         let scan = &scans[first].value;
-        said.doubts.push(format!(
+        remarks.doubts.push(format!(
             "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
             off.len(),
             counted(scans.len(), "scan"),
@@ -120,15 +120,16 @@ pub(super) fn contradictions(
     }
     // The stamps of a recording written as a bag are those of its log.
     if let Some((message, are_many)) = shared_stamps(moments.iter().copied()) {
-        let list = if is_ours && !are_many { &mut said.assumptions } else { &mut said.doubts };
+        let list =
+            if is_ours && !are_many { &mut remarks.assumptions } else { &mut remarks.doubts };
         list.push(format!("{topic}: {message}"));
     }
     let at_max: usize = scans.iter().map(|scan| scan.value.at_max).sum();
     if at_max > 0 {
         let readings: usize = scans.iter().map(|scan| scan.value.ranges.len()).sum();
-        said.notes.push(format!(
+        remarks.notes.push(format!(
             "{topic}: {at_max} of {readings} readings equal range_max: nothing came back there"
         ));
     }
-    said
+    remarks
 }

@@ -66,7 +66,7 @@ fn a_chunk_with_a_bad_checksum_is_an_error_with_its_offset() {
     let chunk = record(&bytes, CHUNK);
     bytes[chunk + 300] ^= 1;
     assert_says(&refused(&bytes), &[&format!("at byte {chunk}"), "damaged"]);
-    // Outside of chunks, the checksum of the data tells.
+    // Outside of chunks, the checksum of the data shows it.
     let mut bytes = unchunked(&walk(5));
     let message = record(&bytes, 5);
     bytes[message + 40] ^= 1;

@@ -474,7 +474,7 @@ fn a_gzip_file_that_is_broken_at_the_server_is_refused_and_leaves_nothing() {
         let server = Server::start(vec![Answer::Send(ok(&broken))]);
         let lab = Lab::new(&[server.url("lab.log.gz")]);
         let (failure, _) = last_failure(lab.fetch());
-        // A flipped bit may also decode to something else; the checksum of gzip then tells.
+        // A flipped bit may also decode to something else; the checksum of gzip then shows it.
         assert!(matches!(failure, UrlFailure::Gzip(_)), "{failure}");
         lab.assert_files(&[]);
     }
@@ -482,7 +482,7 @@ fn a_gzip_file_that_is_broken_at_the_server_is_refused_and_leaves_nothing() {
 
 #[test]
 fn what_is_far_too_large_is_not_read_on() {
-    // Announced, not announced, and packed so well that only unpacking tells.
+    // Announced, not announced, and packed so well that only unpacking shows it.
     let big = vec![b'1'; 3_000_000];
     let announced = with_headers("200 OK", &[("Content-Length", big.len().to_string())], b"1 1");
     for answer in [announced, ok_without_length(&big), ok(&gzip(&big))] {
