@@ -36,7 +36,7 @@ pub enum CoreError {
         scan: usize,
     },
     /// A trajectory has different numbers of stamps and poses.
-    #[error("a trajectory of {stamps} stamps has {poses} poses, expected as many")]
+    #[error("a trajectory of {stamps} stamps has {poses} poses, expected one pose per stamp")]
     LengthMismatch {
         /// Number of stamps.
         stamps: usize,
@@ -62,7 +62,7 @@ pub enum CoreError {
     CellSize(f64),
     /// A covariance is not positive definite.
     #[error(
-        "cell {index}: the covariance (xx, xy, yy) is {covariance:?} m², expected it positive definite"
+        "cell {index}: the covariance (xx, xy, yy) is {covariance:?} m², expected a positive definite matrix"
     )]
     Covariance {
         /// Index of the cell, from 0.

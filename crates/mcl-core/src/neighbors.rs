@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn thousands_of_equal_points_are_no_trouble() {
+    fn thousands_of_equal_points_are_handled() {
         let points = vec![[1.0, 2.0]; 5000];
         let index = NearestNeighbors::new(&points).unwrap();
         let found = index.nearest_earliest(&[1.0, 2.5]);

@@ -110,7 +110,7 @@ mod tests {
 
     /// Fault: "1 % worse, with 0.017 against 0.017".
     #[test]
-    fn values_that_differ_are_told_apart() {
+    fn different_values_are_shown_differently() {
         assert_eq!(numbers(&[0.01731, 0.01714]), ["0.01731", "0.01714"]);
         assert_eq!(numbers(&[0.02817, 0.02795, 0.02839]), ["0.02817", "0.02795", "0.02839"]);
         assert_eq!(numbers(&[-4.174, -4.171]), ["−4.1740", "−4.1710"]);

@@ -292,7 +292,7 @@ fn two_outputs_are_two_files() {
 }
 
 #[test]
-fn what_is_being_written_is_no_leftover() {
+fn files_being_written_are_not_leftovers() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("map.csv");
     let mut output = Output::create(&path).unwrap();
@@ -410,7 +410,7 @@ fn a_line_that_cannot_be_taken_back_ends_the_journal() {
     result.unwrap_err();
     assert_eq!(steps.last().unwrap().0, Operation::Truncate);
     let message = journal.append(b"third").unwrap_err().to_string();
-    assert!(message.contains("could not be taken back"), "{message}");
+    assert!(message.contains("could not be removed"), "{message}");
     assert_eq!(read(journal.path()), (vec![b"first".to_vec()], Some(3)));
 }
 

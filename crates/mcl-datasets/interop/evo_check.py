@@ -33,14 +33,14 @@ def evo(command, reference, estimate, *options):
 
 
 def agree(what, found, stats):
-    """Largest difference of the four statistics that both tell."""
+    """Largest difference of the four statistics that both programs compute."""
     off = max(abs(found[name] - stats[name]) for name in STATISTICS)
     assert off <= TOLERANCE, f"{what}: ours {found}, evo's {stats} (off by {off})"
     return off
 
 
 def compare(call, reference, estimate):
-    """All figures of one estimate; tells the largest difference."""
+    """All figures of one estimate; reports the largest difference."""
     distances = [f"--rpe-distance={distance}" for distance in DISTANCES]
     base = ("evaluate", "--quiet", "--json", *distances, "--reference", reference, estimate)
     row = json.loads(call(*base))["estimates"][0]
@@ -80,7 +80,7 @@ def bent(reference, path):
 
 
 def checks(check, call, name, log, folder):
-    """Localizes the robot of a log, and compares what is told of it."""
+    """Localizes the robot of a log, and compares the figures reported for it."""
     folder = Path(folder) / name.replace(" ", "-")
     folder.mkdir()
     map_file = folder / "map.ply"

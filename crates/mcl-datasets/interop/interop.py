@@ -42,9 +42,9 @@ def check(name, function, *args):
     """Runs a check and prints how it went."""
     global failures
     try:
-        told = function(*args)
-        print(f"PASS  {name}" + (f": {told}" if told else ""), flush=True)
-    except Exception as error:  # A failed check is told, and the others still run.
+        result = function(*args)
+        print(f"PASS  {name}" + (f": {result}" if result else ""), flush=True)
+    except Exception as error:  # A failed check is reported, and the others still run.
         failures += 1
         print(f"FAIL  {name}: {type(error).__name__}: {error}", flush=True)
         if not isinstance(error, AssertionError):

@@ -216,7 +216,7 @@ mod tests {
     const ALL: [Packing; 4] = [Packing::Gzip, Packing::Bzip2, Packing::Xz, Packing::Zstd];
 
     #[test]
-    fn every_packing_is_told_by_its_first_bytes_also_part_by_part() {
+    fn every_packing_is_recognized_by_its_first_bytes_even_in_parts() {
         for bytes in [noise(), Vec::new(), b"FLASER".to_vec()] {
             for packing in ALL {
                 // As produced by `cat a.xz b.xz`.
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_off_and_damaged_data_is_told_after_what_came_before() {
+    fn cut_off_and_damaged_data_is_reported_after_the_intact_part() {
         for packing in ALL {
             let whole = packed(packing, &noise());
             let cut = &whole[..whole.len() / 2];
@@ -258,8 +258,8 @@ mod tests {
             for (bytes, expected) in [(cut, "cut off"), (&damaged, "damaged")] {
                 let mut found = Vec::new();
                 let error = Unpacked::new(bytes).unwrap().read_to_end(&mut found).unwrap_err();
-                let told = damage(&error).unwrap_or_else(|| panic!("{packing:?}: {error:?}"));
-                assert!(told.contains(expected), "{packing:?}: {told}");
+                let message = damage(&error).unwrap_or_else(|| panic!("{packing:?}: {error:?}"));
+                assert!(message.contains(expected), "{packing:?}: {message}");
                 // A checksum detects damage only after the content.
                 assert!(expected == "damaged" || noise().starts_with(&found), "{packing:?}");
             }

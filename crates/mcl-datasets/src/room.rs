@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_machine_has_is_refused_before_it_is_taken() {
+    fn impossible_amounts_of_memory_are_refused_before_allocation() {
         let mut room = Room::default();
         room.take(100, 1000).unwrap();
         // Checked from time to time only.

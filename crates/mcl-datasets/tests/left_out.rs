@@ -22,7 +22,7 @@ fn what_is_left_out_is_recognized_and_the_feature_named() {
         assert!(is_bag(&path).unwrap(), "{name}");
         let message = read_log(&path).unwrap_err().to_string();
         let expected = format!(
-            "this build reads no {format}: it was compiled without the feature `{feature}` of mcl-datasets"
+            "this build cannot read {format}: it was compiled without the feature `{feature}` of mcl-datasets"
         );
         assert!(message.contains(&expected), "{message}");
     }

@@ -41,7 +41,7 @@ impl From<Beams> for NumberOrWord<usize> {
 
 impl Beams {
     pub(crate) const EXPECTED: &str =
-        "\"all\", a number of beams, at least 1, or degrees from one to the next, as 3deg";
+        "\"all\", a number of beams, at least 1, or degrees from one to the next, such as 3deg";
 
     /// Whether at least one beam is selected.
     pub(crate) fn is_some(&self) -> bool {

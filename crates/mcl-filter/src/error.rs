@@ -92,9 +92,9 @@ pub enum FilterError {
     },
     /// Odometry is missing on too many steps to bridge them.
     #[error(
-        "scan {scan} has no odometry increment, nor have {unknown} of {steps} steps: the filter cannot \
-         follow the robot (this log has no odometry, or lost most of it; a quarter of the steps may be \
-         without)"
+        "scan {scan} has no odometry increment, nor do {unknown} of {steps} steps in all: the filter cannot \
+         follow the robot (this log has no odometry, or lost most of it; at most a quarter of the steps \
+         may lack it)"
     )]
     MissingOdometry {
         /// Index of the first scan without odometry, in log order, from 0.

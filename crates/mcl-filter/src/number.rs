@@ -19,7 +19,7 @@ pub struct ParticleNumber {
 
 impl ParticleNumber {
     pub(crate) const EXPECTED: &str =
-        "a number of particles from 1 to 10,000,000, or a range of them, as 100..20000";
+        "a number of particles from 1 to 10,000,000, or a range of them, such as 100..20000";
 
     /// Whether the number is fixed.
     pub fn is_fixed(&self) -> bool {

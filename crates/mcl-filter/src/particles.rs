@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_that_are_none_are_refused() {
+    fn invalid_weights_are_refused() {
         for logs in [
             [f64::NEG_INFINITY, f64::NEG_INFINITY],
             [0.0, f64::NAN],

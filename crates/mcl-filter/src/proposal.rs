@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn far_draws_have_no_weight_and_are_no_nan() {
+    fn far_draws_have_no_weight_and_are_not_nan() {
         let proposal = NoiseProposal {
             mean: Vector3::new(1e4, 0.0, 0.0),
             spread: Matrix3::identity(),

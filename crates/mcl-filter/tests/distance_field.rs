@@ -170,7 +170,7 @@ fn nowhere_is_as_far_as_can_be() {
 }
 
 #[test]
-fn a_cut_that_is_no_length_is_refused() {
+fn a_truncation_that_is_not_a_length_is_refused() {
     let map = floor(10, 9);
     for cut in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(DistanceField::build(&map, cut).is_err());

@@ -143,7 +143,7 @@ fn grid_and_reference_agree() {
 }
 
 #[test]
-fn watching_changes_nothing_and_shows_every_step() {
+fn observing_changes_nothing_and_shows_every_step() {
     let recording = drive(Pose2::new(0.2, 0.0, 0.1));
     let distances = MapDistances::grid(&map(), 2.0).unwrap();
     let scans = [0, 3, 4, 9, 20];
@@ -164,7 +164,7 @@ fn watching_changes_nothing_and_shows_every_step() {
 }
 
 #[test]
-fn who_watches_can_end_the_run() {
+fn an_observer_can_end_the_run() {
     #[derive(Debug, PartialEq)]
     enum Ended {
         Enough(usize),

@@ -38,7 +38,7 @@ pub fn carmen(bytes: &[u8]) {
     }
 }
 
-/// A file of any format, packed or not, told by its bytes. Unpacking alone is checked here: deflate
+/// A file of any format, packed or not, recognized by its bytes. Unpacking alone is checked here: deflate
 /// packs a thousand bytes into one.
 pub fn any_log(bytes: &[u8]) {
     let read = bounded(bytes.len(), 2 * ANY_INPUT, PER_PACKED_BYTE, || {

@@ -30,7 +30,7 @@ fn read_as<const D: usize>(format: PointFormat, bytes: &[u8]) {
     let map = bounded(bytes.len(), ANY_INPUT, PER_BYTE, || format.parse::<D>(bytes));
     match map {
         Ok(map) => through_all_formats(&map),
-        Err(problem) => told(&problem),
+        Err(problem) => check_message(&problem),
     }
 }
 
@@ -63,7 +63,7 @@ pub fn grid(bytes: &[u8]) {
     });
     let grid = match grid {
         Ok(grid) => grid,
-        Err(problem) => return told(&problem),
+        Err(problem) => return check_message(&problem),
     };
     assert_eq!(grid.cells().len(), grid.width() * grid.height());
     assert!(grid.resolution() > 0.0 && grid.map_from_grid().is_finite());
@@ -75,7 +75,7 @@ pub fn grid(bytes: &[u8]) {
 }
 
 /// A message of a readable length, whatever the file holds.
-fn told(problem: &MapProblem) {
+fn check_message(problem: &MapProblem) {
     let length = problem.to_string().len();
     assert!((1..20_000).contains(&length), "a message of {length} bytes");
 }

@@ -34,9 +34,9 @@ pub fn parts(bytes: &[u8]) {
             }
         };
         let again = Parts::read(scratch.path(), &identity).expect("it was read before");
-        let told =
+        let content =
             |parts: &Parts| format!("{:?} {:?} {:?}", parts.seconds, parts.failed, parts.damage);
-        assert_eq!(told(&parts), told(&again));
+        assert_eq!(content(&parts), content(&again));
         if !is_sealed {
             // Nobody finds a digest by chance; the corpus holds no whole lines.
             assert!(parts.seconds.is_empty() || file.starts_with(b"{\"sha256\":"));
@@ -90,7 +90,7 @@ pub fn folder(bytes: &[u8]) {
     drop(view::ranking::ranking(&all));
     for dataset in claims::decide(&all) {
         assert!(!dataset.claims.is_empty());
-        serde_json::to_string(&dataset).expect("claims can be told in JSON");
+        serde_json::to_string(&dataset).expect("claims can be written as JSON");
     }
 }
 

@@ -47,7 +47,7 @@ impl fmt::Display for MapSize {
 
 /// The error for text that is not a map size.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no map size, expected a number of points (389) or a percentage (0.25%)")]
+#[error("'{0}' is not a map size, expected a number of points (389) or a percentage (0.25%)")]
 pub struct ParseMapSizeError(String);
 
 impl FromStr for MapSize {

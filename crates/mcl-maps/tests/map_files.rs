@@ -296,7 +296,7 @@ fn no_points_is_an_error() {
 /// A header with too few, too many, or absurdly many points must neither lose points silently
 /// nor make the reader allocate memory for that number.
 #[test]
-fn a_lying_point_count_is_an_error() {
+fn a_wrong_point_count_is_an_error() {
     let points: Vec<_> = (0..40).map(|i| [f64::from(i), 0.5]).collect();
     for (name, encoding) in &WRITTEN[1..] {
         let honest = written(name, &points, *encoding);
@@ -328,7 +328,7 @@ fn a_lying_point_count_is_an_error() {
 }
 
 #[test]
-fn compressed_sizes_that_lie_are_errors() {
+fn wrong_compressed_sizes_are_errors() {
     let honest = pcd_compressed();
     let sizes = honest.windows(5).position(|word| word == b"ssed\n").unwrap() + 5;
     for (at, lie) in [(0, u32::MAX), (4, u32::MAX), (4, 45), (4, 47), (0, 2)] {

@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_value_is_named() {
+    fn invalid_values_are_named() {
         let message = |result: Result<Blocked, MetricsError>| result.unwrap_err().to_string();
         assert_eq!(
             message(Blocked::new([(4, 1.0), (9, 1.0), (4, f64::NAN)])),

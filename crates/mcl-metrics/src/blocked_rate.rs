@@ -129,7 +129,7 @@ mod tests {
 
     /// If all runs on a map have the same outcome, there are as many trials as maps.
     #[test]
-    fn more_units_of_the_same_blocks_are_no_more_trials() {
+    fn more_units_of_the_same_blocks_are_not_more_trials() {
         let of = |units: u64| {
             let happened = (0..10 * units).map(|i| (i % 10, i % 10 < 3));
             let rate = BlockedRate::new(happened).unwrap();
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_no_rate() {
+    fn a_rate_needs_trials() {
         let error = BlockedRate::new([]).unwrap_err();
         assert_eq!(error, TooFew { blocks: 0, needed: 1 }.into());
         let rate = BlockedRate::new([(0, true)]).unwrap();

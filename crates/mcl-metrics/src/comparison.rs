@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_blocks_are_said_to_be_too_few() {
+    fn too_few_blocks_are_reported() {
         let one = Blocked::new([(3, 1.0), (3, 2.0), (3, 4.0)]).unwrap();
         let two = Blocked::new([(3, 1.0), (4, 2.0)]).unwrap();
         let elsewhere = Blocked::new([(8, 1.0), (9, 2.0)]).unwrap();

@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_those_longer_than_usual_or_than_asked_for() {
+    fn gaps_are_longer_than_usual_or_than_requested() {
         let reference = drive(0, 10_000, 10);
         let estimate: Trajectory =
             drive(0, 4000, 100).iter().chain(drive(6000, 10_000, 100).iter()).collect();
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_in_common_is_no_coverage_even_of_a_robot_that_stands_still() {
+    fn nothing_in_common_is_zero_coverage_even_of_a_robot_at_rest() {
         let still: Trajectory = (0..10).map(|k| (stamp(k * 100), Pose2::IDENTITY)).collect();
         let found = of(&still, &drive(100_000, 110_000, 100));
         assert_eq!((found.time, found.path, found.covered), (0.0, 0.0, None));

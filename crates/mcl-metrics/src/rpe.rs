@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_offset_is_no_relative_error_but_drift_is() {
+    fn a_constant_offset_is_not_a_relative_error_but_drift_is() {
         let reference = line(&[0.0, 1.0, 2.0, 3.0]);
         let settings = RpeSettings::new(Delta::Metres(1.0));
         let moved =
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_of_either_side_says_the_pairs() {
+    fn the_path_of_either_side_determines_the_pairs() {
         let (reference, estimate) = (line(&[0.0, 1.0, 2.0]), line(&[0.0, 0.6, 2.0]));
         let from = |pairs_from| {
             let settings = RpeSettings { pairs_from, ..RpeSettings::new(Delta::Metres(1.0)) };

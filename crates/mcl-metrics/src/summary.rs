@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_no_numbers_are_named() {
+    fn samples_that_are_not_numbers_are_named() {
         let message = Summary::of(&[1.0, f64::NAN]).unwrap_err().to_string();
         assert_eq!(message, "sample 1 is NaN, expected a finite number of magnitude below 1e140");
         let runs = [vec![1.0], vec![2.0, 3.0, f64::INFINITY]];

@@ -198,7 +198,7 @@ fn stamps_that_repeat_or_step_back_are_counted() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_its_place() {
+fn errors_are_reported_with_their_place() {
     for (text, expected) in [
         (
             "time,lat,lon\n1,2,3\n",

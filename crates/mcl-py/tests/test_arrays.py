@@ -117,9 +117,9 @@ def test_errors_have_the_words_of_the_command_line(office, office_map):
     for keywords, told in [
         ({}, "--init <INIT>"),
         ({"init": "grid"}, "--init grid needs --size or --cell"),
-        ({"init": "grid", "size": 0}, "'0' is no map size"),
+        ({"init": "grid", "size": 0}, "'0' is not a map size"),
         ({"init": "grid", "size": 200}, "from 1 to the number of points"),
-        ({"init": "grid", "size": "many"}, "'many' is no map size"),
+        ({"init": "grid", "size": "many"}, "'many' is not a map size"),
         ({"init": "all", "size": 3}, "--init all takes every point"),
         ({"init": "all", "sigma": -1}, "expected a positive number or auto"),
         ({"init": "all", "sigma": float("nan")}, "expected a positive number"),

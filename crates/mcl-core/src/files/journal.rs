@@ -56,7 +56,7 @@ impl Journal {
         let _held = hold();
         if self.is_torn {
             return Err(io::Error::other(
-                "an earlier line was written in part and could not be taken back",
+                "an earlier line was written only in part and could not be removed",
             ));
         }
         // A single write, so that readers mostly see complete lines.

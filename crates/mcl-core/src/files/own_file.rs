@@ -181,5 +181,5 @@ fn special(kind: fs::FileType) -> &'static str {
 
 #[cfg(not(unix))]
 fn special(_: fs::FileType) -> &'static str {
-    "no ordinary file"
+    "not a regular file"
 }

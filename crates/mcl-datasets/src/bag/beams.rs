@@ -96,14 +96,14 @@ pub(super) fn longest_sweep(
     match longest >= 0.0 && longest.is_finite() && longest <= SWEEP_JITTER * usual {
         true => Ok(longest),
         false => Err(format!(
-            "by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; it is not used, and beams are taken as measured at once"
+            "by time_increment a scan takes {longest:.3} s, but there is one every {usual:.3} s; time_increment is not used, and beams are taken as measured at once"
         )),
     }
 }
 
 /// Statistics of scans whose beams were not measured at once.
 #[derive(Default)]
-pub(super) struct Swept {
+pub(super) struct SweepStatistics {
     scans: usize,
     /// Scans whose beams were corrected for motion.
     placed: usize,
@@ -113,13 +113,13 @@ pub(super) struct Swept {
     longest: f64,
 }
 
-impl Swept {
+impl SweepStatistics {
     /// How the beams were placed.
     pub fn note(&self, no_deskew: bool) -> Option<String> {
-        let Swept { scans, placed, farthest, longest, .. } = *self;
+        let SweepStatistics { scans, placed, farthest, longest, .. } = *self;
         if no_deskew && scans > 0 {
             return Some(format!(
-                "a scan takes {longest:.3} s; its beams are taken as measured at once, as asked for"
+                "a scan takes {longest:.3} s; its beams are taken as measured at once, as requested"
             ));
         }
         (placed > 0).then(|| {
@@ -131,20 +131,20 @@ impl Swept {
 
     /// What is not known about them.
     pub fn assumptions(&self, no_deskew: bool) -> Vec<String> {
-        let Swept { scans, placed, lost, longest, .. } = *self;
-        let mut told = Vec::new();
+        let SweepStatistics { scans, placed, lost, longest, .. } = *self;
+        let mut assumptions = Vec::new();
         if lost > 0 {
-            told.push(format!(
-                "{lost} readings were measured where neither odometry nor reference says where the laser was; they are left out (--no-deskew takes them as measured at the stamp)"
+            assumptions.push(format!(
+                "{lost} readings were measured at times for which neither odometry nor reference gives the pose of the laser; they are left out (--no-deskew takes them as measured at the stamp)"
             ));
         }
         if placed < scans && !no_deskew {
-            told.push(format!(
+            assumptions.push(format!(
                 "a scan takes {longest:.3} s, but for {} of {scans} neither odometry nor reference says how the laser moved meanwhile; their beams are taken as measured at once",
                 scans - placed
             ));
         }
-        told
+        assumptions
     }
 
     /// Takes the readings out of a scan and places its beams; returns them with the sweep.
@@ -153,7 +153,7 @@ impl Swept {
         scan: &mut ScanMessage,
         mount: LaserMount,
         time_increment: f64,
-        moved: Option<Moved<'_>>,
+        moved: Option<LaserMotion<'_>>,
     ) -> (Vec<f64>, Sweep) {
         if time_increment != 0.0 {
             self.scans += 1;
@@ -182,7 +182,7 @@ impl Swept {
 }
 
 /// The motion of the laser during a scan, by a track that covers the scan's start.
-pub(super) struct Moved<'a> {
+pub(super) struct LaserMotion<'a> {
     poses: &'a PoseTrack,
     mount: LaserMount,
     moment: Moment,
@@ -190,7 +190,7 @@ pub(super) struct Moved<'a> {
     time_increment: f64,
 }
 
-impl<'a> Moved<'a> {
+impl<'a> LaserMotion<'a> {
     pub fn of(
         moment: Moment,
         occurrence: Occurrence,
@@ -200,7 +200,7 @@ impl<'a> Moved<'a> {
         tracks.into_iter().find_map(|(track, mount)| {
             let poses = track?;
             let Placed::At(robot) = poses.at(moment, occurrence) else { return None };
-            Some(Moved { poses, mount, moment, start: mount.laser(robot), time_increment })
+            Some(LaserMotion { poses, mount, moment, start: mount.laser(robot), time_increment })
         })
     }
 

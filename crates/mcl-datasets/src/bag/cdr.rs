@@ -89,7 +89,7 @@ pub enum CdrError {
         left: usize,
     },
     /// A string that is not UTF-8.
-    #[error("field {field} is no UTF-8 text")]
+    #[error("field {field} is not UTF-8 text")]
     NotText {
         /// Field at fault.
         field: String,

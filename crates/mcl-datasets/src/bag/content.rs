@@ -228,7 +228,7 @@ impl Layout {
 
 /// A message of a usable topic.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct KeptMessage {
     /// Index of its topic.
     pub topic: usize,
     /// Its index among the messages of its topic.
@@ -246,7 +246,7 @@ pub(super) enum Body {
     Odometry(Box<OdometryMessage>),
 }
 
-impl Kept {
+impl KeptMessage {
     /// Memory used, in bytes; empty ones count, too.
     fn bytes(&self) -> usize {
         let of_body = match &self.body {
@@ -254,7 +254,7 @@ impl Kept {
             Body::Scan(scan) => size_of::<ScanMessage>() + size_of_val(&*scan.ranges),
             Body::Odometry(_) => size_of::<OdometryMessage>(),
         };
-        of_body + size_of::<Kept>() + 2 * HEAP_BYTES
+        of_body + size_of::<KeptMessage>() + 2 * HEAP_BYTES
     }
 }
 
@@ -291,7 +291,7 @@ pub(crate) struct Content {
     /// The requested topic of scans or clouds; messages of other topics of that kind are only counted.
     asked: Option<String>,
     pub(super) topics: Vec<Topic>,
-    pub(super) messages: Vec<Kept>,
+    pub(super) messages: Vec<KeptMessage>,
     /// Message types by topic, where they are stated outside of the bag's files.
     pub types: BTreeMap<String, String>,
     /// Why the bag ends early, if it does.
@@ -358,11 +358,11 @@ impl Content {
             }
             Item::Metadata(..) => Ok(Wanted::Shown),
         })?;
-        let told = |reason| match name {
+        let with_name = |reason| match name {
             Some(name) => format!("{name}: {reason}"),
             None => reason,
         };
-        self.truncated = self.truncated.take().or(truncated.map(told));
+        self.truncated = self.truncated.take().or(truncated.map(with_name));
         Ok(())
     }
 
@@ -436,7 +436,7 @@ impl Content {
             return Ok(());
         }
         let decoded = (topic < DECODED_TOPICS).then(|| self.topics[topic].body(&data)).flatten();
-        let kept = Kept {
+        let kept = KeptMessage {
             topic,
             number,
             log_time: message.log_time,

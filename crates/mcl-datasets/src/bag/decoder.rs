@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::cdr::View;
 use super::content::{
-    Body, Content, Kept, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, MessageKind,
+    Body, Content, KeptMessage, Layout, MAX_CLOUD_BYTES, MAX_MESSAGE_BYTES, MessageKind,
 };
 use super::error::BagError;
 use super::messages::{
@@ -38,7 +38,7 @@ impl<T> Logged<T> {
 }
 
 /// A transform, and the topic it was published on.
-pub(super) struct ToldTransform<'a> {
+pub(super) struct PublishedTransform<'a> {
     pub transform: Logged<TransformMessage>,
     pub topic: &'a str,
     pub is_static: bool,
@@ -46,7 +46,7 @@ pub(super) struct ToldTransform<'a> {
 
 pub(super) struct Decoder<'a> {
     content: &'a Content,
-    messages: Vec<Kept>,
+    messages: Vec<KeptMessage>,
     /// Topics whose messages were decoded.
     decoded: BTreeSet<usize>,
     pub report: ReadReport,
@@ -56,7 +56,7 @@ pub(super) struct Decoder<'a> {
 
 impl<'a> Decoder<'a> {
     /// A decoder of these messages of a bag.
-    pub fn new(content: &'a Content, messages: Vec<Kept>) -> Self {
+    pub fn new(content: &'a Content, messages: Vec<KeptMessage>) -> Self {
         let ignored_kinds = content.ignored();
         let report = ReadReport {
             ignored: ignored_kinds.values().sum(),
@@ -76,7 +76,7 @@ impl<'a> Decoder<'a> {
         mut value: impl FnMut(
             MessageKind,
             &View<'_>,
-            &Kept,
+            &KeptMessage,
             &mut Vec<MessageError>,
         ) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
@@ -108,7 +108,7 @@ impl<'a> Decoder<'a> {
         mut value: impl FnMut(
             MessageKind,
             &Layout,
-            &mut Kept,
+            &mut KeptMessage,
             &mut Vec<MessageError>,
         ) -> Result<T, MessageError>,
     ) -> Result<Vec<Logged<T>>, BagError> {
@@ -263,9 +263,12 @@ impl<'a> Decoder<'a> {
     }
 
     /// The transforms of these topics, static ones first.
-    pub fn transforms(&mut self, topics: &[&'a str]) -> Result<Vec<ToldTransform<'a>>, BagError> {
+    pub fn transforms(
+        &mut self,
+        topics: &[&'a str],
+    ) -> Result<Vec<PublishedTransform<'a>>, BagError> {
         let content = self.content;
-        let mut told = Vec::new();
+        let mut published = Vec::new();
         for is_static in [true, false] {
             let messages = self.topic(
                 |name, kind| {
@@ -282,18 +285,18 @@ impl<'a> Decoder<'a> {
                 let topic = content.topics[topic].name.as_str();
                 for transform in transforms {
                     let transform = message.map(transform);
-                    told.push(ToldTransform { transform, topic, is_static });
+                    published.push(PublishedTransform { transform, topic, is_static });
                 }
             }
         }
-        Ok(told)
+        Ok(published)
     }
 }
 
 /// The tree of frames that these transforms form; not sorted yet.
-pub(super) fn tree(transforms: &[ToldTransform<'_>], stretches: &Stretches) -> Motion {
+pub(super) fn tree(transforms: &[PublishedTransform<'_>], stretches: &Stretches) -> Motion {
     let mut motion = Motion::default();
-    for ToldTransform { transform, topic, is_static } in transforms {
+    for PublishedTransform { transform, topic, is_static } in transforms {
         let at = time(transform.value.header.stamp, transform.log_time);
         let moment = stretches.moment(transform.place, at);
         motion.insert(transform.value.clone(), moment, *is_static, topic);

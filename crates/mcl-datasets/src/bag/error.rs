@@ -202,7 +202,7 @@ fn advice(topics: &str) -> &'static str {
     {
         "; scans can be made of point clouds with --slice Z1,Z2 (heights in metres)"
     } else if topics.contains("(no type, ") {
-        "; the recorder did not find the types of some topics: name the folder of the bag, if it has a metadata.yaml, or record again with the packages of the messages at hand"
+        "; the recorder did not find the types of some topics: name the folder of the bag, if it has a metadata.yaml, or record again with the message packages installed"
     } else {
         ""
     }

@@ -271,7 +271,7 @@ impl<'a> Parser<'a> {
         match (count, size) {
             (count, None) => Ok((name, count)),
             (Count::One, Some(size)) => Ok((name, Count::Fixed(size))),
-            _ => Err(self.wrong("a field that is no array of arrays")),
+            _ => Err(self.wrong("a field other than an array of arrays")),
         }
     }
 
@@ -328,7 +328,7 @@ impl<'a> Parser<'a> {
                 self.expect("<", "<")?;
                 // Not recursive: a sequence of sequences does not occur, and could nest without end.
                 if self.peek() == "sequence" {
-                    return Err(self.wrong("a type that is no sequence"));
+                    return Err(self.wrong("a type other than a sequence"));
                 }
                 let (element, count) = self.type_of()?;
                 if count != Count::One {

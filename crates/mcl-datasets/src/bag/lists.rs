@@ -57,9 +57,9 @@ impl ScanLists {
     }
 
     /// The remark that says so.
-    pub fn told(&self, topic: &str, found: usize) -> String {
+    pub fn mismatch(&self, topic: &str, found: usize) -> String {
         format!(
-            "{topic}: {TOPIC} or the metadata of the bag tells of {}, found {found}: another program cut or merged the bag, so which scans have no stamp, odometry or reference pose is not known",
+            "{topic}: {TOPIC} or the metadata of the bag lists {}, found {found}: another program cut or merged the bag, so it is not known which scans have no stamp, odometry or reference pose",
             counted(self.scans.unwrap_or_default(), "scan")
         )
     }

@@ -378,7 +378,7 @@ mod tests {
 
     /// Found by the fuzz target: with 64-bit angles, the direction of the last beam was infinite.
     #[test]
-    fn directions_that_are_no_numbers_are_malformed() {
+    fn directions_that_are_not_numbers_are_malformed() {
         let text = "std_msgs/Header header\nfloat64 angle_min\nfloat64 angle_increment\n\
             float32 range_min\nfloat32 range_max\nfloat32[] ranges\n===\nMSG: std_msgs/Header\n\
             builtin_interfaces/Time stamp\nstring frame_id\n";

@@ -31,7 +31,7 @@ impl Moment {
 
 /// The time of a message.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Told<'a> {
+pub(super) struct TimedMessage<'a> {
     /// Its index in the bag.
     pub place: usize,
     /// What it is about (a topic or a frame): only stamps of the same one are compared.
@@ -70,19 +70,19 @@ pub(super) struct Stretches {
 
 impl Stretches {
     /// Finds the jumps in a sequence of messages.
-    pub fn of<'a>(messages: impl Iterator<Item = Told<'a>>) -> Self {
-        let mut messages: Vec<Told<'a>> = messages.collect();
-        messages.sort_by_key(|told| told.place);
+    pub fn of<'a>(messages: impl Iterator<Item = TimedMessage<'a>>) -> Self {
+        let mut messages: Vec<TimedMessage<'a>> = messages.collect();
+        messages.sort_by_key(|message| message.place);
         let mut in_order: BTreeMap<&str, Vec<i64>> = BTreeMap::new();
-        for told in messages.iter().filter(|told| told.is_even) {
-            in_order.entry(told.of).or_default().push(told.at);
+        for message in messages.iter().filter(|message| message.is_even) {
+            in_order.entry(message.of).or_default().push(message.at);
         }
         let usual: BTreeMap<&str, i64> =
             in_order.iter().map(|(of, times)| (*of, usual_interval(times))).collect();
         let mut found = Stretches::default();
         let mut next: BTreeMap<&str, usize> = BTreeMap::new();
         let mut earlier: BTreeMap<&str, BTreeSet<i64>> = BTreeMap::new();
-        for Told { place, of, at, is_even } in messages {
+        for TimedMessage { place, of, at, is_even } in messages {
             let last = earlier.get(of).and_then(|times| times.last()).copied().unwrap_or(at);
             let back = last.saturating_sub(at);
             let follows = is_even.then(|| {
@@ -121,7 +121,7 @@ impl Stretches {
         let (from, to) = (Stamp::from_nanoseconds(*from), Stamp::from_nanoseconds(*to));
         let times = counted(self.starts.len(), "time");
         Some(format!(
-            "time jumps back {times}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is taken apart; was a bag played in a loop, or a simulator reset?",
+            "time jumps back {times}, {of} by {:.3} s from {from} s to {to} s: what comes before and after is kept apart; was a bag played in a loop, or a simulator reset?",
             from.seconds_since(to)
         ))
     }
@@ -133,8 +133,8 @@ mod tests {
 
     const S: i64 = 1_000_000_000;
 
-    fn told(messages: &[(&str, f64)], is_even: bool) -> Stretches {
-        Stretches::of(messages.iter().enumerate().map(|(place, &(of, seconds))| Told {
+    fn stretches_of(messages: &[(&str, f64)], is_even: bool) -> Stretches {
+        Stretches::of(messages.iter().enumerate().map(|(place, &(of, seconds))| TimedMessage {
             place,
             of,
             at: (seconds * S as f64).round() as i64,
@@ -143,29 +143,29 @@ mod tests {
     }
 
     #[test]
-    fn only_what_jumps_far_begins_anew() {
+    fn only_large_jumps_begin_a_new_stretch() {
         // Two topics with clocks of their own, one with a small step back.
         let steady = [("a", 5.0), ("b", 900.0), ("a", 4.0), ("a", 6.0), ("b", 901.0)];
         for is_even in [false, true] {
-            let found = told(&steady, is_even);
+            let found = stretches_of(&steady, is_even);
             assert_eq!((found.doubt(), found.moment(4, 7)), (None, Moment { stretch: 0, at: 7 }));
         }
         let reset = [("a", 5.0), ("b", 6.0), ("a", 2.0), ("b", 3.0)];
-        let found = told(&reset, false);
+        let found = stretches_of(&reset, false);
         assert_eq!(found.starts, [2], "one jump, however many topics make it");
         assert_eq!((found.moment(1, 9).stretch, found.moment(2, 0).stretch), (0, 1));
-        let told = found.doubt().unwrap();
+        let doubt = found.doubt().unwrap();
         assert!(
-            told.contains("1 time, a by 3.000 s from 5.000000000 s to 2.000000000 s"),
-            "{told}"
+            doubt.contains("1 time, a by 3.000 s from 5.000000000 s to 2.000000000 s"),
+            "{doubt}"
         );
     }
 
     #[test]
-    fn a_short_jump_is_told_from_messages_out_of_order() {
+    fn a_short_jump_is_distinguished_from_messages_out_of_order() {
         let even = |times: &[f64]| {
             let messages: Vec<_> = times.iter().map(|&at| ("a", at)).collect();
-            told(&messages, true).starts
+            stretches_of(&messages, true).starts
         };
         let (before, after) = ([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], [0.35, 0.45, 0.55, 0.65]);
         assert_eq!(even(&[before.as_slice(), &after].concat()), [6], "by 1.5 intervals");

@@ -136,7 +136,7 @@ impl Motion {
     /// The contradictions found.
     pub fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
-        let told: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
+        let contradictions: Vec<String> = self.conflicts.iter().take(10).map(|(child, found)| {
             let Conflict { topics: [first, second], parents: [one, other], apart } = found;
             match one == other {
                 true => format!(
@@ -146,14 +146,14 @@ impl Motion {
                 false => format!("{child} (in {one:?} by {first}, in {other:?} by {second})"),
             }
         }).collect();
-        if !told.is_empty() {
+        if !contradictions.is_empty() {
             doubts.push(format!(
-                "transforms: two topics tell different things of {}; what is on a topic of static transforms counts, else the last one",
-                told.join(", ")
+                "transforms: two topics contradict each other on {}; that of static transforms is used, else the last one",
+                contradictions.join(", ")
             ));
         }
-        doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|told| {
-            format!("transforms: {told} (--odom-frame NAME takes the odometry from another one)")
+        doubts.extend(self.several_parents(|edge| !edge.is_of_odometry()).map(|frame| {
+            format!("transforms: {frame} (--odom-frame NAME takes the odometry from another frame)")
         }));
         doubts
     }
@@ -161,7 +161,7 @@ impl Motion {
     /// Remarks on frames that move in several parents.
     pub fn notes(&self) -> Vec<String> {
         self.several_parents(Edge::is_of_odometry)
-            .map(|told| format!("transforms: {told}"))
+            .map(|frame| format!("transforms: {frame}"))
             .collect()
     }
 
@@ -171,16 +171,16 @@ impl Motion {
         for (child, edge) in self.others.iter().filter(|(_, edge)| edge.is_moving()) {
             parents.entry(child).or_default().push(format!("{:?}", edge.parent));
         }
-        let told = |(child, others): (&str, Vec<String>)| {
+        let note = |(child, others): (&str, Vec<String>)| {
             let edge = self.edges.get(child).filter(|edge| edge.is_moving() && wanted(edge))?;
             Some(format!(
-                "{child:?} moves in {:?} and in {} as well on {}; the first is taken where none is asked for",
+                "{child:?} moves in {:?} and also in {} on {}; the first is used unless an option names another",
                 edge.parent,
                 others.join(", "),
                 edge.topic
             ))
         };
-        parents.into_iter().filter_map(told).take(10).collect::<Vec<_>>().into_iter()
+        parents.into_iter().filter_map(note).take(10).collect::<Vec<_>>().into_iter()
     }
 
     /// Sorts all samples by time; to be called before any query. `longest` is the longest time to interpolate

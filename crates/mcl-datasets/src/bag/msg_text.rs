@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_field_is_named_with_its_line() {
+    fn invalid_fields_are_named_with_their_line() {
         for line in [
             "float32",
             "float32[0] a",

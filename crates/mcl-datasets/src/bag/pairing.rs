@@ -41,14 +41,14 @@ pub(crate) fn shared_stamps(moments: impl Iterator<Item = Moment>) -> Option<(St
     let sharing: usize = counts.values().filter(|&&count| count > 1).sum();
     let (most, count) = counts.iter().max_by_key(|(_, count)| **count)?;
     (sharing > 0).then(|| {
-        let told = format!(
-            "{sharing} of {all} scans share their stamp with another, which then cannot tell them apart: there {} {}, that of {} s {} times",
+        let message = format!(
+            "{sharing} of {all} scans share their stamp with another scan, so stamps cannot tell them apart: there {} {}, and {} s occurs {} times",
             if counts.len() == 1 { "is" } else { "are" },
             counted(counts.len(), "different stamp"),
             Stamp::from_nanoseconds(most.at),
             count
         );
-        (told, sharing as f64 > MANY * all as f64)
+        (message, sharing as f64 > MANY * all as f64)
     })
 }
 
@@ -117,9 +117,9 @@ impl Track {
     }
 
     /// Doubts, losses and notes for scans at these times.
-    pub fn told(&self, moments: &[Moment]) -> Told {
+    pub fn remarks(&self, moments: &[Moment]) -> TrackRemarks {
         let Track { what, scans, unclear, outside, in_gaps, longest_gap, .. } = *self;
-        let mut told = Told::default();
+        let mut remarks = TrackRemarks::default();
         let lie = |count: usize| match count {
             1 => "1 scan lies".to_owned(),
             _ => format!("{count} scans lie"),
@@ -135,15 +135,15 @@ impl Track {
                     )
                 }
             };
-            told.doubts.push(format!(
-                "{what}: stamps do not tell which of its poses belongs to {unclear} of {scans} scans{shared}; no {what} there"
+            remarks.doubts.push(format!(
+                "{what}: stamps do not say which of its poses belongs to {unclear} of {scans} scans{shared}; no {what} there"
             ));
         }
         if outside == scans {
             let (start, end) = self.span();
             let times = || moments.iter().map(|moment| moment.at);
             let shown = |at: Option<i64>| Stamp::from_nanoseconds(at.unwrap_or_default());
-            told.doubts.push(format!(
+            remarks.doubts.push(format!(
                 "{what}: it lasts from {} s to {} s, the scans from {} s to {} s, so no scan has any; were they stamped by different clocks?",
                 shown(Some(start)),
                 shown(Some(end)),
@@ -152,28 +152,28 @@ impl Track {
             ));
         } else if outside > 0 {
             let is_loss = outside as f64 > (ENDS * scans as f64).max(FEW);
-            let list = if is_loss { &mut told.doubts } else { &mut told.assumptions };
+            let list = if is_loss { &mut remarks.doubts } else { &mut remarks.assumptions };
             list.push(format!(
                 "{} before the first or after the last {what} message: nothing is extrapolated, so no {what} there",
                 lie(outside)
             ));
         }
         if in_gaps > 0 {
-            told.doubts.push(format!(
-                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over so long, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
+            remarks.doubts.push(format!(
+                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over that time, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
                 lie(in_gaps),
                 longest_gap as f64 / NANOSECONDS,
                 scans - unclear - outside - in_gaps,
                 counted(scans, "scan")
             ));
         }
-        told
+        remarks
     }
 }
 
 /// Remarks on a track.
 #[derive(Default)]
-pub(crate) struct Told {
+pub(crate) struct TrackRemarks {
     pub doubts: Vec<String>,
     pub assumptions: Vec<String>,
 }
@@ -210,7 +210,7 @@ pub(crate) fn stretches_of_file(times: &[i64]) -> Vec<usize> {
 /// The error that a file of poses covers more time stretches than the log and cannot be used.
 pub(crate) fn goes_over_again(name: &str, in_file: usize, in_log: usize) -> String {
     format!(
-        "reference: in {name} time jumps back {} and goes over the same time again, in the scans {}, so nothing says which belongs to which and it is not used: cut it where its time jumps",
+        "reference: time jumps back {} in {name}, which then covers the same time again, and {} in the scans, so poses cannot be matched with scans and the reference is not used: cut it where its time jumps",
         counted(in_file.saturating_sub(1), "time"),
         counted(in_log.saturating_sub(1), "time"),
     )
@@ -239,8 +239,11 @@ mod tests {
         let shared =
             |times: &[i64]| shared_stamps(times.iter().map(|&at| Moment { stretch: 0, at }));
         assert_eq!(shared(&[1, 2, 3]), None);
-        let (told, are_many) = shared(&[1, 1, 3]).unwrap();
-        assert!(told.contains("2 of 3 scans") && told.contains("2 different stamps"), "{told}");
+        let (message, are_many) = shared(&[1, 1, 3]).unwrap();
+        assert!(
+            message.contains("2 of 3 scans") && message.contains("2 different stamps"),
+            "{message}"
+        );
         assert!(are_many);
         let few: Vec<i64> = (0..40).map(|k| if k == 7 { 8 } else { k }).collect();
         assert!(!shared(&few).unwrap().1);

@@ -122,10 +122,10 @@ fn coordinates(view: &View<'_>, point_step: u64) -> Result<[Coordinate; 3], Mess
             FLOAT64 => 8,
             other => {
                 let known = usize::from(other).checked_sub(1).and_then(|index| TYPES.get(index));
-                let told = known.map_or("no type known".to_owned(), |name| (*name).to_owned());
+                let type_name = known.map_or("no type known".to_owned(), |name| (*name).to_owned());
                 return Err(malformed(
                     &place("datatype"),
-                    format!("{other} ({told})"),
+                    format!("{other} ({type_name})"),
                     "7 (FLOAT32) or 8 (FLOAT64)",
                 ));
             }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use mcl_core::text::counted;
 use mcl_core::{LaserScan, Pose2, Recording, Stamp, memory};
 
-use super::beams::{self, Moved, Swept};
+use super::beams::{self, LaserMotion, SweepStatistics};
 use super::content::{Content, MessageKind, Purpose};
 use super::decoder::{Decoder, Logged, time, tree};
 use super::error::BagError;
@@ -14,7 +14,7 @@ use super::lists::ScanLists;
 use super::messages::{PoseMessage, ScanMessage, in_space_of, planar};
 use super::moment::{Moment, Stretches};
 use super::motion::Motion;
-use super::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
+use super::pairing::{Track, TrackRemarks, goes_over_again, occurrences, stretches_of_file};
 use super::scans::{contradictions, drop_repeated, scan_time, stretches};
 use super::slice;
 use super::survey::Survey;
@@ -90,7 +90,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     let found = of_scans.map(|topic| topic.messages).sum();
     let (lists, lost) = match lists {
         Some(lists) if lists.are_of_others(found, content.truncated.is_some()) => {
-            (None, Some(lists.told(scan_topic, found)))
+            (None, Some(lists.mismatch(scan_topic, found)))
         }
         lists => (lists, None),
     };
@@ -131,7 +131,7 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
     };
     if !left_out.is_empty() {
         assembly.notes.push(format!(
-            "transforms: those on {} are left out, as they are of another namespace than {scan_topic}",
+            "transforms: those on {} are left out, as their namespace is not that of {scan_topic}",
             left_out.join(", ")
         ));
     }
@@ -142,10 +142,10 @@ pub(crate) fn assemble(mut content: Content, options: &ReadOptions) -> Result<Lo
         ));
     }
     let Assembly { scans, moments, lists, .. } = &assembly;
-    let said = contradictions(scan_topic, scans, moments, lists.is_some());
-    assembly.report.doubts.extend(said.doubts);
-    assembly.assumptions.extend(said.assumptions);
-    assembly.notes.extend(said.notes);
+    let remarks = contradictions(scan_topic, scans, moments, lists.is_some());
+    assembly.report.doubts.extend(remarks.doubts);
+    assembly.assumptions.extend(remarks.assumptions);
+    assembly.notes.extend(remarks.notes);
     assembly.log(odometry_topic.zip(Some(odometry)), reference_topic, reference)
 }
 
@@ -174,7 +174,7 @@ fn robot_frame(
     match by_tree() {
         Some(robot) => {
             let doubt = format!(
-                "odometry: it is of frame {child:?}, which no transforms connect with {laser:?}; its poses are taken to be those of {robot:?} (--base-frame says otherwise)"
+                "odometry: it is of frame {child:?}, which no transforms connect with {laser:?}; its poses are taken as those of {robot:?} (--base-frame changes this)"
             );
             (robot, Some(doubt))
         }
@@ -241,7 +241,7 @@ impl Assembly<'_> {
             && self.motion.link(&base, &laser).is_some_and(|link| link.sways());
         if sways {
             self.notes.push(format!(
-                "the laser sways on {base:?}: where it is, is taken at the time of each scan"
+                "the laser sways on {base:?}: each scan has the pose of the laser at its own time"
             ));
         }
         let occurrences = self.occurrences.clone();
@@ -253,7 +253,7 @@ impl Assembly<'_> {
         }
         let mut before: Option<(Moment, Pose2)> = None;
         let mut by_log_time = 0;
-        let mut swept = Swept::default();
+        let mut swept = SweepStatistics::default();
         let numbered = self.scans.iter_mut().zip(&moments).zip(&occurrences);
         for ((logged, &moment), &occurrence) in numbered {
             let header = logged.value.header.stamp;
@@ -301,7 +301,7 @@ impl Assembly<'_> {
             let increment_s = if sweeps { logged.value.time_increment } else { 0.0 };
             let moved = match self.options.no_deskew || increment_s == 0.0 {
                 true => None,
-                false => Moved::of(moment, occurrence, increment_s, tracks),
+                false => LaserMotion::of(moment, occurrence, increment_s, tracks),
             };
             let (ranges, sweep) = swept.place(&mut logged.value, then, increment_s, moved);
             scans.push(LaserScan {
@@ -316,11 +316,11 @@ impl Assembly<'_> {
         self.say_swept(&swept);
         if by_log_time > 0 {
             self.assumptions.push(format!(
-                "stamps: scans without a stamp in their header: {by_log_time}; the time they were logged is taken"
+                "stamps: scans without a stamp in their header: {by_log_time}; their log time is used"
             ));
         }
         for track in [odometry, reference].into_iter().flatten() {
-            let Told { doubts, assumptions } = track.told(&moments);
+            let TrackRemarks { doubts, assumptions } = track.remarks(&moments);
             self.report.doubts.extend(doubts);
             self.assumptions.extend(assumptions);
         }
@@ -395,7 +395,7 @@ impl Assembly<'_> {
         let without = poses.iter().filter(|pose| pose.value.header.stamp <= 0).count();
         if without > 0 && self.lists.is_none() {
             self.assumptions.push(format!(
-                "{what}: {without} of {} have no stamp in their header; the time they were logged is taken",
+                "{what}: {without} of {} have no stamp in their header; their log time is used",
                 counted(poses.len(), "message")
             ));
         }
@@ -411,7 +411,7 @@ impl Assembly<'_> {
 
     fn mount(&mut self, base: &str, laser: &str) -> Result<LaserMount, BagError> {
         if let Some(asked) = self.options.laser_pose {
-            self.notes.push(format!("laser on {base:?}: as asked for"));
+            self.notes.push(format!("laser on {base:?}: as given by --laser-pose"));
             let mount = self.of_scans(LaserMount::asked(asked), base, laser)?;
             self.say_tilt(base, mount);
             return Ok(mount);
@@ -466,12 +466,12 @@ impl Assembly<'_> {
         }
     }
 
-    fn say_swept(&mut self, swept: &Swept) {
-        let told = |text: String| format!("{}: {text}", self.scan_topic);
-        self.notes.extend(swept.note(self.options.no_deskew).map(told));
-        let told = |text: String| format!("{}: {text}", self.scan_topic);
+    fn say_swept(&mut self, swept: &SweepStatistics) {
+        let with_topic = |text: String| format!("{}: {text}", self.scan_topic);
+        self.notes.extend(swept.note(self.options.no_deskew).map(with_topic));
+        let with_topic = |text: String| format!("{}: {text}", self.scan_topic);
         let assumptions = swept.assumptions(self.options.no_deskew);
-        self.assumptions.extend(assumptions.into_iter().map(told));
+        self.assumptions.extend(assumptions.into_iter().map(with_topic));
     }
 
     /// The reference poses, their name, and their child frame where it is stated.
@@ -604,7 +604,7 @@ impl Assembly<'_> {
         let found = found.map(|mount| self.of_scans(mount, &frame, laser)).transpose()?;
         if found.is_none() {
             self.report.doubts.push(format!(
-                "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken to be those of {base:?} (--reference-frame robot, laser or NAME says otherwise)"
+                "reference: its poses are of frame {frame:?}, which no transforms connect with {laser:?}; they are taken as those of {base:?} (--reference-frame robot, laser or NAME changes this)"
             ));
             return Ok((Some(mount), base.to_owned()));
         }

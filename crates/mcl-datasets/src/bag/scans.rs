@@ -5,9 +5,9 @@ use std::collections::{HashMap, HashSet};
 use mcl_core::text::counted;
 
 use super::beams;
-use super::decoder::{Logged, ToldTransform, time};
+use super::decoder::{Logged, PublishedTransform, time};
 use super::messages::{PoseMessage, ScanMessage};
-use super::moment::{Moment, Stretches, Told};
+use super::moment::{Moment, Stretches, TimedMessage};
 use super::pairing::shared_stamps;
 
 /// Steps between two beams by which the last direction may be off: scanners of a full turn may count the
@@ -32,9 +32,9 @@ pub(super) fn stretches(
     scans: &[Logged<ScanMessage>],
     scan_topic: &str,
     poses: [(Option<&str>, &[Logged<PoseMessage>]); 2],
-    transforms: &[ToldTransform<'_>],
+    transforms: &[PublishedTransform<'_>],
 ) -> Stretches {
-    let of_scans = scans.iter().map(|scan| Told {
+    let of_scans = scans.iter().map(|scan| TimedMessage {
         place: scan.place,
         of: scan_topic,
         at: time(scan.value.header.stamp, scan.log_time),
@@ -45,19 +45,20 @@ pub(super) fn stretches(
         |poses: &[Logged<PoseMessage>]| poses.windows(2).any(|pair| pair[0].place >= pair[1].place);
     let of_poses =
         poses.into_iter().filter(|(_, poses)| !is_path(poses)).flat_map(|(topic, poses)| {
-            poses.iter().map(move |pose| Told {
+            poses.iter().map(move |pose| TimedMessage {
                 place: pose.place,
                 of: topic.unwrap_or_default(),
                 at: time(pose.value.header.stamp, pose.log_time),
                 is_even: true,
             })
         });
-    let of_transforms = transforms.iter().filter(|told| !told.is_static).map(|told| Told {
-        place: told.transform.place,
-        of: told.transform.value.child.as_str(),
-        at: time(told.transform.value.header.stamp, told.transform.log_time),
-        is_even: false,
-    });
+    let of_transforms =
+        transforms.iter().filter(|published| !published.is_static).map(|published| TimedMessage {
+            place: published.transform.place,
+            of: published.transform.value.child.as_str(),
+            at: time(published.transform.value.header.stamp, published.transform.log_time),
+            is_even: false,
+        });
     Stretches::of(of_scans.chain(of_poses).chain(of_transforms))
 }
 
@@ -68,7 +69,7 @@ pub(super) fn scan_time(scan: &Logged<ScanMessage>) -> i64 {
 
 /// Remarks on scans, a line each.
 #[derive(Default)]
-pub(super) struct Said {
+pub(super) struct ScanRemarks {
     pub doubts: Vec<String>,
     pub assumptions: Vec<String>,
     pub notes: Vec<String>,
@@ -81,8 +82,8 @@ pub(super) fn contradictions(
     scans: &[Logged<ScanMessage>],
     moments: &[Moment],
     is_ours: bool,
-) -> Said {
-    let mut said = Said::default();
+) -> ScanRemarks {
+    let mut remarks = ScanRemarks::default();
     let off: Vec<(usize, f64)> = scans
         .iter()
         .map(|scan| scan.value.steps_off())
@@ -92,8 +93,8 @@ pub(super) fn contradictions(
     if let Some(&(index, _)) = off.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
         let scan = &scans[index].value;
         let geometry = &scan.geometry;
-        said.doubts.push(format!(
-            "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings by angle_increment {:.6} from angle_min {:.4} on end at {:.4} rad, angle_max is {:.4} (scan {index}); angle_increment is taken",
+        remarks.doubts.push(format!(
+            "{topic}: in {} of {} scans the fields of the directions contradict each other: {} readings with angle_increment {:.6} from angle_min {:.4} end at {:.4} rad, but angle_max is {:.4} (scan {index}); angle_increment is used",
             off.len(),
             scans.len(),
             geometry.beams,
@@ -107,7 +108,7 @@ pub(super) fn contradictions(
         (0..scans.len()).filter(|&scan| beams::contradicts_scan_time(&scans[scan].value)).collect();
     if let Some(&first) = off.first() {
         let scan = &scans[first].value;
-        said.doubts.push(format!(
+        remarks.doubts.push(format!(
             "{topic}: in {} of {} the times contradict each other: by time_increment {:.6} s a scan of {} readings takes {:.4} s, by scan_time a turn takes {:.4} s (scan {first})",
             off.len(),
             counted(scans.len(), "scan"),
@@ -118,16 +119,17 @@ pub(super) fn contradictions(
         ));
     }
     // The stamps of a recording written as a bag are those of its log.
-    if let Some((told, are_many)) = shared_stamps(moments.iter().copied()) {
-        let list = if is_ours && !are_many { &mut said.assumptions } else { &mut said.doubts };
-        list.push(format!("{topic}: {told}"));
+    if let Some((message, are_many)) = shared_stamps(moments.iter().copied()) {
+        let list =
+            if is_ours && !are_many { &mut remarks.assumptions } else { &mut remarks.doubts };
+        list.push(format!("{topic}: {message}"));
     }
     let at_max: usize = scans.iter().map(|scan| scan.value.at_max).sum();
     if at_max > 0 {
         let readings: usize = scans.iter().map(|scan| scan.value.ranges.len()).sum();
-        said.notes.push(format!(
+        remarks.notes.push(format!(
             "{topic}: {at_max} of {readings} readings equal range_max: nothing came back there"
         ));
     }
-    said
+    remarks
 }

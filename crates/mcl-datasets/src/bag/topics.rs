@@ -140,7 +140,7 @@ pub(super) fn choose<'a>(
     let mut doubts = Vec::new();
     let mut left_open = |error: BagError, what: &str| match error {
         BagError::Ambiguous { .. } => {
-            doubts.push(format!("{what}: {error}; none is taken"));
+            doubts.push(format!("{what}: {error}; none is used"));
             Ok(None)
         }
         error => Err(error),
@@ -174,7 +174,7 @@ pub(super) fn choose<'a>(
     let mut assumptions = Vec::new();
     if let Some(topic) = found.filter(|topic| asked.reference.is_none() && !is_truth(topic)) {
         assumptions.push(format!(
-            "reference: {topic} is the only topic of poses, and by its name neither a ground truth nor an estimate; it is taken for the truth (--reference none, --reference-topic or --reference FILE says otherwise)"
+            "reference: {topic} is the only topic of poses, and by its name neither a ground truth nor an estimate; it is used as the ground truth (--reference none, --reference-topic or --reference FILE changes this)"
         ));
     }
     Ok(ChosenTopics { scan, odometry, reference: found, doubts, assumptions })
@@ -306,11 +306,11 @@ fn contains(name: &str, parts: &[&str]) -> bool {
 pub(super) fn possible_references(content: &Content, odometry: Option<&str>) -> Vec<String> {
     let names = content.names(&POSE_KINDS).into_iter();
     let possible = names.filter(|name| Some(*name) != odometry && !is_named(name, &GOALS));
-    let told = |name: &str| match is_estimate(name) {
+    let described = |name: &str| match is_estimate(name) {
         true => format!("{name} (an estimate)"),
         false => name.to_owned(),
     };
-    possible.map(told).collect()
+    possible.map(described).collect()
 }
 
 /// What the poses of a topic are used for.

@@ -25,13 +25,13 @@ impl MessageType {
     /// The description as stored in bags: the fields, then those of every type used, each once.
     pub fn description(&self) -> String {
         let mut text = self.fields.to_owned();
-        let mut told: Vec<&str> = Vec::new();
+        let mut described: Vec<&str> = Vec::new();
         let mut queue: Vec<&MessageType> = self.parts.to_vec();
         while let Some(part) = (!queue.is_empty()).then(|| queue.remove(0)) {
-            if told.contains(&part.name) {
+            if described.contains(&part.name) {
                 continue;
             }
-            told.push(part.name);
+            described.push(part.name);
             let name = part.name.replace("/msg/", "/");
             text += &format!("{}\nMSG: {name}\n{}", "=".repeat(80), part.fields);
             queue.extend(part.parts);

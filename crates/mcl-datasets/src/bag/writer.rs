@@ -102,7 +102,7 @@ pub fn write_as<W: Write + Seek>(
         }
         #[cfg(not(feature = "sqlite"))]
         Format::Database => Err(WriteBagError::Database(
-            "this build writes no databases (.db3): it was compiled without the feature `sqlite` of mcl-datasets"
+            "this build cannot write databases (.db3): it was compiled without the feature `sqlite` of mcl-datasets"
                 .to_owned(),
         )),
         #[cfg(feature = "sqlite")]

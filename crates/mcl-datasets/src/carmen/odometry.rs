@@ -30,8 +30,8 @@ pub(super) struct Evidence {
     pub restarts: usize,
     /// The same for the pairs with at least two lines between them. A single line is inconclusive: a raw log
     /// that writes each odometry reading after the scan it belongs to looks the same.
-    pub telling_gaps: usize,
-    pub telling_restarts: usize,
+    pub conclusive_gaps: usize,
+    pub conclusive_restarts: usize,
     /// Conclusive gaps after which the scan's pose differs from the line before it.
     pub jumps: usize,
 }
@@ -46,13 +46,13 @@ impl Evidence {
     /// poses differ from where the odometry led. `None` where the lines are inconclusive: there are too few,
     /// or the restarts could be those of a robot that stops for each scan.
     pub fn corrected(&self) -> Option<bool> {
-        if self.telling_gaps == 0 {
+        if self.conclusive_gaps == 0 {
             return None;
         }
-        if self.telling_restarts * 10 < self.telling_gaps * 9 {
+        if self.conclusive_restarts * 10 < self.conclusive_gaps * 9 {
             return Some(false);
         }
-        (self.jumps * 2 > self.telling_gaps).then_some(true)
+        (self.jumps * 2 > self.conclusive_gaps).then_some(true)
     }
 }
 
@@ -150,8 +150,8 @@ impl OdometryChain {
         self.evidence.restarts += restarts;
         if self.lines > 1 {
             let jumps = !is_same_pose(&robot, &last);
-            self.evidence.telling_gaps += 1;
-            self.evidence.telling_restarts += restarts;
+            self.evidence.conclusive_gaps += 1;
+            self.evidence.conclusive_restarts += restarts;
             self.evidence.jumps += usize::from(jumps);
         }
     }

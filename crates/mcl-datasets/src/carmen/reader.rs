@@ -332,13 +332,13 @@ impl Pass {
             self.off += 1;
             if self.farthest_off.as_ref().is_none_or(|(worst, _)| steps > *worst) {
                 let ScanGeometry { beams, angle_step, .. } = scan.geometry;
-                let told = format!(
-                    "line {}: {beams} readings by resolution {angle_step:.6} cover {:.4} rad, fov is {:.4}",
+                let message = format!(
+                    "line {}: {beams} readings with resolution {angle_step:.6} cover {:.4} rad, fov is {:.4}",
                     self.lines,
                     angle_step.abs() * (beams - 1) as f64,
                     scan.fov.unwrap_or_default()
                 );
-                self.farthest_off = Some((steps, told));
+                self.farthest_off = Some((steps, message));
             }
         }
         let gap = self.odometry.scan(scan.robot);
@@ -427,7 +427,7 @@ impl Pass {
         let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
         if let Some((line, fault)) = &self.first_word {
             self.report.doubts.push(format!(
-                "readings: {} in {} of {} scans are no numbers (line {line}: {} is {}): no measurement there",
+                "readings: {} in {} of {} scans are not numbers (line {line}: {} is {}): no measurement there",
                 self.words,
                 self.scans_with_words,
                 self.scans.len(),
@@ -437,19 +437,19 @@ impl Pass {
         }
         if let Some((first, last)) = self.two_mounts {
             self.report.doubts.push(format!(
-                "laser: the parameters say two mounts on the robot ({first} and {last}); the last counts"
+                "laser: the parameters give two mounts on the robot ({first} and {last}); the last is used"
             ));
         }
         if self.late > 0 {
             assumptions.push(format!(
-                "scans: the parameters of their directions come after the first {}, which are read by them, too",
+                "scans: the parameters of their directions come after the first {}, but are used for these, too",
                 self.late
             ));
         }
         if is_raw {
             let without = self.scans.iter().filter(|scan| !scan.has_pose).count();
             assumptions.push(format!(
-                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is taken{}",
+                "scans: RAWLASER1 records have no pose; that of the ODOM record before each is used{}",
                 match without {
                     0 => String::new(),
                     without => format!(", which {without} of {} do not have: neither odometry nor a reference pose there", self.scans.len()),
@@ -460,37 +460,37 @@ impl Pass {
             |of: &BTreeSet<usize>| of.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         if let Some((_, worst)) = &self.farthest_off {
             self.report.doubts.push(format!(
-                "scans: in {} of {} the fields of the directions contradict each other ({worst}); resolution is taken",
+                "scans: in {} of {} the fields of the directions contradict each other ({worst}); resolution is used",
                 self.off,
                 self.scans.len()
             ));
         }
         if !self.contradicted.is_empty() {
-            let told = |angle: Option<f64>| {
-                angle.map_or("not said".to_owned(), |a| format!("{:.2}°", a.to_degrees()))
+            let shown = |angle: Option<f64>| {
+                angle.map_or("not given".to_owned(), |a| format!("{:.2}°", a.to_degrees()))
             };
             self.report.doubts.push(format!(
-                "scans: the parameters (field of view {}, resolution {}) contradict FLASER records of {} beams; the directions that CARMEN takes for such a number are taken",
-                told(self.fov),
-                told(self.resolution),
+                "scans: the parameters (field of view {}, resolution {}) contradict FLASER records of {} beams; CARMEN's default directions for that number of beams are used",
+                shown(self.fov),
+                shown(self.resolution),
                 numbers(&self.contradicted)
             ));
         }
         if !self.ruled.is_empty() {
             assumptions.push(format!(
-                "scans: no parameters say the directions of FLASER records of {} beams; CARMEN's own rule is taken: 100° for 400 and 401 beams, else 180°, evenly",
+                "scans: no parameters give the directions of FLASER records of {} beams; CARMEN's own rule is used: 100° for 400 and 401 beams, else 180°, evenly spaced",
                 numbers(&self.ruled)
             ));
         }
         if self.not_numbers > 0 {
-            notes.push(format!("readings that are no numbers: {}, no returns", self.not_numbers));
+            notes.push(format!("readings that are not numbers: {}, no returns", self.not_numbers));
         }
         let stamps = self.scans.iter().filter_map(|scan| scan.scan.stamp);
         let stamps: Vec<_> = stamps.map(Moment::only).collect();
         self.report.unusable_stamps = self.scans.len() - stamps.len();
-        if let Some((told, are_many)) = shared_stamps(stamps.into_iter()) {
+        if let Some((message, are_many)) = shared_stamps(stamps.into_iter()) {
             let list = if are_many { &mut self.report.doubts } else { &mut assumptions };
-            list.push(format!("stamps: {told}"));
+            list.push(format!("stamps: {message}"));
         }
         let content = Content {
             scans: std::mem::take(&mut self.scans),

@@ -61,9 +61,9 @@ pub(super) fn unpack(
 
 /// Whether a decompressor failed because an allocation was refused: C libraries have no error kind for it.
 pub(crate) fn is_out_of_memory(error: &io::Error) -> bool {
-    let told = || error.to_string().to_ascii_lowercase();
+    let message = || error.to_string().to_ascii_lowercase();
     error.kind() == io::ErrorKind::OutOfMemory
-        || ["not enough memory", "out of memory"].iter().any(|part| told().contains(part))
+        || ["not enough memory", "out of memory"].iter().any(|part| message().contains(part))
 }
 
 /// Decompresses up to `limit` bytes; also returns what was decompressed before an error.
@@ -95,7 +95,7 @@ mod tests {
 
     /// As libraries report it; `zstd` calls it an allocation error.
     #[test]
-    fn memory_that_is_refused_is_no_damage() {
+    fn refused_memory_is_not_damage() {
         for text in ["Allocation error : not enough memory", "Out of memory"] {
             assert!(is_out_of_memory(&io::Error::other(text)), "{text}");
         }

@@ -38,7 +38,7 @@ pub enum StreamProblem {
     Memory(#[from] OutOfMemory),
     /// This build was compiled without the reader for this format.
     #[error(
-        "this build reads no {format}: it was compiled without the feature `{feature}` of mcl-datasets"
+        "this build cannot read {format}: it was compiled without the feature `{feature}` of mcl-datasets"
     )]
     LeftOut {
         /// The format.
@@ -52,7 +52,7 @@ pub enum StreamProblem {
     )]
     Magic,
     /// An unknown opcode.
-    #[error("0 is no kind of record; the file is damaged")]
+    #[error("0 is not a kind of record; the file is damaged")]
     Opcode,
     /// A record longer than accepted.
     #[error(
@@ -145,7 +145,7 @@ pub enum StreamProblem {
         there: usize,
     },
     /// A chunk that ends within a record.
-    #[error("the last {there} bytes of a chunk are no whole record; the file is damaged")]
+    #[error("the last {there} bytes of a chunk are not a whole record; the file is damaged")]
     CutInChunk {
         /// The bytes left.
         there: usize,
@@ -160,7 +160,7 @@ pub enum StreamProblem {
     #[error("the database has no table {0}, expected the tables of rosbag2: topics and messages")]
     NoTable(&'static str),
     /// A table that differs from rosbag2's layout.
-    #[error("{table} {found}; the database is no bag of rosbag2, or damaged")]
+    #[error("{table} {found}; the database is not a bag of rosbag2, or is damaged")]
     Database {
         /// The table, or the column in it.
         table: &'static str,

@@ -484,7 +484,8 @@ impl Reader<'_> {
         let index = Some(("the index", self.index_start)).filter(|&(_, place)| place != start);
         if let Some((what, place)) = misplaced.or(index) {
             let is_beyond = place >= self.input.offset;
-            let reason = if is_beyond { "behind the end of the file" } else { "where none is" };
+            let reason =
+                if is_beyond { "beyond the end of the file" } else { "where there is none" };
             visit(Item::Note(&format!(
                 "the index of the bag is damaged: {what} is said to be at byte {place}, {reason}; the bag was read record by record"
             )))?;

@@ -261,7 +261,7 @@ impl Database {
             match take(row) {
                 Ok(()) => {}
                 Err(Fault::Sqlite(error)) => return Err(error.into()),
-                Err(Fault::Value(fault)) => fault.tell(table, number, visit)?,
+                Err(Fault::Value(fault)) => fault.report(table, number, visit)?,
             }
         }
         Ok(())
@@ -284,7 +284,7 @@ impl Database {
             let number = row.get(0).map_err(Stop::of)?;
             at.current = number;
             if at.used.is_some_and(|used| number <= used) {
-                return Err(Stop::Damage(format!("row {number} comes a second time")));
+                return Err(Stop::Damage(format!("row {number} occurs twice")));
             }
             let length: Option<i64> = row.get(3).map_err(Stop::of)?;
             left = left.checked_sub(length.map_or(0, i64::unsigned_abs)).ok_or_else(|| {
@@ -303,7 +303,7 @@ impl Database {
                 Err(Fault::Sqlite(error)) => return Err(Stop::of(error)),
                 Err(Fault::Value(fault)) => {
                     at.used = Some(number);
-                    fault.tell("messages", number, visit)?;
+                    fault.report("messages", number, visit)?;
                     continue;
                 }
             };
@@ -324,7 +324,7 @@ impl Database {
                 Some(ValueRef::Null) => &[],
                 Some(other) => {
                     at.used = Some(number);
-                    WrongValue::of("data", &other, "a BLOB").tell("messages", number, visit)?;
+                    WrongValue::of("data", &other, "a BLOB").report("messages", number, visit)?;
                     continue;
                 }
                 None => {
@@ -380,20 +380,20 @@ impl Stop {
                 | ErrorCode::NotADatabase
                 | ErrorCode::TooBig
                 | ErrorCode::OperationInterrupted,
-            ) => Stop::Damage(told(&error)),
+            ) => Stop::Damage(describe(&error)),
             _ => Stop::Problem(error.into()),
         }
     }
 }
 
-fn told(error: &rusqlite::Error) -> String {
+fn describe(error: &rusqlite::Error) -> String {
     match error.sqlite_error_code() {
         Some(ErrorCode::OperationInterrupted) => {
             "the database takes more steps to read than its size allows for, so it is damaged"
                 .to_owned()
         }
         Some(ErrorCode::TooBig) => {
-            format!("a row is longer than {MAX_CHUNK_BYTES} bytes, or says so")
+            format!("a row is longer than {MAX_CHUNK_BYTES} bytes, or claims to be")
         }
         _ => format!("the database is damaged ({error})"),
     }
@@ -401,7 +401,7 @@ fn told(error: &rusqlite::Error) -> String {
 
 impl From<rusqlite::Error> for StreamProblem {
     fn from(error: rusqlite::Error) -> Self {
-        StreamProblem::Sqlite(told(&error))
+        StreamProblem::Sqlite(describe(&error))
     }
 }
 
@@ -450,7 +450,7 @@ impl WrongValue {
         WrongValue { field, found: format!("of type {}", found.data_type()), expected }
     }
 
-    fn tell(
+    fn report(
         &self,
         table: &'static str,
         number: i64,

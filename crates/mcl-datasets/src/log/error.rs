@@ -69,7 +69,7 @@ pub enum LogError {
         error: Box<BagError>,
     },
     /// Topics were requested, but the log is not a bag.
-    #[error("{}: a CARMEN log has no topics, and so no {topic:?}; leave out --odom-topic and --reference-topic, and name with --scan-topic, if at all, a kind of record: FLASER, RLASER, ROBOTLASER1 or ROBOTLASER2", path.display())]
+    #[error("{}: a CARMEN log has no topics, so there is no {topic:?}; leave out --odom-topic and --reference-topic; --scan-topic, if given, names a kind of record: FLASER, RLASER, ROBOTLASER1 or ROBOTLASER2", path.display())]
     NoTopics {
         /// The requested path.
         path: PathBuf,
@@ -77,7 +77,7 @@ pub enum LogError {
         topic: String,
     },
     /// An option was used that applies only to bags.
-    #[error("{}: a CARMEN log, which says itself where its laser is and has neither frames nor point clouds; {option} goes with bags", path.display())]
+    #[error("{}: a CARMEN log, which gives the pose of its laser itself and has neither frames nor point clouds; {option} applies to bags only", path.display())]
     OfBags {
         /// The requested path.
         path: PathBuf,

@@ -1,7 +1,7 @@
 //! Files that are neither logs nor bags: what they are, and advice on what to do.
 
-/// A kind of file.
-pub(crate) struct Foreign {
+/// A format that is not read, and how to convert it.
+pub(crate) struct ForeignFormat {
     /// Its magic bytes, at this offset.
     offset: usize,
     magic: &'static [u8],
@@ -14,13 +14,13 @@ pub(crate) struct Foreign {
 const UNPACK: &str = "unpack it, and name the log or the folder of the bag in it";
 
 /// Kinds of files that are often mistaken for logs.
-static KNOWN: &[Foreign] = &[
+static KNOWN: &[ForeignFormat] = &[
     of(
         b"PK\x03\x04",
         "a ZIP archive",
         "unpack it with `unzip FILE`, and name the log or the folder of the bag in it",
     ),
-    Foreign {
+    ForeignFormat {
         offset: 257,
         magic: b"ustar",
         what: "a tar archive",
@@ -61,12 +61,12 @@ static KNOWN: &[Foreign] = &[
     ),
 ];
 
-const fn of(magic: &'static [u8], what: &'static str, advice: &'static str) -> Foreign {
-    Foreign { offset: 0, magic, what, advice }
+const fn of(magic: &'static [u8], what: &'static str, advice: &'static str) -> ForeignFormat {
+    ForeignFormat { offset: 0, magic, what, advice }
 }
 
 /// The kind of a file that begins with these bytes, if it is known and unsupported.
-pub(crate) fn of_head(head: &[u8]) -> Option<&'static Foreign> {
+pub(crate) fn of_head(head: &[u8]) -> Option<&'static ForeignFormat> {
     KNOWN.iter().find(|foreign| {
         head.get(foreign.offset..).is_some_and(|rest| rest.starts_with(foreign.magic))
     })

@@ -38,7 +38,7 @@ impl fmt::Display for ReferencePoses {
 
 /// A text that is not the name of one of [`ReferencePoses`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no choice of reference poses, expected auto, recorded or none")]
+#[error("`{0}` is not a choice of reference poses, expected auto, recorded or none")]
 pub struct ParseReferencePosesError(String);
 
 impl FromStr for ReferencePoses {

@@ -34,7 +34,7 @@ pub fn out_of_plane(poses: impl Iterator<Item = PoseInSpace>) -> Option<String> 
     let varies = z > HEIGHTS.0 && z > HEIGHTS.1 * x.max(y);
     (is_tilted || varies).then(|| {
         format!(
-            "of {count} poses {tilted} are tilted by more than {TILT_DEGREES}° (by {worst:.0}° at most), and heights vary by {z:.2} m where x varies by {x:.2} m and y by {y:.2} m, but the poses of a robot in the plane are wanted: is another axis than z upwards?"
+            "{tilted} of {count} poses are tilted by more than {TILT_DEGREES}° (by up to {worst:.0}°), and heights vary by {z:.2} m while x varies by {x:.2} m and y by {y:.2} m, expected poses of a robot in the plane: does an axis other than z point upwards?"
         )
     })
 }
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ramps_are_no_other_axes() {
+    fn ramps_are_not_another_axis() {
         let poses = |tilt_degrees: f64, rise: f64| {
             let at = move |k: usize| PoseInSpace {
                 position: [0.1 * k as f64, 0.0, rise * k as f64],
@@ -53,7 +53,7 @@ mod tests {
             out_of_plane((0..100).map(at))
         };
         assert_eq!((poses(0.5, 0.0), poses(6.0, 0.01)), (None, None));
-        assert!(poses(15.0, 0.0).unwrap().contains("of 100 poses 100 are tilted"));
+        assert!(poses(15.0, 0.0).unwrap().contains("100 of 100 poses are tilted"));
         assert!(poses(0.0, 0.05).unwrap().contains("heights vary by 4.95 m"));
         assert_eq!(out_of_plane([].into_iter()), None);
     }

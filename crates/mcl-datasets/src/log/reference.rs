@@ -6,7 +6,7 @@ use mcl_core::text::counted;
 use mcl_core::{Pose2, Stamp, Trajectory};
 
 use crate::bag::moment::Moment;
-use crate::bag::pairing::{Told, Track, goes_over_again, occurrences, stretches_of_file};
+use crate::bag::pairing::{Track, TrackRemarks, goes_over_again, occurrences, stretches_of_file};
 use crate::bag::track::{Occurrence, Placed, PoseTrack};
 use crate::log::content::Log;
 use crate::log::options::{ReadOptions, ReferenceTrack};
@@ -40,7 +40,7 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
     };
     if frame != LASER && !ROBOT.contains(&frame) {
         log.report.doubts.push(format!(
-            "reference: its poses are of frame {frame:?}, and the log says nothing of frames; they are taken to be the robot's (--reference-frame robot or laser says otherwise)"
+            "reference: its poses are of frame {frame:?}, but the log names no frames; they are taken as poses of the robot (--reference-frame robot or laser changes this)"
         ));
     }
     let longest = options.longest_gap.map(|seconds| (seconds * NANOSECONDS) as i64);
@@ -73,7 +73,7 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
         });
     }
     if let Some(poses) = &poses {
-        let Told { doubts, assumptions } = poses.told(&moments);
+        let TrackRemarks { doubts, assumptions } = poses.remarks(&moments);
         log.report.doubts.extend(doubts);
         log.assumptions.extend(assumptions);
     }

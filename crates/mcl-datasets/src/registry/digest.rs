@@ -10,7 +10,7 @@ pub struct Sha256Digest(pub [u8; 32]);
 
 /// Why a text is not a SHA-256 digest.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{found}` is no SHA-256 digest, expected 64 hexadecimal digits")]
+#[error("`{found}` is not a SHA-256 digest, expected 64 hexadecimal digits")]
 pub struct ParseDigestError {
     /// The text found.
     pub found: String,

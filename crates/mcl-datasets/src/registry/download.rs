@@ -211,7 +211,7 @@ mod tests {
 
     /// Covers the library's redirect from `https`, which uses the same agent and settings.
     #[test]
-    fn what_was_asked_for_encrypted_is_never_asked_for_plainly() {
+    fn https_requests_are_never_redirected_to_http() {
         assert!(is_encrypted("https://example.org/lab.log"));
         assert!(!is_encrypted("http://example.org/lab.log"));
         let plain = "http://127.0.0.1:9/lab.log";

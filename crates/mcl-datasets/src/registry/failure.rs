@@ -55,13 +55,13 @@ pub enum UrlFailure {
     },
     /// The bytes of an earlier attempt and those received now do not form a known copy.
     #[error(
-        "the rest sent now does not fit the bytes kept of an earlier attempt; \
-         they are dropped, and the next attempt starts anew"
+        "the rest sent now does not match the bytes kept from an earlier attempt; \
+         they are dropped, and the next attempt starts over"
     )]
     Unfit,
     /// The file is complete, but is not a known copy.
     #[error(
-        "the file is no known copy: sha256 {} of {} bytes (unpacked), expected {}",
+        "the file is not a known copy: sha256 {} of {} bytes (unpacked), expected {}",
         found.sha256, found.bytes, joined(expected)
     )]
     UnknownCopy {

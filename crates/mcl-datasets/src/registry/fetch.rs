@@ -63,7 +63,7 @@ pub enum FetchError {
     },
     /// A file that is not a known copy lies where the data set is looked for.
     #[error(
-        "{} is there already, but is no known copy of data set `{name}`: sha256 {} of {} bytes \
+        "{} is there already, but is not a known copy of data set `{name}`: sha256 {} of {} bytes \
          (unpacked); move it away to fetch a known copy, or, if it is good \
          (`mcl-eval datasets verify {name}` compares scans and points), {}",
         path.display(),
@@ -120,7 +120,7 @@ pub enum FetchError {
     },
     /// A known copy cannot be read as a log.
     #[error(
-        "the file from {url} is a known copy of data set `{name}`, but is no readable log: {source}"
+        "the file from {url} is a known copy of data set `{name}`, but is not a readable log: {source}"
     )]
     Log {
         /// Name of the data set.
@@ -158,7 +158,10 @@ fn listed(failures: &[(String, UrlFailure)]) -> String {
 
 fn kept_hint(kept: &Option<(PathBuf, u64)>) -> String {
     kept.as_ref().map_or(String::new(), |(path, bytes)| {
-        format!("\n{bytes} bytes are kept in {}; fetch again to go on from there", path.display())
+        format!(
+            "\n{bytes} bytes are kept in {}; fetch again to continue from there",
+            path.display()
+        )
     })
 }
 

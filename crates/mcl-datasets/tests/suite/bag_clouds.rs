@@ -104,7 +104,7 @@ fn any_offsets_types_byte_orders_and_padding() {
 }
 
 #[test]
-fn points_that_are_no_measurement_are_left_out_and_counted() {
+fn points_that_are_not_measurements_are_left_out_and_counted() {
     let (nan, inf) = (f32::NAN, f32::INFINITY);
     let layout =
         Layout::of(&[[nan, nan, nan], [3.0, 0.0, 4.0], [0.0; 3], [1.0, inf, 0.0], [0.0, 5.1, 0.0]]);
@@ -143,7 +143,7 @@ fn clouds_are_joined_where_the_scanner_was() {
     }
     assert!(found.assumptions.join("\n").contains("left out"), "{:?}", found.assumptions);
 
-    // Odometry tells the same, where /tf does not.
+    // Odometry gives the same, where /tf does not.
     let entries = [
         mount,
         odometry(SECOND, 1.0, 0.0, 0.0),
@@ -197,9 +197,9 @@ fn assert_skipped(wrong: impl FnOnce(&mut Layout), parts: &[&str]) {
     wrong(&mut bad);
     let found = clouds(&[good.on("/points", 1), bad.on("/points", 2)]).unwrap();
     assert_eq!((found.points.len(), found.report.skipped), (2, 1), "{parts:?}");
-    let told = found.report.to_string();
+    let report = found.report.to_string();
     for part in parts.iter().chain(&["/points", "PointCloud2 2 skipped"]) {
-        assert!(told.contains(part), "no {part:?} in: {told}");
+        assert!(report.contains(part), "no {part:?} in: {report}");
     }
     // Alone it leaves nothing, and the error says why.
     assert_says(&clouds(&[bad.on("/points", 2)]).unwrap_err(), &[parts[0]]);

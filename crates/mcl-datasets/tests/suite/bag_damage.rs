@@ -34,7 +34,7 @@ fn a_truncated_bag_keeps_what_came_before_the_cut() {
 }
 
 #[test]
-fn what_is_no_bag_or_goes_on_after_its_end_is_told() {
+fn files_that_are_not_bags_or_continue_after_their_end_are_reported() {
     assert_says(&refused(b"\x89MCAP1\r\n and more"), &["at byte 0", "magic"]);
     assert_says(&refused(b""), &["no sensor_msgs/msg/LaserScan"]);
     let mut twice = bag(&walk(2));
@@ -66,7 +66,7 @@ fn a_chunk_with_a_bad_checksum_is_an_error_with_its_offset() {
     let chunk = record(&bytes, CHUNK);
     bytes[chunk + 300] ^= 1;
     assert_says(&refused(&bytes), &[&format!("at byte {chunk}"), "damaged"]);
-    // Outside of chunks, the checksum of the data tells.
+    // Outside of chunks, the checksum of the data shows it.
     let mut bytes = unchunked(&walk(5));
     let message = record(&bytes, 5);
     bytes[message + 40] ^= 1;

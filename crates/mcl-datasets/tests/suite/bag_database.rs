@@ -48,9 +48,9 @@ fn a_database_reads_the_same_as_mcap() {
     // Without descriptions, as before 2023.
     let log = read(&database(&entries, false));
     assert_eq!(log.recording, expected.recording);
-    let told = log.notes.join("\n");
+    let notes = log.notes.join("\n");
     for topic in ["/scan", "/odom", "/tf_static", "/ground_truth"] {
-        assert!(told.contains(&format!("{topic}: the bag does not describe")), "{told}");
+        assert!(notes.contains(&format!("{topic}: the bag does not describe")), "{notes}");
     }
     // Each message compressed on its own.
     let mut packed = entries.clone();
@@ -240,7 +240,7 @@ fn a_row_of_other_values_costs_itself_alone() {
     };
     assert_eq!(change("").recording, whole.recording);
     // Rows 1 to 41: the mount, then odometry and scans in turn.
-    for (value, told) in [
+    for (value, reason) in [
         ("data = NULL", None),
         ("data = 'text'", Some("data is of type Text, expected a BLOB")),
         ("data = 7", Some("data is of type Integer, expected a BLOB")),
@@ -255,8 +255,8 @@ fn a_row_of_other_values_costs_itself_alone() {
         assert_eq!((log.recording.scans.len(), log.report.skipped), (19, 1), "{value}");
         assert!(!log.report.is_complete() && log.report.truncated.is_none(), "{value}");
         let report = log.report.to_string();
-        if let Some(told) = told {
-            assert!(report.contains(&format!("row 21: messages skipped: {told}")), "{report}");
+        if let Some(reason) = reason {
+            assert!(report.contains(&format!("row 21: messages skipped: {reason}")), "{report}");
         }
         let mut left = whole.recording.scans.clone();
         left.remove(9);
@@ -314,7 +314,7 @@ fn a_small_database_of_many_or_large_rows_is_stopped() {
             }
         },
     );
-    assert_says(&refused(&doubled), &["comes a second time"]);
+    assert_says(&refused(&doubled), &["occurs twice"]);
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 

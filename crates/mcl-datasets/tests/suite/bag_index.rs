@@ -139,9 +139,9 @@ fn an_index_that_hides_messages_is_not_believed() {
     }
 }
 
-/// It was taken for a bag that is cut off, or not told.
+/// It was taken for a bag that is cut off, or not reason.
 #[test]
-fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
+fn a_wrong_index_is_reported_and_changes_nothing() {
     for compression in ["none", "bz2", "lz4"] {
         let bytes = ros1(compression);
         let whole = of_file(&bytes).unwrap();
@@ -149,17 +149,17 @@ fn an_index_that_leads_elsewhere_is_told_and_changes_nothing() {
         let index = places(&bytes, b"index_pos=")[0] + 10;
         let chunk = places(&bytes, b"chunk_pos=")[3] + 10;
         for (at, what) in [(index, "the index"), (chunk, "a chunk")] {
-            for (place, told) in [
-                (1_u64 << 40, "behind the end of the file"),
-                (bytes.len() as u64, "behind the end of the file"),
-                (5_000, "where none is"),
+            for (place, reason) in [
+                (1_u64 << 40, "beyond the end of the file"),
+                (bytes.len() as u64, "beyond the end of the file"),
+                (5_000, "where there is none"),
             ] {
                 let mut damaged = bytes.clone();
                 damaged[at..at + 8].copy_from_slice(&place.to_le_bytes());
                 for read in [of_file, of_stream] {
                     let mut found = read(&damaged).unwrap();
                     let note = format!(
-                        "the index of the bag is damaged: {what} is said to be at byte {place}, {told}; the bag was read record by record"
+                        "the index of the bag is damaged: {what} is said to be at byte {place}, {reason}; the bag was read record by record"
                     );
                     let notes = found.notes.len();
                     found.notes.retain(|found| *found != note);
@@ -184,9 +184,10 @@ fn an_index_of_broken_records_costs_nothing() {
         damaged[at..at + 4].fill(0xff);
         for read in [of_file, of_stream] {
             let mut found = read(&damaged).unwrap();
-            let is_told = |note: &String| note.contains("the index of the bag is damaged at byte");
-            assert_eq!(found.notes.iter().filter(|note| is_told(note)).count(), 1, "{at}");
-            found.notes.retain(|note| !is_told(note));
+            let is_index_note =
+                |note: &String| note.contains("the index of the bag is damaged at byte");
+            assert_eq!(found.notes.iter().filter(|note| is_index_note(note)).count(), 1, "{at}");
+            found.notes.retain(|note| !is_index_note(note));
             assert_eq!(found, whole, "{at}");
         }
     }

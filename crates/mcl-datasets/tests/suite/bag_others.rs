@@ -173,8 +173,8 @@ fn the_olin_bag() {
 fn bags_of_ros_1_and_databases() {
     let folder = PathBuf::from(std::env::var_os("MCL_BAG_DIR").expect("MCL_BAG_DIR is set"));
     let refused = |name: &str| read_log(&folder.join(name)).unwrap_err().to_string();
-    let told = refused("basic.bag");
-    assert!(told.ends_with("topics: /input (std_msgs/String, 47 messages)"), "{told}");
+    let message = refused("basic.bag");
+    assert!(message.ends_with("topics: /input (std_msgs/String, 47 messages)"), "{message}");
     for name in ["tf_example.bag", "tf_example", "tf_example/tf_example.db3"] {
         assert!(refused(name).contains("TFMessage, 517 messages"), "{}", refused(name));
     }

@@ -20,7 +20,7 @@ fn poses(entries: &[bag_support::Entry], topic: Option<&str>, role: PoseRole) ->
 }
 
 #[test]
-fn poses_keep_their_own_stamps_and_the_mount_is_told() {
+fn poses_keep_their_own_stamps_and_the_mount_is_reported() {
     let mut entries = walk(3);
     entries.push(pose_on("/amcl", 2 * SECOND + 7, at(1.5)));
     let odometry = poses(&entries, Some("/odom"), PoseRole::Estimate);
@@ -37,7 +37,7 @@ fn poses_keep_their_own_stamps_and_the_mount_is_told() {
 }
 
 #[test]
-fn a_topic_is_found_by_its_role_or_asked_for() {
+fn a_topic_is_found_by_its_role_or_requested() {
     let mut entries = walk(2);
     entries.push(pose_on("/ground_truth", SECOND, at(1.0)));
     entries.push(pose_on("/goal_pose", SECOND, at(9.0)));
@@ -58,7 +58,7 @@ fn a_topic_is_found_by_its_role_or_asked_for() {
 }
 
 #[test]
-fn a_bag_without_one_laser_says_no_mount() {
+fn a_bag_without_a_single_laser_has_no_mount() {
     let only = [odometry_on("/odom", SECOND, "base_link", at(1.0))];
     let found = poses(&only, None, PoseRole::Estimate);
     assert_eq!((found.trajectory.len(), found.frame_from_laser), (1, None));
@@ -105,7 +105,7 @@ fn transforms_alone_are_poses_of_the_robot_in_the_map() {
 }
 
 #[test]
-fn a_path_is_found_without_being_asked_for() {
+fn a_path_is_found_without_a_request() {
     let mut message = Encoder::default();
     message.header(stamp(2 * SECOND), "map").u32(2);
     message.header(stamp(SECOND), "").pose(at(1.0)).header(stamp(2 * SECOND), "").pose(at(2.0));

@@ -170,7 +170,7 @@ fn reference_poses_are_of_the_robot_and_become_those_of_the_laser() {
             "/a (",
             "/b (",
             "--odom-topic",
-            "none is taken",
+            "none is used",
         ],
     );
     let log = bag::read(&*bag(&entries), &with_topics(None, None, Some("/gazebo"))).unwrap();
@@ -273,7 +273,7 @@ fn malformed_messages_are_skipped_and_named() {
     for part in ["/scan at 2.000000000 s", "ends at byte 30", "0x0009", "transforms"] {
         assert!(text.contains(part), "{part}: {text}");
     }
-    // When nothing is left, the reason is told.
+    // When nothing is left, the reason is reported.
     let mut only = scan(SECOND);
     only.data.truncate(10);
     assert_says(&refused(&bag(&[only])), &["no sensor_msgs/msg/LaserScan", "ends at byte 10"]);

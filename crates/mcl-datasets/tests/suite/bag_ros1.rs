@@ -49,7 +49,7 @@ fn every_way_to_write_it_reads_the_same_as_mcap() {
 }
 
 #[test]
-fn it_is_told_by_its_bytes_plain_or_packed() {
+fn it_is_recognized_by_its_bytes_plain_or_packed() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = ros1_bag(&with_reference(), ROS1);
     let expected = read(&bytes);
@@ -74,7 +74,7 @@ fn a_chunk_that_was_never_finished_is_read_as_far_as_it_goes() {
     let log = read(&active);
     assert_eq!(log.recording.scans[..8], read(&bytes).recording.scans[..8]);
     assert!(log.report.truncated.unwrap().contains("ends within a record"));
-    // Packed, nothing of it can be told.
+    // Packed, nothing of it can be recognized.
     let mut active = ros1_bag(&entries, Ros1Options { chunk: 8, has_index: false, ..ROS1 });
     chunk(&mut active, "bz2", 0, b"");
     active.extend(b"BZh91AY&SY and so on, for some hundred bytes".repeat(9));

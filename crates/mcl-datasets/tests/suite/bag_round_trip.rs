@@ -137,7 +137,7 @@ fn bags_of_any_format_keep_the_order_of_scans_whose_stamps_go_back() {
 
 /// Numbers of scans are of use for these scans alone.
 #[test]
-fn what_a_bag_says_of_its_scans_is_not_used_of_others() {
+fn lists_of_scans_are_not_used_for_other_scans() {
     let scans = (0..20).map(|k| scan(Some(k * SECOND / 10), 0.1 * k as f64)).collect();
     let mut recording = Recording { scans, robot_from_laser: Pose2::IDENTITY };
     recording.scans[12].odometry = None;
@@ -150,8 +150,8 @@ fn what_a_bag_says_of_its_scans_is_not_used_of_others() {
     database.close().unwrap();
     let log = read_log(&path).unwrap();
     assert!(log.recording.scans.len() < 20);
-    let told = &log.report.doubts[0];
-    assert!(told.contains("tells of 20 scans") && told.contains("another program"), "{told}");
+    let doubt = &log.report.doubts[0];
+    assert!(doubt.contains("lists 20 scans") && doubt.contains("another program"), "{doubt}");
 }
 
 #[test]

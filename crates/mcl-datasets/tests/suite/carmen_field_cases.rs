@@ -51,18 +51,21 @@ fn any_number_of_beams_by_the_parameters_of_the_log() {
 }
 
 #[test]
-fn without_parameters_the_rule_of_carmen_is_told() {
+fn without_parameters_the_rule_of_carmen_is_reported() {
     for (beams, half_degrees) in [(541, 90.0_f64), (401, 50.0), (91, 90.0), (2, 90.0)] {
         let text = flaser(&vec![1.0; beams], ORIGIN, ORIGIN, 1);
         assert_angles(&text, -half_degrees.to_radians(), half_degrees.to_radians());
-        let told = &read(&text).assumptions[0];
-        assert!(told.contains(&format!("of {beams} beams")) && told.contains("CARMEN's own rule"));
+        let assumption = &read(&text).assumptions[0];
+        assert!(
+            assumption.contains(&format!("of {beams} beams"))
+                && assumption.contains("CARMEN's own rule")
+        );
     }
 }
 
 /// Of one of nine public logs, 219 of the 236 gaps hold nothing but the restart.
 #[test]
-fn a_gap_of_nothing_but_the_restart_says_nothing_of_the_motion() {
+fn a_gap_with_only_the_restart_gives_no_motion() {
     let log = corrected();
     let text = log.text();
     let lost = text.replace(&log.gap(1), &restart(log.poses[1]));
@@ -80,12 +83,12 @@ fn a_gap_of_nothing_but_the_restart_says_nothing_of_the_motion() {
 }
 
 #[test]
-fn scans_of_one_stamp_are_told() {
+fn scans_of_one_stamp_are_reported() {
     let text: String = (0..6).map(|k| scan(pose(f64::from(k), 0.0, 0.0), "1.01893e+09")).collect();
-    let told = read(&text).report.doubts.join("\n");
+    let doubts = read(&text).report.doubts.join("\n");
     assert!(
-        told.contains("6 of 6 scans share their stamp") && told.contains("1 different"),
-        "{told}"
+        doubts.contains("6 of 6 scans share their stamp") && doubts.contains("1 different"),
+        "{doubts}"
     );
     let at = |k: usize| pose(k as f64, 0.0, 0.0);
     let different: String = (0..40).map(|k| scan(at(k), k)).collect();
@@ -101,7 +104,7 @@ fn scans_of_one_stamp_are_told() {
 }
 
 #[test]
-fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
+fn directions_that_contradict_each_other_are_reported_and_degrees_refused() {
     let record = |angles: &str| {
         let readings = ["1.5"; 181].join(" ");
         let text = format!(
@@ -115,16 +118,16 @@ fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
         assert!(log.report.is_complete(), "{fov}: {}", log.report);
     }
     let log = record("-1.570796 3.141593 0.008727").unwrap();
-    let told = &log.report.doubts[0];
+    let doubts = &log.report.doubts[0];
     for part in ["in 1 of 1", "line 1: 181 readings", "0.008727", "1.5709 rad", "fov is 3.1416"] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(doubts.contains(part), "{part}: {doubts}");
     }
     let refused = record("-90 180 1").unwrap_err().to_string();
     assert!(refused.contains("28.6 turns") && refused.contains("are these degrees?"), "{refused}");
 }
 
 #[test]
-fn one_parameter_alone_says_the_directions_and_those_of_other_scans_are_told() {
+fn one_parameter_alone_gives_the_directions_and_those_of_other_scans_are_reported() {
     let scan = |beams: usize| flaser(&vec![1.0; beams], ORIGIN, ORIGIN, 1);
     let fov = |angle: &str| format!("PARAM laser_front_laser_fov {angle}\n");
     let resolution = |angle: &str| format!("PARAM laser_front_laser_resolution {angle}\n");
@@ -143,8 +146,11 @@ fn one_parameter_alone_says_the_directions_and_those_of_other_scans_are_told() {
     ] {
         let text = parameters + &scan(beams);
         assert_eq!(angles(&text), angles(&scan(beams)));
-        let told = read(&text).report.doubts.join("\n");
-        assert!(told.contains(&format!("contradict FLASER records of {beams} beams")), "{told}");
+        let doubts = read(&text).report.doubts.join("\n");
+        assert!(
+            doubts.contains(&format!("contradict FLASER records of {beams} beams")),
+            "{doubts}"
+        );
     }
 }
 
@@ -218,8 +224,8 @@ fn where_there_is_no_scan_the_kinds_that_are_there_are_named() {
     let rear = scan(ORIGIN, 1).replace("FLASER", "RLASER");
     let text = rear.repeat(10) + &odom(ORIGIN).repeat(3) + "#ROBOT 1 2 3\n#LASER 181 0: 1\n";
     let error = carmen::read(text.as_bytes(), "rear.log", ReferencePoses::Auto).unwrap_err();
-    let told = error.to_string();
-    assert!(told.contains("in 15 lines (#LASER 1, #ROBOT 1, ODOM 3, RLASER 10)"), "{told}");
+    let message = error.to_string();
+    assert!(message.contains("in 15 lines (#LASER 1, #ROBOT 1, ODOM 3, RLASER 10)"), "{message}");
     // A text with a new word in each line is not listed in full.
     let text: String = (0..1000).map(|k| format!("word{k}\n")).collect();
     let error = carmen::read(text.as_bytes(), "words.log", ReferencePoses::Auto).unwrap_err();
@@ -268,7 +274,7 @@ fn readings_that_programs_of_windows_print_are_no_returns() {
         assert!(if is_nan { found.is_nan() } else { found == f64::INFINITY }, "{text}: {found}");
         assert_eq!(log.recording.scans[0].usable_beams(10.0), 179);
         let is_word = text == "-1.#J";
-        assert_eq!(log.notes.join("").contains("no numbers: 1"), is_nan && !is_word);
+        assert_eq!(log.notes.join("").contains("not numbers: 1"), is_nan && !is_word);
         assert_eq!(log.report.is_complete(), !is_word, "{text}");
     }
 }
@@ -282,8 +288,8 @@ fn a_reading_that_is_a_word_costs_itself_alone() {
         assert_eq!((log.recording.scans.len(), log.report.skipped), (3, 0), "{text}");
         let found = &log.recording.scans[1].ranges;
         assert!(found[0].is_nan() && found[1..].iter().all(|&range| range == 1.0), "{text}");
-        let told = format!("readings: 1 in 1 of 3 scans are no numbers (line 2: r1 is {text})");
-        assert!(log.report.doubts[0].contains(&told), "{}", log.report);
+        let doubt = format!("readings: 1 in 1 of 3 scans are not numbers (line 2: r1 is {text})");
+        assert!(log.report.doubts[0].contains(&doubt), "{}", log.report);
         assert!(!log.report.is_complete());
     }
     // Of a record with remission values, which are not used.

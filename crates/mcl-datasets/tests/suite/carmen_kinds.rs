@@ -1,4 +1,4 @@
-//! What the poses of a log mean, told from its content.
+//! What the poses of a log mean, recognized by its content.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -24,7 +24,7 @@ fn a_corrected_log_restarts_its_odometry_at_each_scan() {
 }
 
 #[test]
-fn restarts_are_told_by_position_whatever_their_stamp() {
+fn restarts_are_recognized_by_position_whatever_their_stamp() {
     let plain = corrected().text();
     for stamp in ["0", "-1", "nan", "1.5", "99999999999999", "pippo"] {
         let log = read(&plain.replace("6.9e-310", stamp));

@@ -74,14 +74,14 @@ fn other_kinds_are_ignored_and_counted_and_the_rest_is_silent() {
         + &scan(ORIGIN, 1);
     let log = read(&text);
     assert_eq!(log.report.ignored, 9);
-    let told = "ignored records: LASER3 1, NEFF 1, ODOMETRY 1, RAWLASER1 1, RLASER 1, ROBOTLASER2 1, \
+    let ignored = "ignored records: LASER3 1, NEFF 1, ODOMETRY 1, RAWLASER1 1, RLASER 1, ROBOTLASER2 1, \
                 SYNC 1, TRUEPOS 1, flaser 1";
-    assert_eq!(log.notes[0], told);
+    assert_eq!(log.notes[0], ignored);
     assert_eq!(log.report.ignored_kinds.values().sum::<usize>(), 9);
     assert_eq!(log.report.ignored_kinds["RAWLASER1"], 1);
     for kind in ["RLASER", "ROBOTLASER2"] {
-        let told = format!("scans: --scan-topic {kind} reads those of the {kind} records instead");
-        assert!(log.notes.contains(&told), "{:?}", log.notes);
+        let note = format!("scans: --scan-topic {kind} reads those of the {kind} records instead");
+        assert!(log.notes.contains(&note), "{:?}", log.notes);
     }
     assert!(log.report.is_complete(), "{}", log.report);
     assert_eq!(log.front_laser_offset, None);
@@ -100,7 +100,7 @@ fn line_breaks_blanks_and_foreign_bytes_do_no_harm() {
 }
 
 #[test]
-fn readings_that_are_no_measurements_are_kept_as_they_are() {
+fn readings_that_are_not_measurements_are_kept_as_they_are() {
     let mut ranges = [1.0; 180];
     ranges[..5].copy_from_slice(&[f64::NAN, f64::INFINITY, -1.0, 0.0, 81.83]);
     let text = flaser(&ranges, ORIGIN, ORIGIN, 1);
@@ -114,7 +114,7 @@ fn readings_that_are_no_measurements_are_kept_as_they_are() {
 }
 
 #[test]
-fn stamps_that_are_no_time_are_counted_and_text_is_malformed() {
+fn stamps_that_are_not_times_are_counted_and_text_is_malformed() {
     let stamps = ["6.95e-310", "-1", "nan", "1e300", "0"];
     let text: String = stamps.iter().map(|stamp| scan(ORIGIN, stamp)).collect();
     let log = read(&(text + &scan(ORIGIN, "noon")));
@@ -228,7 +228,7 @@ fn odometry_spans_a_skipped_scan() {
         assert_close(log.recording.scans[1].odometry, spanning, 1e-12);
         assert_close(log.recording.scans[2].odometry, expected.raw[2], 1e-12);
     }
-    // The restart line alone tells the pose of the skipped scan.
+    // The restart line alone gives the pose of the skipped scan.
     let mut changed = lines.clone();
     changed[second] = "FLASER";
     changed[second + 1] = "ODOM";
@@ -243,7 +243,7 @@ fn two_skipped_scans_in_a_row_are_spanned_or_unknown() {
     let expected = corrected();
     let text = |first: &str, second: &str| {
         let corrected = &expected;
-        // A good gap first, so that the kind of log is told.
+        // A good gap first, so that the kind of log is recognized.
         [
             corrected.scan(0),
             corrected.gap(0),

@@ -84,7 +84,7 @@ fn a_corrected_log_is_written_as_such() {
     }
     expected.push("FLASER");
     assert_eq!(kinds, expected);
-    // The content alone tells it, too.
+    // The content alone shows it, too.
     let bare: String = text
         .lines()
         .filter(|line| !line.starts_with("PARAM"))

@@ -22,7 +22,7 @@ fn the_usual_bag_is_exact() {
 }
 
 #[test]
-fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
+fn directions_that_contradict_each_other_are_reported_and_degrees_refused() {
     let with = |fields: Fields, beams: usize| {
         let ranges = vec![2.0; beams];
         let message = scan_message(START, "laser", fields, &ranges);
@@ -45,13 +45,16 @@ fn directions_that_contradict_each_other_are_told_and_degrees_refused() {
         ],
     );
     let wrong_sign = Fields { angle_min: FRAC_PI_2, angle_max: -FRAC_PI_2, ..HALF_TURN };
-    assert_doubts(&read(&with(wrong_sign, BEAMS)), &["end at 4.7124 rad, angle_max is -1.5708"]);
+    assert_doubts(
+        &read(&with(wrong_sign, BEAMS)),
+        &["end at 4.7124 rad, but angle_max is -1.5708"],
+    );
     let degrees = Fields { angle_min: 0.0, angle_max: 359.0, step: 1.0, ..HALF_TURN };
     assert_says(&refused(&with(degrees, 360)), &["57.1 turns", "are these degrees?"]);
 }
 
 #[test]
-fn a_reading_of_range_max_is_no_measurement() {
+fn a_reading_of_range_max_is_not_a_measurement() {
     let capped = |none: f64| {
         let mut entries = vec![mounted()];
         let fields = Fields { range_max: 3.5, ..HALF_TURN };
@@ -106,10 +109,10 @@ fn of_two_robots_only_the_transforms_of_the_one_that_is_read_count() {
             log.notes.iter().any(|note| note.contains("/robot2/tf, /robot2/tf_static are left"))
         );
     }
-    // Two topics that tell different things of one frame.
+    // Two topics that contradict each other on one frame.
     let mut entries = usual();
     entries.push(edge("/tf", 0.0, ["mast", "laser"], other));
-    assert_doubts(&read(&bag(&entries)), &["two topics tell different things of laser"]);
+    assert_doubts(&read(&bag(&entries)), &["two topics contradict each other on laser"]);
 }
 
 #[test]
@@ -203,7 +206,7 @@ fn nothing_is_interpolated_over_a_gap() {
 }
 
 #[test]
-fn the_estimate_of_another_program_is_no_ground_truth() {
+fn the_estimate_of_another_program_is_not_ground_truth() {
     for name in ["/amcl_pose", "/pose", "/slam_toolbox/pose", "/robot1/tracked_pose"] {
         let mut entries = usual();
         entries.retain(|entry| entry.topic != "/ground_truth");
@@ -213,8 +216,8 @@ fn the_estimate_of_another_program_is_no_ground_truth() {
         entries.push(pose_on("/current_goal", START, Pose2::IDENTITY));
         let log = read(&bag(&entries));
         assert!(log.recording.scans.iter().all(|scan| scan.map_from_laser.is_none()), "{name}");
-        let told = format!("reference: none; --reference-topic could take {name} (an estimate)");
-        assert!(log.notes.contains(&told), "{:?}", log.notes);
+        let note = format!("reference: none; --reference-topic could take {name} (an estimate)");
+        assert!(log.notes.contains(&note), "{:?}", log.notes);
         assert_eq!(log.report.doubts, [""; 0]);
         let log = bag::read(&*bag(&entries), &with_reference(name)).unwrap();
         assert!(log.recording.scans[0].map_from_laser.is_some());
@@ -242,8 +245,8 @@ fn one_bad_transform_of_many_costs_that_one() {
         let log = read(&bag(&entries));
         assert_exact(&log);
         assert_eq!(log.report.skipped, 1);
-        let told = log.report.to_string();
-        assert!(told.contains("transforms[0] (child \"camera\")."), "{told}");
+        let report = log.report.to_string();
+        assert!(report.contains("transforms[0] (child \"camera\")."), "{report}");
     }
 }
 
@@ -257,7 +260,7 @@ fn odometry_of_a_frame_without_transforms() {
     let log = read(&bag(&entries));
     assert_doubts(
         &log,
-        &["frame \"odom_link\"", "taken to be those of \"base_link\"", "--base-frame"],
+        &["frame \"odom_link\"", "taken as those of \"base_link\"", "--base-frame"],
     );
     assert!(worst(&log) < 1e-5);
     let options =
@@ -266,7 +269,7 @@ fn odometry_of_a_frame_without_transforms() {
 }
 
 #[test]
-fn a_mount_that_no_transform_tells_can_be_given() {
+fn a_mount_without_transforms_can_be_given() {
     let entries = &usual()[1..];
     let log = read(&bag(entries));
     assert_doubts(&log, &["no transform says where it is", "--laser-pose X,Y,THETA"]);
@@ -337,8 +340,8 @@ fn standard_types_are_read_without_a_description() {
     });
     let log = read(&bag(&entries));
     assert_eq!(log.recording, expected);
-    let told = log.notes.iter().filter(|note| note.contains("read as the standard type"));
-    assert_eq!(told.count(), 4, "{:?}", log.notes);
+    let notes = log.notes.iter().filter(|note| note.contains("read as the standard type"));
+    assert_eq!(notes.count(), 4, "{:?}", log.notes);
 }
 
 fn without_reference(extra: impl Fn(f64, &mut Vec<Entry>)) -> Vec<Entry> {
@@ -391,8 +394,8 @@ fn ground_truth_of_other_types_and_names() {
         entries.push(edge("/tf", seconds, ["odom", "base_link"], odometry_pose(seconds)));
     });
     let log = read(&bag(&on_tf));
-    let told = "reference: none; --reference-topic could take /tf:map.base_link";
-    assert!(log.notes.iter().any(|note| note == told), "{:?}", log.notes);
+    let expected = "reference: none; --reference-topic could take /tf:map.base_link";
+    assert!(log.notes.iter().any(|note| note == expected), "{:?}", log.notes);
     let options = with_reference("/tf:map.base_link");
     assert_exact(&bag::read(&*bag(&on_tf), &options).unwrap());
     let request =

@@ -36,8 +36,11 @@ fn the_beams_of_a_tilted_laser_are_projected_into_the_plane() {
     let log = read(&bag(&tilted(20.0)));
     assert!(worst(&log) < 1e-5, "{}", worst(&log));
     assert_eq!(log.report.doubts, [""; 0]);
-    let told = log.assumptions.join("\n");
-    assert!(told.contains("tilted by 20.0°") && told.contains("projected"), "{told}");
+    let assumptions = log.assumptions.join("\n");
+    assert!(
+        assumptions.contains("tilted by 20.0°") && assumptions.contains("projected"),
+        "{assumptions}"
+    );
     // Slightly tilted by accident: as it was, and not a word.
     let log = read(&bag(&tilted(2.0)));
     assert_eq!(log.assumptions, [""; 0]);
@@ -53,7 +56,7 @@ fn the_beams_of_a_tilted_laser_are_projected_into_the_plane() {
 
 /// The mount that is asked for may be rolled, and is upside down at half a turn.
 #[test]
-fn a_mount_that_is_asked_for_may_be_rolled() {
+fn a_requested_mount_may_be_rolled() {
     let rolled = |roll: f64| {
         let laser_pose = Some(LaserPose { robot_from_laser: MOUNT, roll });
         let options = ReadOptions { laser_pose, ..ReadOptions::default() };
@@ -120,15 +123,18 @@ fn beams_are_placed_where_the_laser_was_when_they_were_measured() {
     for (entries, by) in [(&both, "odometry"), (&reference_alone, "reference")] {
         let log = read(&bag(entries));
         assert!(worst(&log) < 1e-3, "{by}: {}", worst(&log));
-        let told = log.notes.join("\n");
+        let notes = log.notes.join("\n");
         assert!(
-            told.contains("beams of 11 scans are placed") && told.contains("0.199 s"),
-            "{told}"
+            notes.contains("beams of 11 scans are placed") && notes.contains("0.199 s"),
+            "{notes}"
         );
         // What comes after the last pose has no place.
         assert_eq!((usable(&log, 9), usable(&log, 10)), (FULL_TURN, 1));
-        let told = log.assumptions.join("\n");
-        assert!(told.contains("359 readings were measured where neither"), "{told}");
+        let assumptions = log.assumptions.join("\n");
+        assert!(
+            assumptions.contains("359 readings were measured at times for which neither"),
+            "{assumptions}"
+        );
         assert!(log.report.is_complete());
         assert!(log.recording.scans.iter().all(|scan| scan.sweep.time_increment == 0.0));
     }
@@ -136,7 +142,7 @@ fn beams_are_placed_where_the_laser_was_when_they_were_measured() {
     let log = bag::read(&*bag(&both), &options).unwrap();
     assert!(worst(&log) > 0.5, "{}", worst(&log));
     assert_eq!(log.assumptions, [""; 0]);
-    assert!(log.notes.iter().any(|note| note.contains("measured at once, as asked for")));
+    assert!(log.notes.iter().any(|note| note.contains("measured at once, as requested")));
     // Written as they were measured, they come to the same; but the last, as the bag has no pose after it.
     let written = bag::write(&log.recording, std::io::Cursor::new(Vec::new())).unwrap();
     let mut again = read(written.get_ref());
@@ -150,10 +156,13 @@ fn beams_are_placed_where_the_laser_was_when_they_were_measured() {
 }
 
 #[test]
-fn where_nothing_tells_of_the_motion_during_a_scan_that_is_reported() {
+fn unknown_motion_during_a_scan_is_reported() {
     let log = read(&bag(&spinning(|_, _| Vec::new())));
-    let told = log.assumptions.join("\n");
-    assert!(told.contains("for 11 of 11 neither odometry nor reference says how"), "{told}");
+    let assumptions = log.assumptions.join("\n");
+    assert!(
+        assumptions.contains("for 11 of 11 neither odometry nor reference says how"),
+        "{assumptions}"
+    );
     assert_eq!(usable(&log, 10), FULL_TURN);
 }
 
@@ -175,7 +184,7 @@ fn a_scan_that_takes_longer_than_the_next_is_in_doubt() {
 
 /// Poses of a file of its own, of the robot, of the laser, and of a frame of the bag.
 #[test]
-fn a_reference_from_elsewhere_is_of_the_frame_that_is_said() {
+fn a_reference_from_elsewhere_has_the_given_frame() {
     let mut entries = usual();
     entries.retain(|entry| entry.topic != "/ground_truth");
     let camera = Pose2::new(0.1, -0.2, 1.0);

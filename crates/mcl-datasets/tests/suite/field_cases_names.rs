@@ -1,4 +1,4 @@
-//! Bags whose names, axes or fields do not tell what is meant.
+//! Bags whose names, axes or fields do not say what is meant.
 
 use crate::bag_support::room::*;
 use crate::bag_support::*;
@@ -15,7 +15,7 @@ fn with_poses_on(topic: &'static str) -> Log {
 }
 
 #[test]
-fn estimates_of_other_programs_are_no_ground_truth() {
+fn estimates_of_other_programs_are_not_ground_truth() {
     for topic in [
         "/robot1/pose",
         "/amcl/pose",
@@ -31,8 +31,8 @@ fn estimates_of_other_programs_are_no_ground_truth() {
     ] {
         let log = with_poses_on(topic);
         assert!(!log.recording.has_reference(), "{topic}");
-        let told = format!("could take {topic} (an estimate)");
-        assert!(log.notes.iter().any(|note| note.contains(&told)), "{topic}: {:?}", log.notes);
+        let possible = format!("could take {topic} (an estimate)");
+        assert!(log.notes.iter().any(|note| note.contains(&possible)), "{topic}: {:?}", log.notes);
     }
     for topic in
         ["/ground_truth/pose", "/vrpn_client_node/robot/pose", "/mocap/pose", "/gt", "/GroundTruth"]
@@ -41,7 +41,7 @@ fn estimates_of_other_programs_are_no_ground_truth() {
         assert_exact(&log);
         assert_eq!(log.assumptions, [""; 0], "{topic}");
     }
-    // What no name tells is taken, and told.
+    // What no name says is assumed, and reported.
     let log = with_poses_on("/tower");
     assert_exact(&log);
     assert!(log.assumptions[0].contains("/tower is the only topic of poses"));
@@ -56,13 +56,13 @@ fn messages_without_a_stamp_are_counted() {
         });
         let log = read(&bag(&entries));
         assert_exact(&log);
-        let told = format!("{what}: 101 of 101 messages have no stamp in their header");
-        assert!(log.assumptions[0].contains(&told), "{:?}", log.assumptions);
+        let expected = format!("{what}: 101 of 101 messages have no stamp in their header");
+        assert!(log.assumptions[0].contains(&expected), "{:?}", log.assumptions);
     }
 }
 
 #[test]
-fn a_frame_that_is_asked_for_has_to_be_there() {
+fn a_requested_frame_must_exist() {
     let refused = |options: ReadOptions| bag::read(&*bag(&usual()), &options).unwrap_err();
     let nope = || Some("nope".to_owned());
     let error = refused(ReadOptions { odometry_frame: nope(), ..ReadOptions::default() });
@@ -114,6 +114,9 @@ fn a_reference_with_another_axis_upwards_is_in_doubt() {
         entries.push(entry("/ground_truth", &POSE_STAMPED, at(seconds), message));
     }));
     let log = read(&bag(&entries));
-    assert_doubts(&log, &["reference: /ground_truth: of 101 poses", "are tilted by more than 10°"]);
-    assert_doubts(&log, &["heights vary by ", "is another axis than z upwards?"]);
+    assert_doubts(
+        &log,
+        &["reference: /ground_truth: ", " of 101 poses are tilted by more than 10°"],
+    );
+    assert_doubts(&log, &["heights vary by ", "does an axis other than z point upwards?"]);
 }

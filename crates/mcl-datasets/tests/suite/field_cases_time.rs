@@ -28,7 +28,7 @@ fn placed(log: &Log) -> usize {
 fn stamps_that_scans_share_pair_them_with_nothing() {
     let one = read(&bag(&stamped("/scan", |_| 3.0)));
     assert_doubts(&one, &["51 of 51 scans share their stamp", "1 different stamp", "51 times"]);
-    assert_doubts(&one, &["odometry: stamps do not tell which of its poses belongs to 51 of 51"]);
+    assert_doubts(&one, &["odometry: stamps do not say which of its poses belongs to 51 of 51"]);
     assert!(!one.recording.has_odometry() && placed(&one) == 0);
     // Cut to seconds: not even the last scan, which stands alone.
     let cut = read(&bag(&stamped("/scan", f64::floor)));
@@ -42,10 +42,10 @@ fn stamps_that_scans_share_pair_them_with_nothing() {
 fn stamps_that_poses_share_place_no_scan() {
     for (topic, what) in [("/ground_truth", "reference"), ("/odom", "odometry")] {
         let log = read(&bag(&stamped(topic, f64::floor)));
-        let told = format!("{what}: stamps do not tell which of its poses belongs to 51 of 51");
+        let doubt = format!("{what}: stamps do not say which of its poses belongs to 51 of 51");
         assert_doubts(
             &log,
-            &[&told, "100 of its 101 poses share their stamp with another", " m and "],
+            &[&doubt, "100 of its 101 poses share their stamp with another", " m and "],
         );
         let is_reference = topic == "/ground_truth";
         assert_eq!((placed(&log) == 0, log.recording.has_odometry()), (is_reference, is_reference));
@@ -55,7 +55,7 @@ fn stamps_that_poses_share_place_no_scan() {
 #[test]
 fn a_few_scans_that_share_a_stamp_have_no_pose_and_the_others_theirs() {
     let log = read(&bag(&stamped("/scan", |at| if at == 4.0 { 4.2 } else { at })));
-    assert_doubts(&log, &["2 of 51 scans share", "reference: stamps do not tell", "to 2 of 51"]);
+    assert_doubts(&log, &["2 of 51 scans share", "reference: stamps do not say", "to 2 of 51"]);
     assert_eq!(placed(&log), 49);
     let mut without = log.clone();
     without.recording.scans.retain(|scan| scan.map_from_laser.is_some());
@@ -80,22 +80,22 @@ fn set_back(seconds: f64) -> Vec<Entry> {
     let mut entries = vec![mounted()];
     for k in 0..=100 {
         let true_time = f64::from(k) * 0.1;
-        let told = if k > 50 { true_time - seconds - 0.1 } else { true_time };
+        let stamp = if k > 50 { true_time - seconds - 0.1 } else { true_time };
         let restart = if k > 50 { 5.1 } else { 0.0 };
         let moved = path(restart).between(&path(true_time));
-        entries.push(odometry_on("/odom", at(told), "base_link", moved));
-        entries.push(pose_on("/ground_truth", at(told), path(true_time)));
+        entries.push(odometry_on("/odom", at(stamp), "base_link", moved));
+        entries.push(pose_on("/ground_truth", at(stamp), path(true_time)));
         if k % 2 == 0 || k == 51 {
             let ranges = seen(path(true_time).compose(&MOUNT), HALF_TURN);
-            let message = scan_message(at(told), "laser", HALF_TURN, &ranges);
-            entries.push(entry("/scan", &LASER_SCAN, at(told), message));
+            let message = scan_message(at(stamp), "laser", HALF_TURN, &ranges);
+            entries.push(entry("/scan", &LASER_SCAN, at(stamp), message));
         }
     }
     entries
 }
 
 #[test]
-fn a_clock_that_is_set_back_a_little_begins_anew() {
+fn a_clock_set_back_a_little_begins_a_new_stretch() {
     for seconds in [0.15, 0.35, 0.5, 0.9, 1.0, 1.1, 4.0] {
         let log = read(&bag(&set_back(seconds)));
         assert_doubts(&log, &["time jumps back 1 time", &format!("by {seconds:.3} s")]);
@@ -128,7 +128,7 @@ fn a_reference_that_ends_early_is_a_loss() {
 #[test]
 fn a_file_of_poses_that_goes_over_the_same_time_again_belongs_to_as_many_stretches() {
     let poses = |times: &mut dyn Iterator<Item = (f64, f64)>| -> Trajectory {
-        times.map(|(told, truly)| (Stamp::from_nanoseconds(at(told)), path(truly))).collect()
+        times.map(|(stamp, truly)| (Stamp::from_nanoseconds(at(stamp)), path(truly))).collect()
     };
     let reading = |entries: &[Entry], trajectory: Trajectory| {
         let track =
@@ -145,7 +145,7 @@ fn a_file_of_poses_that_goes_over_the_same_time_again_belongs_to_as_many_stretch
     let log = reading(&usual(), twice());
     assert_doubts(
         &log,
-        &["reference: in truth.tum time jumps back 1 time", "in the scans 0 times"],
+        &["reference: time jumps back 1 time in truth.tum", "and 0 times in the scans"],
     );
     assert_eq!((placed(&log), &log.reference), (0, &None));
     let once = poses(&mut tenths().map(|t| (t, t)));

@@ -10,7 +10,7 @@ const OTHER: Pose2 = Pose2::new(0.25, 0.05, 0.0);
 
 /// In either order, and whichever of the two is right.
 #[test]
-fn a_mount_that_two_topics_tell_differently_is_told() {
+fn contradicting_mounts_of_two_topics_are_reported() {
     for (fixed, moving) in [(MOUNT, OTHER), (OTHER, MOUNT)] {
         for is_first in [true, false] {
             let mut entries = usual();
@@ -22,7 +22,10 @@ fn a_mount_that_two_topics_tell_differently_is_told() {
                 false => entries.extend(others),
             }
             let log = read(&bag(&entries));
-            assert_doubts(&log, &["different things of laser", "/tf has it 0.400 m and 90.0°"]);
+            assert_doubts(
+                &log,
+                &["contradict each other on laser", "/tf has it 0.400 m and 90.0°"],
+            );
             assert_eq!(worst(&log) < 1e-5, fixed == MOUNT, "that of /tf_static counts");
         }
     }
@@ -50,7 +53,7 @@ fn a_robot_that_moves_in_two_frames_has_a_track_in_each() {
             assert!(log.recording.has_odometry() && !log.recording.has_reference());
             let notes = log.notes.join("\n");
             for part in [
-                format!("\"base_link\" moves in \"odom\" and in {world:?} as well on /tf"),
+                format!("\"base_link\" moves in \"odom\" and also in {world:?} on /tf"),
                 "101 transforms from \"odom\"".to_owned(),
                 format!("could take {pair}"),
             ] {

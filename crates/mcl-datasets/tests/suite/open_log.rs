@@ -48,7 +48,7 @@ fn assert_message(error: &LogError, path: &Path, parts: &[&str]) {
 }
 
 #[test]
-fn compression_is_told_by_content_not_by_name() {
+fn compression_is_recognized_by_content_not_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let text = corrected().text();
     let plain = read_log(&file(folder.path(), "a.log", text.as_bytes())).unwrap();
@@ -76,7 +76,7 @@ fn the_override_reaches_the_reader() {
 }
 
 #[test]
-fn what_is_no_log_is_refused_with_the_reason() {
+fn files_that_are_not_logs_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let missing = folder.path().join("missing.log");
     let error = read_log(&missing).unwrap_err();
@@ -104,7 +104,7 @@ fn what_is_no_log_is_refused_with_the_reason() {
     assert!(matches!(error, LogError::Bag { .. }), "{error}");
     assert_message(&error, &path, &["no sensor_msgs/msg/LaserScan", "topics: none"]);
 
-    // The first bytes tell, never the name alone.
+    // The first bytes decide, never the name alone.
     let path = file(folder.path(), "text.mcap", b"FLASER 180 and so on");
     assert_message(&read_log(&path).unwrap_err(), &path, &["no laser scan", "FLASER skipped"]);
     let path = file(folder.path(), "bag.mcap", b"PK\x03\x04 and so on");

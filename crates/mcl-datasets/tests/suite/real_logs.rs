@@ -135,9 +135,9 @@ fn further_corrected_logs() {
             _ => vec![],
         };
         assert_eq!(log.report.doubts.len(), doubts.len(), "{name}: {}", log.report);
-        let told = log.report.doubts.iter().zip(doubts);
+        let pairs = log.report.doubts.iter().zip(doubts);
         assert!(
-            told.into_iter().all(|(found, part)| found.contains(part)),
+            pairs.into_iter().all(|(found, part)| found.contains(part)),
             "{name}: {}",
             log.report
         );

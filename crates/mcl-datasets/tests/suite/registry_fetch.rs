@@ -152,7 +152,7 @@ fn last_failure(result: Result<Fetched, FetchError>) -> (UrlFailure, String) {
 }
 
 #[test]
-fn a_plain_file_is_fetched_and_progress_is_told() {
+fn a_plain_file_is_fetched_and_progress_is_reported() {
     let server = Server::start(vec![Answer::Send(ok(&log()))]);
     let lab = Lab::new(&[server.url("lab.log")]);
     let mut progress = Vec::new();
@@ -369,7 +369,7 @@ fn a_truncated_transfer_goes_on_in_the_next_fetch() {
 }
 
 #[test]
-fn a_server_that_ignores_the_range_sends_the_file_anew() {
+fn a_server_that_ignores_the_range_sends_the_whole_file() {
     let log = log();
     let server = Server::start(vec![Answer::Send(truncated(&log, 1000)), Answer::Send(ok(&log))]);
     let lab = Lab::new(&[server.url("lab.log")]);
@@ -391,7 +391,7 @@ fn a_server_that_answers_another_range_is_asked_for_the_whole_file() {
 }
 
 #[test]
-fn kept_bytes_that_do_not_fit_are_dropped_and_the_file_is_fetched_anew() {
+fn kept_bytes_that_do_not_match_are_dropped_and_the_file_is_fetched_again() {
     let log = log();
     let server = Server::start(vec![Answer::Send(rest(&log, 300)), Answer::Send(ok(&log))]);
     let lab = Lab::new(&[server.url("lab.log")]);
@@ -474,7 +474,7 @@ fn a_gzip_file_that_is_broken_at_the_server_is_refused_and_leaves_nothing() {
         let server = Server::start(vec![Answer::Send(ok(&broken))]);
         let lab = Lab::new(&[server.url("lab.log.gz")]);
         let (failure, _) = last_failure(lab.fetch());
-        // A flipped bit may also decode to something else; the checksum of gzip then tells.
+        // A flipped bit may also decode to something else; the checksum of gzip then shows it.
         assert!(matches!(failure, UrlFailure::Gzip(_)), "{failure}");
         lab.assert_files(&[]);
     }
@@ -482,7 +482,7 @@ fn a_gzip_file_that_is_broken_at_the_server_is_refused_and_leaves_nothing() {
 
 #[test]
 fn what_is_far_too_large_is_not_read_on() {
-    // Announced, not announced, and packed so well that only unpacking tells.
+    // Announced, not announced, and packed so well that only unpacking shows it.
     let big = vec![b'1'; 3_000_000];
     let announced = with_headers("200 OK", &[("Content-Length", big.len().to_string())], b"1 1");
     for answer in [announced, ok_without_length(&big), ok(&gzip(&big))] {
@@ -621,7 +621,7 @@ fn an_unknown_file_on_disk_is_neither_taken_nor_overwritten() {
 }
 
 #[test]
-fn an_unknown_copy_whose_facts_agree_is_told_apart() {
+fn an_unknown_copy_whose_facts_agree_is_distinguished() {
     let lab = Lab::new(&[]);
     lab.put("lab.gfs.log", &other_copy());
     let Verification::Found(found) = lab.verify().unwrap() else { panic!("no file") };
@@ -650,7 +650,7 @@ fn a_known_copy_that_contradicts_the_facts_is_not_stored() {
 }
 
 #[test]
-fn a_known_copy_in_the_data_folder_is_taken_and_an_unknown_one_is_in_no_ones_way() {
+fn a_known_copy_in_the_data_folder_is_used_and_an_unknown_one_does_not_interfere() {
     let server = Server::start(vec![Answer::Send(ok(&log()))]);
     let lab = Lab::new(&[server.url("lab.log")]);
     let shared = tempfile::tempdir().unwrap();

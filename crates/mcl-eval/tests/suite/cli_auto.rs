@@ -106,7 +106,7 @@ fn combinations_that_mean_nothing_are_wrong_usage() {
         ("--size auto --sigma auto", "do not go together"),
         ("--size auto --auto-by likelihood", "always likelier"),
         ("--size 1% --sigma auto --auto-by bic", "held-out or likelihood"),
-        ("--size many", "no map size"),
+        ("--size many", "not a map size"),
         ("--size 1% --sigma -1", "positive number or auto"),
     ] {
         let mut args = vec!["map", "office.log", "--init", "grid", "-o", "map.ply"];

@@ -150,7 +150,7 @@ fn mounts_and_frames_can_be_given() {
         &["inspect", "office.log", "--slice", "0,1"],
     ] {
         let (_, stderr) = lab.ends(args, 1);
-        assert!(stderr.contains(args[2]) && stderr.contains("goes with bags"), "{stderr}");
+        assert!(stderr.contains(args[2]) && stderr.contains("applies to bags only"), "{stderr}");
     }
     lab.ends(&["inspect", "whole.mcap", "--slice", "1,0"], 2);
     let found = lab.json(&["inspect", "whole.mcap", "--slice", "0,1"], 3);

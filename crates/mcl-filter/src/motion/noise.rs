@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_asked_for() {
+    fn moments_are_the_requested_ones() {
         const N: usize = 50_000;
         let increments = vec![Some(Pose2::new(1.0, 2.0, 3.1)); N];
         let noisy = noisy_increments(&increments, NOISE, Seed::new(5)).unwrap();

@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_grid_is_refused() {
+    fn invalid_grids_are_refused() {
         let grid = |width, resolution, x, occupied: &[bool]| {
             let (map_from_grid, occupied, free) =
                 (Pose2::new(x, 0.0, 0.0), occupied.to_vec(), Vec::new());

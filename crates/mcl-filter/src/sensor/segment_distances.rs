@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_that_is_no_length_is_refused() {
+    fn a_truncation_that_is_not_a_length_is_refused() {
         let wall = LineSegment { start: [0.0, 0.0], end: [1.0, 0.0] };
         let map = SegmentMap::new(vec![wall]).unwrap();
         assert!(matches!(SegmentDistances::build(&map, 0.0), Err(FilterError::Setting { .. })));

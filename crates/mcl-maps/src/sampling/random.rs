@@ -37,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn all_of_the_points_are_all_of_the_points() {
+    fn a_sample_of_all_points_has_every_point() {
         assert_eq!(sample_random(5, 5, Seed::new(1)), [0, 1, 2, 3, 4]);
     }
 }

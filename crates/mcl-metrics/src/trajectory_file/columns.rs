@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn velocities_covariances_and_others_are_no_positions() {
+    fn velocities_covariances_and_others_are_not_positions() {
         let found = find(
             "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.pose.pose.position.x,\
              field.pose.pose.position.y,field.pose.pose.position.z,field.pose.pose.orientation.x,\
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_ambiguous_is_said() {
+    fn missing_and_ambiguous_columns_are_named() {
         for (names, problem) in [
             ("t,y,theta", "there is no column for x (x, position.x, p_x)"),
             ("x,y", "there is no column for the time (t, time, stamp, timestamp, sec and nsec)"),

@@ -92,7 +92,7 @@ pub struct LocalizeArgs {
     /// Seed of all runs; with the log's name and the run's number it decides every draw.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
-    /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, as 3deg.
+    /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, such as 3deg.
     #[arg(long, value_name = "N|Ddeg|all")]
     pub beams: Option<Beams>,
     /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres; or auto: by the map's

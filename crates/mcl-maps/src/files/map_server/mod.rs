@@ -66,7 +66,7 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<OccupancyGrid, MapFileError> 
                     "image",
                     match &description.elsewhere {
                         Some(elsewhere) => format!(
-                            "{elsewhere:?}, which leads elsewhere, and of that name {:?} cannot be read: {source}",
+                            "{elsewhere:?}, which leads elsewhere, and {:?} beside the .yaml file cannot be read: {source}",
                             image.display().to_string()
                         ),
                         None => {
