@@ -122,7 +122,7 @@ mod tests {
 
     /// Fault: on small maps, where every run was lost, labels stood over each other.
     #[test]
-    fn what_has_no_place_is_left_out() {
+    fn labels_without_room_are_left_out() {
         let mut taken = Taken::new(WINDOW);
         let places: Vec<TextBox> =
             (0..100).filter_map(|_| taken.place((20_000, 10_000), SIZE)).collect();

@@ -130,7 +130,7 @@ fn measure(share: &str, trials: usize, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// As the system tells it, where it does.
+/// As the system reports it, where it does.
 fn peak_memory() -> Result<String> {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
         return Ok("? MB".to_owned());

@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn its_opposite_is_not() {
+    fn the_opposite_is_not_reproduced() {
         // Gains that grow, kinds that part at large sizes, random maps above grid-based ones.
         let results = planted::likelihood(&SIZES, |is_random, size, scatter| {
             let random = if is_random { 1.0 } else { 0.0 };

@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn its_opposite_is_not() {
+    fn the_opposite_is_not_reproduced() {
         // Refined maps are worse, most of all small ones; random beats grid-based; more points are always
         // better; the filter is lost on large maps only.
         let results = planted::localization(&SIZES, |kind, size, run, scatter| {

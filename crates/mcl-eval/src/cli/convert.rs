@@ -11,7 +11,7 @@ use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{
-    input_files, open_map, prepare, print, reference_of, tell_losses, write_carmen,
+    input_files, open_map, prepare, print, reference_of, report_losses, write_carmen,
 };
 use crate::progress::tell;
 use mcl_core::text::thousands;
@@ -116,11 +116,11 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
     };
     write_grid(&args.output, &grid)?;
     let figures = GridFigures::of(&grid);
-    let told = format!("{}: {}", args.output.display(), figures.text());
+    let described = format!("{}: {}", args.output.display(), figures.text());
     let map_points = grid.occupied_points().len();
-    print(args.json, &Converted::Map { map_points, grid: Some(figures) }, |_| told)?;
+    print(args.json, &Converted::Map { map_points, grid: Some(figures) }, |_| described)?;
     Ok(match (&source, &args.log) {
-        (Some(source), Some(log)) => tell_losses(log, source),
+        (Some(source), Some(log)) => report_losses(log, source),
         _ => Outcome::Done,
     })
 }
@@ -170,6 +170,6 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
             path.display()
         );
     }
-    let told = tell_losses(&args.input, &source);
-    Ok(if is_lost { Outcome::Incomplete } else { told })
+    let outcome = report_losses(&args.input, &source);
+    Ok(if is_lost { Outcome::Incomplete } else { outcome })
 }

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{ExportArgs, ExportLog, ExportMap, Global};
-use super::output::{print, refuse, tell_data_losses};
+use super::output::{print, refuse, report_data_losses};
 use crate::progress::tell;
 use crate::studies;
 use mcl_core::text::printable;
@@ -70,7 +70,7 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         (Some(scans), DataSource::Log(log)) => DataSource::Log(log.first_scans(scans)),
         (_, source) => source,
     };
-    let outcome = tell_data_losses(&dataset, &source);
+    let outcome = report_data_losses(&dataset, &source);
     let data = StudyData::new(source);
     let plan = study.plan(&data.log()?.name)?;
     let planned: Vec<Planned<'_>> = plan
@@ -83,9 +83,9 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
     }
     let Some(output) = args.output.as_deref().filter(|_| !args.list) else {
         let runs = planned.iter().enumerate().map(Listed::of).collect();
-        print(args.json, &Runs { runs }, |told| {
+        print(args.json, &Runs { runs }, |listed| {
             let line = |listed: &Listed| format!("{}: {}", listed.run, printable(&listed.trial));
-            told.runs.iter().map(line).collect::<Vec<_>>().join("\n")
+            listed.runs.iter().map(line).collect::<Vec<_>>().join("\n")
         })?;
         return Ok(outcome);
     };

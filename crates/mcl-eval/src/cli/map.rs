@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{input_files, print, reference_of_data, refuse, tell_data_losses};
+use super::output::{input_files, print, reference_of_data, refuse, report_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
 use mcl_study::auto::{DataChoice, Rating, SIGMA_RANGE};
@@ -98,7 +98,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     };
     built.reference = reference_of_data(source);
     print(args.json, &built, |built| text(built, args))?;
-    Ok(tell_data_losses(name, source))
+    Ok(report_data_losses(name, source))
 }
 
 /// The position of the lines of a grid.

@@ -25,13 +25,13 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs, StudyArgs};
-use super::output::{print, reference_of, tell_bridged, tell_data_losses};
+use super::output::{print, reference_of, report_bridged, report_data_losses};
 use crate::figures;
-use crate::progress::{StudyProgress, span, tell, told_once};
+use crate::progress::{StudyProgress, error_message, span, tell};
 use crate::studies;
 
 #[derive(Serialize)]
-struct Told {
+struct Totals {
     trials: usize,
     done: usize,
     failed: usize,
@@ -78,46 +78,47 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         );
     }
     if share != Share::Merge {
-        tell_programs(&study);
+        list_programs(&study);
     }
     end_on_interrupt(&args.of.output)?;
     let mut complete = true;
-    let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
+    let mut totals =
+        Totals { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
         let source = open(&args.of, &study, dataset)?;
         if let (DataSource::Log(log), false) = (&source, global.quiet) {
             tell!("note: {}: reference: {}", printable(dataset), reference_of(log));
         }
-        complete &= tell_data_losses(dataset, &source) == Outcome::Done;
+        complete &= report_data_losses(dataset, &source) == Outcome::Done;
         if let DataSource::Log(log) = &source
             && !study.measures.of_runs.is_empty()
             && let Ok(bridged) = bridge(log)
         {
-            complete &= tell_bridged(dataset, &bridged) == Outcome::Done;
+            complete &= report_bridged(dataset, &bridged) == Outcome::Done;
         }
         let folder = args.of.output.join(&name).join(source.name());
         let ran = run_on(&study, &name, source, &folder, share, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
             Ok(Ran { results, asked, done, failed }) => {
-                told.trials += asked;
-                told.done += done;
-                told.failed += failed.len();
+                totals.trials += asked;
+                totals.done += done;
+                totals.failed += failed.len();
                 complete &= done == asked;
-                told.folders.push(folder.display().to_string());
+                totals.folders.push(folder.display().to_string());
                 all.extend(results);
             }
             // A file that cannot be written for one data set cannot be written for the others.
             Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
             Err(error) => {
-                let reason = told_once(&error);
+                let reason = error_message(&error);
                 tell!("error: {}; going on with the other data sets", printable(&reason));
-                told.lost.push(Lost { dataset: dataset.clone(), reason });
+                totals.lost.push(Lost { dataset: dataset.clone(), reason });
             }
         }
     }
-    if told.folders.is_empty() {
+    if totals.folders.is_empty() {
         bail!("study {name} has results on none of {} data sets", names.len());
     }
     let is_part = matches!(share, Share::Part(_));
@@ -127,13 +128,13 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     {
         tell!("settings ranked over the data sets: {}", path.display());
     }
-    complete &= told.failed == 0 && told.lost.is_empty();
-    print(args.json, &told, |told| {
-        let mut text = format!("{} trials done, {} failed", told.done, told.failed);
-        for Lost { dataset, .. } in &told.lost {
+    complete &= totals.failed == 0 && totals.lost.is_empty();
+    print(args.json, &totals, |totals| {
+        let mut text = format!("{} trials done, {} failed", totals.done, totals.failed);
+        for Lost { dataset, .. } in &totals.lost {
             text += &format!("\n{}: lost, see above", printable(dataset));
         }
-        for folder in &told.folders {
+        for folder in &totals.folders {
             text += &format!("\n{}", printable(folder));
         }
         text
@@ -173,14 +174,14 @@ fn run_on(
     let ran = run_study(study, name, &data, folder, share, |event| match event {
         Event::Started { done, asked, damage } => {
             for damage in damage {
-                progress.tell(format_args!("warning: {}", printable(damage)));
+                progress.print(format_args!("warning: {}", printable(damage)));
             }
             if done > 0 && !global.quiet {
                 let of = match share {
                     Share::Part(part) => format!(" of {part}"),
                     Share::Whole { .. } | Share::Merge => String::new(),
                 };
-                progress.tell(format_args!(
+                progress.print(format_args!(
                     "{dataset}: {done} of {asked} trials{of} are there already"
                 ));
             }
@@ -190,7 +191,7 @@ fn run_on(
             if !global.quiet {
                 let (trials, threads) = (counted(trials, "trial"), counted(threads, "thread"));
                 let span = span(expected.as_secs_f64());
-                progress.tell(format_args!(
+                progress.print(format_args!(
                     "{dataset}: {trials} of {} on {threads}, about {span}",
                     printable(name)
                 ));
@@ -203,7 +204,7 @@ fn run_on(
                 && !reasons.contains(&failed.reason)
             {
                 let (trial, reason) = (printable(&failed.trial), printable(&failed.reason));
-                progress.tell(format_args!("{dataset}: trial {trial} failed: {reason}"));
+                progress.print(format_args!("{dataset}: trial {trial} failed: {reason}"));
                 reasons.push(failed.reason.clone());
             }
         }
@@ -221,7 +222,7 @@ fn run_on(
         };
         tell!("{dataset}: {done} of {asked} trials have rows; {others}");
     }
-    tell_failed_runs(results);
+    report_failed_runs(results);
     figures::write(results)?;
     Ok(ran)
 }
@@ -229,11 +230,11 @@ fn run_on(
 /// The trials without rows, each with the reason if known.
 fn missing(results: &Results, failed: &[FailedTrial]) -> String {
     const MOST: usize = 10;
-    let told = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
+    let described = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
         Some(failed) => format!("{name} (failed: {})", printable(&failed.reason)),
         None => name.clone(),
     };
-    let names: Vec<String> = results.without_rows.iter().take(MOST).map(told).collect();
+    let names: Vec<String> = results.without_rows.iter().take(MOST).map(described).collect();
     let others = match results.without_rows.len().saturating_sub(MOST) {
         0 => String::new(),
         others => format!(" and {others} others"),
@@ -332,7 +333,7 @@ fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
 }
 
 /// Lists the programs that a study is about to run.
-fn tell_programs(study: &Study) {
+fn list_programs(study: &Study) {
     let programs = commands(study.programs());
     if !programs.is_empty() {
         tell!(
@@ -345,7 +346,7 @@ fn tell_programs(study: &Study) {
 }
 
 /// Reports how many runs of programs ended abnormally; their rows have the reasons.
-fn tell_failed_runs(results: &Results) {
+fn report_failed_runs(results: &Results) {
     let mut failed: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
     for row in results.table.rows() {

@@ -14,7 +14,7 @@ use mcl_study::store::results::Results;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::run::Trial;
 
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 use crate::report::at_hand::AtHand;
 use crate::report::compare_maps::{self, ChosenMaps, MapPair};
 use crate::report::slot::{Slot, SlotKind};
@@ -82,7 +82,7 @@ impl Wanted {
     pub fn of(results: &Results) -> Result<Self> {
         let Results { study, facts, .. } = results;
         let has_runs = results.table.column("run").is_some();
-        let told = |error: anyhow::Error| told_once(&error);
+        let message = |error: anyhow::Error| error_message(&error);
         let plan = &results.plan;
         let maps = compare_maps::choose(results, plan).transpose();
         Ok(Wanted {
@@ -92,8 +92,8 @@ impl Wanted {
             measures: study.measures.clone(),
             scans: study.listed(&facts.name).and_then(|listed| listed.scans),
             pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
-            runs: has_runs.then(|| watch::choose(results, plan).map_err(told)),
-            maps: maps.map(|maps| maps.map_err(told)),
+            runs: has_runs.then(|| watch::choose(results, plan).map_err(message)),
+            maps: maps.map(|maps| maps.map_err(message)),
         })
     }
 
@@ -160,7 +160,7 @@ pub fn repeat(
         exhibits[place].runs = of.runs.as_ref().map(|chosen| {
             let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
             runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
-            shown.map_err(|error| told_once(&error))
+            shown.map_err(|error| error_message(&error))
         });
     }
     let mut compared: HashSet<&str> = HashSet::new();
@@ -175,7 +175,7 @@ pub fn repeat(
                 compared.insert(&of.facts.name);
                 maps += 1;
             }
-            shown.map_err(|error| told_once(&error))
+            shown.map_err(|error| error_message(&error))
         });
     }
     if runs + maps > 0 && !is_quiet {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::claims::claim::DatasetClaims;
 use crate::claims::{decide, without_results};
-use crate::progress::told_once;
+use crate::progress::error_message;
 use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
 use crate::report::folder::Folder;
 use crate::report::slot::Slot;
@@ -82,7 +82,7 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
     let mut room = Room::default();
     for folder in recorded {
         let shown = exhibits::localized(&folder, &mut room);
-        let slot = shown.map(|shown| shown.slot).map_err(|error| told_once(&error));
+        let slot = shown.map(|shown| shown.slot).map_err(|error| error_message(&error));
         report.localized.push((folder, slot));
     }
     exhibit(&mut report, wanted, logs, room, is_quiet);
@@ -151,7 +151,7 @@ fn of_dataset(folders: &[PathBuf], studies: &Studies) -> OfDataset {
         });
         match read {
             Ok(folder) => found.folders.push(folder),
-            Err(error) => found.damaged.push((path.clone(), told_once(&error))),
+            Err(error) => found.damaged.push((path.clone(), error_message(&error))),
         }
     }
     found.claims = decide(&all);

@@ -197,8 +197,8 @@ fn rule(runs: &str, of: &str, number: usize) -> String {
 /// The row whose recipe has these cells.
 pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
     // Settings that differ most often come first: draw and kind of map.
-    let told = |name: &str| matches!(name, "draw" | "map" | "size_percent");
-    let (first, others): (Vec<_>, Vec<_>) = recipe.iter().partition(|(name, _)| told(name));
+    let is_first = |name: &str| matches!(name, "draw" | "map" | "size_percent");
+    let (first, others): (Vec<_>, Vec<_>) = recipe.iter().partition(|(name, _)| is_first(name));
     let is_it =
         |row: &Row<'_>| first.iter().chain(&others).all(|(name, value)| row.get(name) == value);
     results.table.rows().find(is_it)

@@ -165,7 +165,7 @@ fn text_markdown_and_json_hold_the_same_claims() {
 
 /// Fault: hundreds of lines, most of them of what was not tested.
 #[test]
-fn what_was_decided_fits_a_screen() {
+fn the_brief_summary_fits_a_screen() {
     let root = results();
     let [text, stderr] = output(&root, &["."], 0);
     assert!((10..=30).contains(&text.lines().count()), "{text}");

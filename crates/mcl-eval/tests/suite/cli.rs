@@ -33,7 +33,7 @@ fn assert_keys(value: &Value, keys: &str) {
 }
 
 #[test]
-fn inspect_tells_what_is_in_a_log() {
+fn inspect_describes_a_log() {
     let lab = lab();
     let found = json(&lab, &["inspect", "office.log", "--json"]);
     assert_keys(
@@ -55,7 +55,7 @@ fn inspect_tells_what_is_in_a_log() {
 }
 
 #[test]
-fn a_damaged_log_is_read_and_told() {
+fn a_damaged_log_is_read_with_a_warning() {
     let lab = lab();
     let text = fs::read_to_string(lab.path().join("office.log")).unwrap();
     // A record of an unknown kind is no loss, half a record is.

@@ -128,8 +128,8 @@ fn bad_bags_are_refused_with_the_reason() {
     ] {
         let (stdout, stderr) = ends(&lab, &[&["inspect", "office.mcap"], &options[..]].concat(), 3);
         for part in parts {
-            let told = format!("{stdout}{stderr}");
-            assert!(told.contains(part), "{options:?}: no {part:?} in {told}");
+            let printed = format!("{stdout}{stderr}");
+            assert!(printed.contains(part), "{options:?}: no {part:?} in {printed}");
         }
     }
 }

@@ -74,7 +74,7 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
         near(&row["heading"]["max"], 0.0);
     }
     // Odometry leaves the reference, less and less over shorter paths.
-    // It is in another frame than the reference, which is told.
+    // It is in another frame than the reference, which is reported.
     let odometry = lab.rows(&["--reference", "office.mcap", "office.mcap"], 3);
     let figure = |value: &Value| value["rmse"].as_f64().unwrap();
     let row = &odometry[0];

@@ -169,26 +169,29 @@ fn evaluate_takes_the_mount_between_poses_of_the_robot_and_of_the_laser() {
         (mean, found["reference"].as_str().unwrap().to_owned())
     };
     let of_laser = ["--reference", "laser.tum", "--reference-frame", "laser"];
-    let (expected, told) = mean(&of_laser, 0);
-    assert_eq!(told, "laser.tum, 40 poses, of the laser");
+    let (expected, described) = mean(&of_laser, 0);
+    assert_eq!(described, "laser.tum, 40 poses, of the laser");
     for args in [
         &["--reference", "robot.tum", "--reference-frame", "robot"][..],
         &["--reference", "whole.mcap"],
         &["--reference", "runs/reference.tum"],
     ] {
-        let (found, told) = mean(args, 0);
+        let (found, described) = mean(args, 0);
         assert!((found - expected).abs() < 1e-6, "{args:?}: {found}, not {expected}");
-        assert!(told.contains(" of "), "{told}");
+        assert!(described.contains(" of "), "{described}");
     }
     // As of localize: what does not say whose poses it has holds the robot's, which is doubtful beside a mount.
-    let (found, told) = mean(&["--reference", "robot.tum"], 3);
-    assert!((found - expected).abs() < 1e-6 && told.ends_with("nothing says whose"), "{told}");
+    let (found, described) = mean(&["--reference", "robot.tum"], 3);
+    assert!(
+        (found - expected).abs() < 1e-6 && described.ends_with("nothing says whose"),
+        "{described}"
+    );
     assert!(mean(&["--reference", "laser.tum"], 3).0 > 0.2, "another's poses");
 }
 
 /// Stamps printed with six digits: an estimate that lacks one pose would be compared with the wrong ones.
 #[test]
-fn stamps_that_cannot_tell_poses_apart_end_with_3() {
+fn repeated_stamps_end_with_3() {
     let lab = Lab::new();
     let pose = |k: usize| format!("1018930000 {} 0 0 0 0 0 1\n", k as f64 * 0.1);
     let file = |name: &str, poses: &mut dyn Iterator<Item = usize>| {

@@ -184,8 +184,8 @@ fn rows_of_other_settings_are_not_mixed() {
     let ran = bench.run(&arguments);
     let message = String::from_utf8_lossy(&ran.stderr);
     assert!(message.contains("24 of 36 trials are there already"), "{message}");
-    let told: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
-    let count = |key: &str| told[key].as_u64();
+    let json: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let count = |key: &str| json[key].as_u64();
     assert_eq!([count("trials"), count("done"), count("failed")], [Some(36), Some(36), Some(0)]);
 
     // Of other readings they are refused, and --fresh removes them.

@@ -131,7 +131,7 @@ fn a_run_that_comes_out_otherwise_is_not_shown() {
 }
 
 #[test]
-fn a_log_that_is_not_at_hand_or_another_one_is_said() {
+fn a_missing_or_different_log_is_reported() {
     let (bench, results) = small();
     let found = shown(&results, &[]);
     let reason = found[0].runs.as_ref().unwrap().as_ref().unwrap_err();
@@ -198,7 +198,7 @@ fn a_whole_log_fits_the_page_and_its_maps_are_those_of_the_rows() {
 }
 
 #[test]
-fn runs_that_localize_recorded_are_shown_and_damaged_ones_are_said() {
+fn runs_that_localize_recorded_are_shown_and_damaged_ones_reported() {
     let bench = Bench::new(&[]);
     bench.mcl_eval(&["map", "office.log", "--init", "grid", "--size", "5%", "-o", "map.csv", "-q"]);
     let localize = ["localize", "office.log", "--map", "map.csv", "--particles", "60"];

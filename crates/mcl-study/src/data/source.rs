@@ -294,9 +294,9 @@ impl LogSource {
     /// none.
     pub fn reasons(&self, what: &str) -> String {
         let said = self.report.doubts.iter().chain(&self.assumptions);
-        let told: Vec<&str> =
+        let reasons: Vec<&str> =
             said.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
-        if told.is_empty() { String::new() } else { format!(" ({})", told.join("; ")) }
+        if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) }
     }
 
     /// The log, truncated after this many scans.

@@ -272,14 +272,15 @@ pub fn filled(text: &str, value: impl Fn(&str) -> Option<String>) -> Result<Stri
         let Some((name, behind)) = name else {
             return Err(format!("{text:?} has a {brace} of its own, expected {brace}{brace}"));
         };
-        let unknown = || format!("{{{name}}} is unknown, expected one of: {}", told_placeholders());
+        let unknown =
+            || format!("{{{name}}} is unknown, expected one of: {}", known_placeholders());
         filled.push_str(&value(name).ok_or_else(unknown)?);
         rest = behind;
     }
     Ok(filled + rest)
 }
 
-fn told_placeholders() -> String {
+fn known_placeholders() -> String {
     PLACEHOLDERS.map(|name| format!("{{{name}}}")).join(", ")
 }
 

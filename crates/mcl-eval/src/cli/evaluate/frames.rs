@@ -94,7 +94,7 @@ pub fn compared<'a>(
         true => Some(Pose2::IDENTITY),
         false => stars.iter().find_map(|mounts| mounts.between(from, to)),
     };
-    let is_told = reference.whose.is_some() || estimate.whose.is_some();
+    let is_known = reference.whose.is_some() || estimate.whose.is_some();
     let [of_reference, of_estimate] =
         [reference, estimate].map(|source| source.whose.as_ref().unwrap_or(&Whose::Robot));
     let target = match asked {
@@ -124,7 +124,7 @@ pub fn compared<'a>(
     let matters = stars.iter().flat_map(|mounts| mounts.0.values()).any(|mount| !is_none(*mount));
     let unknown = [(reference, "reference-frame"), (estimate, "estimate-frame")];
     let doubtful =
-        unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_told);
+        unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_known);
     if let Some((source, option)) = doubtful {
         tell!(
             "warning: {}: nothing says whose poses it has; they are taken for the robot's (--{option} robot or laser says so)",
@@ -132,7 +132,7 @@ pub fn compared<'a>(
         );
     }
     Ok(Compared {
-        whose: is_told.then(|| target.clone()),
+        whose: is_known.then(|| target.clone()),
         reference: moved(&reference.trajectory, reference_carry),
         estimate: moved(&estimate.trajectory, estimate_carry),
         to_estimated: estimate_carry.inverse(),

@@ -18,7 +18,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{EvaluateArgs, Global};
 use super::output::{input_files, prepare, print, refuse, write_rows};
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 use figure::DrawnGroup;
 use group::{Comparison, GroupFigures, Run, run_name};
 use row::{ErrorRow, Evaluated, Row, Sampled};
@@ -114,7 +114,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
             }
             Err(error) if is_only => return Err(error),
             Err(error) => {
-                let failure = told_once(&error);
+                let failure = error_message(&error);
                 tell!("warning: {}: no figures: {failure}", of.label());
                 let row = Row { of, group, failure: Some(failure), figures: None };
                 Done { row, sampled: None }

@@ -206,7 +206,7 @@ pub fn evaluate(
         Some(TimeOffset::Auto) => {
             let found = find_offset(&sides.reference, &sides.estimate, alignment)
                 .context("--offset auto")?;
-            is_complete &= tell_offset(&label, &found);
+            is_complete &= report_offset(&label, &found);
             found.offset_s
         }
     };
@@ -222,8 +222,8 @@ pub fn evaluate(
     }?;
     let has_headings = reference.has_headings && source.has_headings;
     let covered = coverage(&in_reference, &in_estimate, args.longest_gap)?;
-    is_complete &= tell_matched(&label, &matched, &in_reference, &in_estimate, quiet);
-    is_complete &= tell_covered(&label, [covered.time, covered.path], &covered.gaps, begins);
+    is_complete &= report_matched(&label, &matched, &in_reference, &in_estimate, quiet);
+    is_complete &= report_covered(&label, [covered.time, covered.path], &covered.gaps, begins);
 
     let Matched { reference: in_reference, estimate: in_estimate, .. } = &matched;
     let absolute = ate(in_reference.poses(), in_estimate.poses(), alignment)?;
@@ -291,7 +291,7 @@ fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Traject
 }
 
 /// Reports the offset found, and returns whether it is unambiguous.
-fn tell_offset(label: &str, found: &OffsetFound) -> bool {
+fn report_offset(label: &str, found: &OffsetFound) -> bool {
     let OffsetFound { offset_s, rmse_m, pairs, runner_up } = found;
     tell!(
         "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions to {rmse_m:.4} m of the reference (RMS)"
@@ -306,7 +306,7 @@ fn tell_offset(label: &str, found: &OffsetFound) -> bool {
 }
 
 /// Reports remarkable facts about the matching; returns false if stamps do not identify poses.
-fn tell_matched(
+fn report_matched(
     label: &str,
     matched: &Matched,
     reference: &Trajectory,
@@ -389,7 +389,7 @@ fn has_same_stamps(reference: &Trajectory, estimate: &Trajectory) -> bool {
 }
 
 /// Reports which part of the reference is not covered; returns whether that is negligible.
-fn tell_covered(
+fn report_covered(
     label: &str,
     [time, path]: [f64; 2],
     gaps: &[(Stamp, Stamp)],

@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::frames::{Mounts, SideFrames, name_of};
 use crate::cli::Outcome;
 use crate::cli::args::{AlignTo, EvaluateArgs, Global, Whose};
-use crate::cli::output::{refuse, tell_losses};
+use crate::cli::output::{refuse, report_losses};
 use crate::progress::tell;
 use mcl_study::data::options::{ReferenceSource, SourceOptions};
 use mcl_study::data::reference::mount_of_run;
@@ -266,7 +266,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<TrajectoryInput> {
             "warning: {file}: {unstamped} of {scans} scans have no usable stamp: they match nothing"
         );
     }
-    let is_complete = tell_losses(file, &log) == Outcome::Done && unstamped == 0;
+    let is_complete = report_losses(file, &log) == Outcome::Done && unstamped == 0;
     Ok(TrajectoryInput {
         whose: Some(Whose::Laser),
         mounts: Mounts::of_laser(log.recording.robot_from_laser),

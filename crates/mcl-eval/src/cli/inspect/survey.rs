@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::cli::Outcome;
 use crate::cli::args::InspectArgs;
 use crate::cli::output::{input_files, print};
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 
 #[derive(Serialize)]
 pub struct Surveyed {
@@ -120,7 +120,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
         && RECORDS.iter().any(|kind| kinds.contains(kind))
     {
         let unread =
-            UnreadCarmen { lines: *lines, records: kinds.clone(), problem: told_once(&error) };
+            UnreadCarmen { lines: *lines, records: kinds.clone(), problem: error_message(&error) };
         print(args.json, &unread, |unread| {
             format!(
                 "{name}: a CARMEN log, but its scans are read on request alone\n  lines         {}\n  records       {}\n",
@@ -138,7 +138,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
         found.truncated.is_none() || found.topics.iter().any(|topic| topic.messages > 0)
     };
     let Some(found) = found.filter(is_shown) else { return Err(error) };
-    let unread = Unread { survey: Surveyed::of(&found), problem: told_once(&error) };
+    let unread = Unread { survey: Surveyed::of(&found), problem: error_message(&error) };
     print(args.json, &unread, |unread| {
         let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
         if unread.survey.topics.is_empty() {

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::Outcome;
 use super::args::{Global, Initial, LocalizeArgs};
-use super::output::{input_files, open_map, prepare, print, refuse, tell_bridged, tell_losses};
+use super::output::{input_files, open_map, prepare, print, refuse, report_bridged, report_losses};
 use crate::localization::{FinishedRun, Localization, run_seed};
 use crate::progress;
 use crate::report::record::{MapLooks, Recorder as PageRecorder};
@@ -100,8 +100,8 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let runs = runs?;
 
     let found = Localization::of(&runs, &source, bridged.scans.len(), args.seed)?;
-    let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
-    complete &= tell_bridged(&args.log.log, &bridged) == Outcome::Done;
+    let mut complete = report_losses(&args.log.log, &source) == Outcome::Done;
+    complete &= report_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
