@@ -136,7 +136,7 @@ def test_errors_are_those_of_the_command_line(office, office_map):
     for keywords, message in [
         ({"particles": 0}, "setting particles is 0"),
         ({"initial_pose": (0, 0)}, "expected 3 numbers"),
-        ({"initial": "uniform", "initial_pose": (0, 0, 0)}, "nobody knows"),
+        ({"initial": "uniform", "initial_pose": (0, 0, 0)}, "mean an unknown one"),
         ({"alpha": [0.1] * 4, "motion": "gaussian"}, "--alpha belongs to --motion book"),
         ({"preset": "best"}, "default, book or carmen"),
     ]:

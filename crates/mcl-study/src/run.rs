@@ -173,8 +173,7 @@ pub fn run_study(
     // Another process may have started another study there, or recreated the folder.
     if !is_there(MANIFEST, &manifest) || !is_there(STUDY, &study.text) {
         bail!(
-            "another run has changed the study in {}; rows are safe, and the same command goes on from \
-             there",
+            "another run has changed the study in {}; rows are safe, and the same command continues from there",
             folder.display()
         );
     }

@@ -29,7 +29,7 @@ pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     }
     if !found.without_rows.is_empty() && !global.quiet {
         let folders = counted(found.without_rows.len(), "result folder");
-        tell!("{folders} without rows left out, such as those that are committed");
+        tell!("{folders} without rows left out, such as committed results");
     }
     let datasets = decide(&found.results);
     if datasets.is_empty() {

@@ -55,7 +55,7 @@ impl Format {
             ("log" | "clf", _) => Ok(Format::Carmen),
             ("csv" | "ply" | "pcd" | "yaml" | "yml", false) => Ok(Format::Map),
             _ => bail!(
-                "{}: the ending says no format, expected .mcap or .db3 (bag of ROS 2), .bag (of \
+                "{}: the extension names no known format, expected .mcap or .db3 (bag of ROS 2), .bag (of \
                  ROS 1), .log or .clf (CARMEN, also with .gz), or .csv, .ply, .pcd or .yaml (maps)",
                 path.display()
             ),
@@ -95,7 +95,7 @@ fn map(args: &ConvertArgs) -> Result<Outcome> {
 
 fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
     open_map(Path::new(&args.input))
-        .with_context(|| format!("{} is the ending of a map", args.output.display()))
+        .with_context(|| format!("{} has the extension of a map", args.output.display()))
 }
 
 fn grid(args: &ConvertArgs) -> Result<Outcome> {
@@ -142,7 +142,7 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
         Format::Bag(format) => {
             write_with(path, |file| Ok(bag::write_as(recording, *format, file).map(drop)?))
         }
-        Format::Map => bail!("{} is the ending of a map", path.display()),
+        Format::Map => bail!("{} has the extension of a map", path.display()),
     };
     written.with_context(|| format!("cannot convert {} to {}", args.input, path.display()))?;
     let converted = Converted::Log {

@@ -90,7 +90,9 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         return Ok(outcome);
     };
     if args.runs.is_empty() {
-        return refuse("which run? --list shows them with their numbers, and --run K takes one");
+        return refuse(
+            "no run is given: --list shows the runs with their numbers, and --run K exports one",
+        );
     }
     if let Some(wrong) = args.runs.iter().find(|&&run| run == 0 || run > planned.len()) {
         return refuse(&format!("--run {wrong}: the study has runs 1 to {}", planned.len()));
@@ -141,7 +143,7 @@ fn dataset_of(args: &ExportArgs, study: &Study) -> Result<String> {
     match names[..] {
         [only] => Ok(only.to_owned()),
         [] => bail!("the study lists no data set; --dataset NAME|PATH names one"),
-        _ => bail!("the study lists {}; --dataset says which is meant", names.join(", ")),
+        _ => bail!("the study lists {}; choose one with --dataset", names.join(", ")),
     }
 }
 
@@ -193,7 +195,7 @@ fn export(
     let time_limit = run.program().map(|program| program.limits.time_limit);
     if [&folder, &reference].iter().any(|path| path.exists()) {
         bail!(
-            "{} is there already, perhaps with poses beside the log; expected a new folder",
+            "{} already exists, perhaps with poses beside the log; expected a new folder",
             folder.display()
         );
     }

@@ -134,7 +134,7 @@ fn placed(source: &LogSource) -> bool {
 /// The remark that there is no reference, with advice on how to get one.
 fn no_reference(source: &LogSource) -> &'static str {
     match source.survey {
-        Some(_) => "no reference (--reference-topic or --reference FILE says one)",
+        Some(_) => "no reference (--reference-topic or --reference FILE gives one)",
         None => {
             "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
         }

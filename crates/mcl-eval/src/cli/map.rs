@@ -218,7 +218,7 @@ fn choose<const D: usize>(
             let chosen = chosen?;
             if SIGMA_RANGE.contains(&chosen.value) {
                 tell!(
-                    "warning: sigma is at the end of what was tried, {} to {} m",
+                    "warning: sigma is at a limit of the values tried, {} to {} m",
                     SIGMA_RANGE[0],
                     SIGMA_RANGE[1]
                 );

@@ -144,7 +144,7 @@ pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
     let map = read_map(path)?;
     if let Some((elsewhere, beside)) = image_in_place(path) {
         tell!(
-            "note: {}: its image is said to be {elsewhere:?}; {} is taken, beside it",
+            "note: {}: its image is given as {elsewhere:?}; {}, beside it, is used instead",
             path.display(),
             beside.display()
         );
@@ -157,7 +157,9 @@ pub fn report_bridged(name: &str, bridge: &Bridge) -> Outcome {
     let Bridge { scans, steps, reach } = bridge;
     let Some(first) = scans.first() else { return Outcome::Done };
     tell!(
-        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the robot is looked for by its scan, about where it was ({reach:.2} m and 60° of standard deviation)",
+        "warning: {name}: the odometry is missing for {} of {steps} steps (the first leads to scan \
+         {first}); there the robot is searched for by its scan around its last pose (standard deviations \
+         {reach:.2} m and 60°)",
         scans.len()
     );
     Outcome::Incomplete

@@ -73,7 +73,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         called.iter().enumerate().find(|(at, name)| called[..*at].contains(name))
     {
         bail!(
-            "{}: {name} is listed twice; results are kept under the name, so that each needs its own",
+            "{}: {name} is listed twice; results are stored under the name, so each data set needs its own",
             names[at]
         );
     }
@@ -113,7 +113,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
             Err(error) => {
                 let reason = error_message(&error);
-                tell!("error: {}; going on with the other data sets", printable(&reason));
+                tell!("error: {}; continuing with the other data sets", printable(&reason));
                 totals.lost.push(Lost { dataset: dataset.clone(), reason });
             }
         }
@@ -218,7 +218,9 @@ fn run_on(
         let Results { done, asked, .. } = results;
         let others = match share {
             Share::Merge => format!("missing: {}", missing(results, &ran.failed)),
-            Share::Whole { .. } | Share::Part(_) => "the same command runs the others".to_owned(),
+            Share::Whole { .. } | Share::Part(_) => {
+                "the same command runs the missing ones".to_owned()
+            }
         };
         tell!("{dataset}: {done} of {asked} trials have rows; {others}");
     }
@@ -292,7 +294,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
             listed.len(),
             pending().count(),
             seconds / 60.0,
-            if measured { "from what trials took that are done" } else { "from built-in costs" }
+            if measured { "from the times of finished trials" } else { "from built-in costs" }
         );
         text
     })?;
@@ -313,7 +315,7 @@ fn end_on_interrupt(output: &Path) -> Result<()> {
         let _held = hold();
         tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
-             goes on from there"
+             continues from there"
         );
         std::process::exit(code);
     };
@@ -336,9 +338,7 @@ fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
 fn list_programs(study: &Study) {
     let programs = commands(study.programs());
     if !programs.is_empty() {
-        tell!(
-            "this study runs programs, as the user who runs mcl-eval and with all that this user may do:"
-        );
+        tell!("this study runs programs with the rights of the user who runs mcl-eval:");
     }
     for (name, command) in programs {
         tell!("  {}: {}", printable(name), printable(&command));
@@ -361,7 +361,7 @@ fn report_failed_runs(results: &Results) {
         let reasons: Vec<String> =
             reasons.iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
         tell!(
-            "note: {}: {sum} of {} runs of {} failed ({}); {FAILURES} says where what they wrote to stderr is",
+            "note: {}: {sum} of {} runs of {} failed ({}); {FAILURES} names the files with their stderr",
             printable(&results.facts.name),
             runs[name],
             printable(name),
@@ -394,7 +394,7 @@ fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     }
     if !missing.is_empty() && !global.quiet {
         tell!(
-            "{} not at hand ({}): `make datasets` or `mcl-eval datasets fetch` gets what can be had",
+            "{} not at hand ({}): `make datasets` or `mcl-eval datasets fetch` gets those that can be downloaded",
             counted(missing.len(), "data set"),
             text::list(&missing)
         );
@@ -410,7 +410,7 @@ pub fn study_name(path: &Path) -> Result<String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     if !is_plain_name(&stem) {
         bail!(
-            "{}: results are kept under the file's name, which is no name of a folder",
+            "{}: results are stored under the file's name, which cannot name a folder",
             path.display()
         );
     }

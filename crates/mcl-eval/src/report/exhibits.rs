@@ -181,7 +181,7 @@ pub fn repeat(
     if runs + maps > 0 && !is_quiet {
         let seconds = started.elapsed().as_secs_f64();
         let (runs, maps) = (counted(runs, "run"), counted(maps, "pair"));
-        tell!("computed {runs} and {maps} of maps again to show them: {seconds:.1} s");
+        tell!("recomputed {runs} and {maps} of maps to show them: {seconds:.1} s");
     }
     exhibits
 }
@@ -224,8 +224,8 @@ impl Room {
         let seconds: f64 = trials.into_iter().map(|trial| costs.of(trial)).sum();
         if seconds > self.seconds {
             bail!(
-                "computing it again would take about {seconds:.0} s of the processor, and the page as a whole \
-                 takes at most {SECONDS:.0} s"
+                "recomputing it would take about {seconds:.0} s of processor time, and the page as a \
+                 whole may take at most {SECONDS:.0} s"
             );
         }
         self.seconds -= seconds;
@@ -235,7 +235,7 @@ impl Room {
 
 fn fit(left: &mut usize, bytes: usize, most: usize, what: &str) -> Result<()> {
     if bytes > *left {
-        bail!("the page has room for {:.1} MB of {what}, which others fill", most as f64 / 1e6);
+        bail!("the page has room for {:.1} MB of {what}, which is already used", most as f64 / 1e6);
     }
     *left -= bytes;
     Ok(())

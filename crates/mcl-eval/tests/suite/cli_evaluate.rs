@@ -97,11 +97,15 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
             "no topic /pose",
         ),
         (&["--reference", "office.mcap", "office.mcap", "--topic", "/scan"], 1, "LaserScan"),
-        (&["--reference", "office.log", "--reference-topic", "/odom", "office.log"], 2, "is none"),
+        (
+            &["--reference", "office.log", "--reference-topic", "/odom", "office.log"],
+            2,
+            "is not a bag",
+        ),
         (
             &["--reference", "office.log", "office.log", "--topic", "/odom"],
             2,
-            "--topic goes with bags",
+            "--topic applies to bags only",
         ),
         (&["--reference", "office.log", "office.log", "--plot", "a.gif"], 1, ".svg, .png or .pdf"),
         (&["--reference", "office.log", "absent.tum"], 1, "absent.tum"),
@@ -226,9 +230,9 @@ fn grid_maps_are_written_read_and_localized_on() {
         (
             &["convert", "points.csv", "a.ply", "--resolution", "0.1"][..],
             2,
-            "--resolution goes with",
+            "--resolution applies only to",
         ),
-        (&["convert", "points.csv", "a.ply", "--log", "office.log"], 2, "--log goes with"),
+        (&["convert", "points.csv", "a.ply", "--log", "office.log"], 2, "--log applies only to"),
         (
             &["convert", "points.csv", "a.yaml", "--resolution", "1e-7"],
             1,

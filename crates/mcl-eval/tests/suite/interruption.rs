@@ -108,7 +108,7 @@ fn an_interrupt_says_how_to_continue() {
     let output = child.wait_with_output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{message}");
-    assert!(message.contains("the same command goes on"), "{message}");
+    assert!(message.contains("the same command continues"), "{message}");
     let saved = saved(&bench, "out");
     assert!(saved.ends_with('\n') && saved.lines().count() > 1, "{saved}");
 }

@@ -310,7 +310,7 @@ fn a_part_that_is_stopped_and_ended_goes_on() {
     kill_process(process, Signal::CONT).unwrap();
     kill_process(process, Signal::TERM).unwrap();
     let stderr = ended(child.wait_with_output().unwrap(), 143);
-    assert!(stderr.contains("the same command goes on"), "{stderr}");
+    assert!(stderr.contains("the same command continues"), "{stderr}");
     let saved = fs::read_to_string(rows_of(&lab.folder("parts"))).unwrap();
     assert!(saved.ends_with('\n'), "ended between two rows");
     // What is there is not run again, and the rest is as if nothing had been.

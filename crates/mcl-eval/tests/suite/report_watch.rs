@@ -227,7 +227,7 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_reported() {
     for (key, value, expected) in [
         ("frames", (frames + 1).into(), "data holds"),
         ("frames", 1_000_000.into(), "frames is 1000000"),
-        ("data", "no base64!".into(), "no base64"),
+        ("data", "no base64!".into(), "not base64"),
         ("format", "other".into(), "format is \"other\""),
         ("origin", serde_json::json!([1e300, "<script>"]), "invalid type"),
     ] {
@@ -281,7 +281,7 @@ fn runs_of_programs_alone_are_not_shown() {
     results[0].plan = results[0].study.plan(&results[0].facts.name).unwrap();
     let choose = |results: &Results| watch::choose(results, &results.plan);
     let reason = choose(&results[0]).unwrap_err().to_string();
-    assert!(reason.contains("programs of others"), "{reason}");
+    assert!(reason.contains("external programs"), "{reason}");
     // With the own filter beside them, its runs are shown.
     let (_bench, results) = small();
     assert_eq!(choose(&results[0]).unwrap().runs.len(), 3);

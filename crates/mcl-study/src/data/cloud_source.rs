@@ -225,7 +225,8 @@ pub fn refuse_cloud<T>(name: &str) -> Result<T> {
     None.with_context(|| {
         format!(
             "{name} is a point cloud: it has no scans, poses or odometry; expected a laser log (CARMEN, or a ROS 2 \
-             bag with LaserScan messages). inspect, map, likelihood and experiments of that kind take point clouds"
+             bag with LaserScan messages). Point clouds are accepted by inspect, map, likelihood and \
+             studies without runs of the filter"
         )
     })
 }

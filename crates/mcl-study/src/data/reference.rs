@@ -74,7 +74,7 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
         });
     }
     if topic.is_some() {
-        bail!("--reference-topic goes with a bag, and {file} is none");
+        bail!("--reference-topic applies to bags only, and {file} is not a bag");
     }
     let is_ours = is_trajectory_file(path).with_context(|| format!("cannot read {file}"))?;
     if is_ours {

@@ -131,7 +131,7 @@ mod on_unix {
             bail!("there is no command")
         };
         if limits.memory_limit.is_some() && cfg!(not(target_os = "linux")) {
-            bail!("memory_limit is watched on Linux only");
+            bail!("memory_limit is supported on Linux only");
         }
         let mark = format!("{MARK}={}", folder.display());
         let before = size_of(folder);
@@ -348,5 +348,5 @@ pub fn run(
     _: &std::path::Path,
     _: &crate::recipe::localizer::Limits,
 ) -> anyhow::Result<Finished> {
-    anyhow::bail!("programs of others are run on Unix only")
+    anyhow::bail!("external programs are run on Unix only")
 }

@@ -86,11 +86,11 @@ impl Programs {
         let Program { name, formats, poses, limits, .. } = program;
         let study = self.study.as_deref().with_context(|| {
             format!(
-                "localizer {name}: programs are run for studies that were read from a file only"
+                "localizer {name}: external programs are run only for studies that were read from a file"
             )
         })?;
         if let Some(unknown) = program.files.iter().find(|(_, digest)| digest.is_empty()) {
-            return Err(anyhow!("localizer {name}: nobody has looked at {}", unknown.0));
+            return Err(anyhow!("localizer {name}: the digest of {} is unknown", unknown.0));
         }
         let place = self.results.join(RUNNING);
         let cannot = || format!("cannot make a folder in {}", place.display());

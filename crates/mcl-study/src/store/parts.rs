@@ -256,15 +256,14 @@ impl Parts {
                 (Some(Line::Failed(failed)), Some(Ok(()))) => self.failed.push(failed),
                 (Some(Line::Trial(_)), Some(Err(difference))) => {
                     bail!(
-                        "the rows there {difference}; --fresh removes them and starts anew, -o \
-                         writes elsewhere"
+                        "the rows there {difference}; --fresh removes them and starts over, -o writes elsewhere"
                     );
                 }
                 (Some(Line::Failed(_)), Some(Err(_))) => {}
                 (_, None) => {
                     // The owner of these rows cannot be known.
                     self.damage.push(damaged(
-                        "damaged, and with it what says whose rows follow; they are left out",
+                        "damaged; it identified the build and data of the rows that follow, which are left out",
                     ));
                     break;
                 }
@@ -319,7 +318,7 @@ impl Parts {
                     bail!(
                         "line {line} and {} line {} hold the same row of trial {trial} with \
                          different values: {column} is {b:?} and {a:?}; one of the files is damaged: \
-                         remove it, or start anew with --fresh",
+                         remove it, or start over with --fresh",
                         kept.place.0.display(),
                         kept.place.1
                     );

@@ -160,7 +160,7 @@ impl Manifest {
         let path = folder.join(MANIFEST);
         let Some(text) = read_text(&path)? else { return Ok(None) };
         let manifest = Self::parse(&text).with_context(|| {
-            format!("{}: no manifest of this version; --fresh starts anew", path.display())
+            format!("{}: no manifest of this version; --fresh starts over", path.display())
         })?;
         Ok(Some(manifest))
     }
@@ -211,7 +211,7 @@ impl Results {
         let Some(Manifest { study: name, identity }) =
             Manifest::read(folder).with_context(in_folder)?
         else {
-            bail!("{} has rows but no {MANIFEST}; --fresh starts anew", folder.display());
+            bail!("{} has rows but no {MANIFEST}; --fresh starts over", folder.display());
         };
         let path = folder.join(STUDY);
         let Some(text) = read_text(&path)? else {

@@ -151,7 +151,7 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
     let mut files = BTreeSet::new();
     let mut file = |path: &str, name: &str, shown: &str| {
         if !is_plain_name(shown) {
-            return Err(known.mistake(path, &format!("{name:?} is no name of a file")));
+            return Err(known.mistake(path, &format!("{name:?} is not a file name")));
         }
         match files.insert(name.to_owned()) {
             true => Ok(()),
@@ -397,7 +397,7 @@ y = "sigma_hit"
             ("\"beam_floor\"", "\"beam_flor\"", 15, "no setting \"beam_flor\""),
             ("\"beam_floor\"", "\"map\"", 15, "a setting that maps of all kinds have"),
             ("\"beam_floor\"", "\"sigma_hit\"", 16, "another setting than x"),
-            ("\"floor\"", "\"a/b\"", 13, "no name of a file"),
+            ("\"floor\"", "\"a/b\"", 13, "not a file name"),
             ("draws", "max_distance = [1, 2]\ndraws", 15, "vary max_distance, too (1 and 2)"),
             ("draws", "split = [\"same\", \"alternate\"]\ndraws", 15, "vary split, too"),
             (", \"rnd\"", "", 14, "no runs on maps rnd of sizes in percent"),

@@ -293,8 +293,8 @@ impl Study {
             if rows > MAX_ROWS {
                 let line = entry.line;
                 bail!(
-                    "line {line}: trials: {rows} rows, expected at most {MAX_ROWS}; expected fewer \
-                     sizes, draws, runs or settings"
+                    "line {line}: trials: {rows} rows, expected at most {MAX_ROWS}; use fewer sizes, \
+                     draws, runs or settings"
                 );
             }
             let draft = self.draft(dataset)?;

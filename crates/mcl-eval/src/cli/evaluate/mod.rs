@@ -150,7 +150,7 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
         group::files(group)?.into_iter().for_each(|file| add(file, Some(place)));
     }
     if !args.topics.is_empty() && jobs.iter().all(|job| job.of.topic.is_none()) {
-        return refuse("--topic goes with bags, and none of the estimates is one");
+        return refuse("--topic applies to bags only, and none of the estimates is a bag");
     }
     if args.topics.len() > 1 && !args.groups.is_empty() {
         return refuse("--group takes one --topic: a run of a group is one trajectory");

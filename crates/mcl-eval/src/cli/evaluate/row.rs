@@ -294,7 +294,8 @@ fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Traject
 fn report_offset(label: &str, found: &OffsetFound) -> bool {
     let OffsetFound { offset_s, rmse_m, pairs, runner_up } = found;
     tell!(
-        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions to {rmse_m:.4} m of the reference (RMS)"
+        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions within \
+         {rmse_m:.4} m of the reference (RMS)"
     );
     let Some((other_s, other_m)) = runner_up.filter(|(_, other)| *other <= AS_GOOD * rmse_m) else {
         return true;
@@ -352,7 +353,7 @@ fn report_matched(
     let is_matched = unmatched as f64 <= (1.0 - WHOLE) * samples as f64;
     if !is_matched {
         tell!(
-            "warning: {label}: {} of {} match none of the other side in time: the errors are those of {}",
+            "warning: {label}: {} of {} have no match in time on the other side: the errors are those of {}",
             unmatched,
             match matched.sampled {
                 Side::Reference => format!("the reference's {}", counted(samples, "pose")),
@@ -371,7 +372,9 @@ fn report_matched(
         return is_matched;
     }
     tell!(
-        "warning: {label}: stamps cannot tell its poses apart: {repeated} of its {}, and {repeated_reference} of the reference's {}, repeat another one. Poses of one stamp are paired in their order, which may be wrong by as much time as the stamps leave open",
+        "warning: {label}: its stamps do not identify its poses: {repeated} of its {} stamps and \
+         {repeated_reference} of the reference's {} repeat another one. Poses of one stamp are paired in \
+         their order, which may be wrong by the time that the stamps leave open",
         estimate.len(),
         reference.len()
     );
@@ -405,7 +408,8 @@ fn report_covered(
         format!("; the longest part that is missing lasts from {} s to {} s", at(*from), at(*to))
     });
     tell!(
-        "warning: {label}: it covers {:.1} % of the reference's time and {:.1} % of its path{}: errors are those of what is covered",
+        "warning: {label}: it covers {:.1} % of the reference's time and {:.1} % of its path{}: errors \
+         refer to the covered part",
         100.0 * time,
         100.0 * path,
         missing.unwrap_or_default()

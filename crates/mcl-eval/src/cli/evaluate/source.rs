@@ -86,7 +86,7 @@ impl TrajectoryInput {
     pub fn describe(&self) -> String {
         let whose = match &self.whose {
             Some(whose) => format!("of {whose}"),
-            None => "nothing says whose".to_owned(),
+            None => "of an unknown frame".to_owned(),
         };
         let within = self.within.iter().map(|frame| format!(" in {frame:?}"));
         let from = self.carried_from.iter().map(|frame| format!(", carried there from {frame:?}"));
@@ -117,7 +117,7 @@ enum Format {
 pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<TrajectoryInput> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
-        return refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
+        return refuse(&format!("--reference-topic applies to bags only, and {file} is not a bag"));
     }
     let request = PoseRequest {
         topic: args.reference_topic.as_deref(),

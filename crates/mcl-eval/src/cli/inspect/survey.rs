@@ -123,7 +123,8 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
             UnreadCarmen { lines: *lines, records: kinds.clone(), problem: error_message(&error) };
         print(args.json, &unread, |unread| {
             format!(
-                "{name}: a CARMEN log, but its scans are read on request alone\n  lines         {}\n  records       {}\n",
+                "{name}: a CARMEN log, but its scans are read only on request\n  lines         {}\n  \
+                 records       {}\n",
                 unread.lines,
                 printable(&unread.records)
             )

@@ -170,8 +170,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> Result<FilterSettings
             if args.initial_pose.is_some() || args.initial_std.is_some() =>
         {
             return refuse(
-                "--initial-pose and --initial-std say where the robot starts, --initial uniform and scan \
-                 that nobody knows",
+                "--initial-pose and --initial-std give a known start, and --initial uniform and scan mean \
+                 an unknown one; expected one or the other",
             );
         }
         Initial::Uniform => InitialPose::Uniform {},
@@ -243,9 +243,9 @@ pub fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose
             source.name,
             source.reasons("reference"),
             match source.survey {
-                Some(_) => " (what else could be the reference, inspect says)",
+                Some(_) => " (mcl-eval inspect lists what else could be the reference)",
                 None =>
-                    " (if the log's laser poses are ground truth all the same: --reference recorded)",
+                    " (if the log's laser poses are ground truth nevertheless: --reference recorded)",
             }
         ),
     }
