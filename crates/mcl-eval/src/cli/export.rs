@@ -34,16 +34,16 @@ struct Planned<'p> {
 
 #[derive(Serialize)]
 struct Runs {
-    runs: Vec<Listed>,
+    runs: Vec<ListedRun>,
 }
 
 #[derive(Serialize)]
-struct Written {
+struct WrittenRuns {
     exported: Vec<Exported>,
 }
 
 #[derive(Serialize)]
-struct Listed {
+struct ListedRun {
     run: usize,
     trial: String,
     localizer: String,
@@ -82,9 +82,9 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         bail!("{}: the study has no runs on {dataset}", args.study.display());
     }
     let Some(output) = args.output.as_deref().filter(|_| !args.list) else {
-        let runs = planned.iter().enumerate().map(Listed::of).collect();
+        let runs = planned.iter().enumerate().map(ListedRun::of).collect();
         print(args.json, &Runs { runs }, |listed| {
-            let line = |listed: &Listed| format!("{}: {}", listed.run, printable(&listed.trial));
+            let line = |listed: &ListedRun| format!("{}: {}", listed.run, printable(&listed.trial));
             listed.runs.iter().map(line).collect::<Vec<_>>().join("\n")
         })?;
         return Ok(outcome);
@@ -106,7 +106,7 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         let sum: usize = exported.iter().map(|run| run.made_stamps).sum();
         tell!("note: {sum} stamps are not those of the log, which do not increase there");
     }
-    print(args.json, &Written { exported }, |written| {
+    print(args.json, &WrittenRuns { exported }, |written| {
         let line = |run: &Exported| {
             let Exported { trial, folder, reference, scans, .. } = run;
             let [folder, reference] = [folder, reference].map(|path| path.display().to_string());
@@ -118,10 +118,10 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
     Ok(outcome)
 }
 
-impl Listed {
+impl ListedRun {
     fn of((place, planned): (usize, &Planned<'_>)) -> Self {
         let localizer = planned.run.localizer.as_ref();
-        Listed {
+        ListedRun {
             run: place + 1,
             trial: planned.name(),
             localizer: localizer.map_or("own", |localizer| localizer.name()).to_owned(),

@@ -1,6 +1,6 @@
 use anyhow::{Result, bail};
 use mcl_core::text::{counted, printable};
-use mcl_study::store::results::{Found, Results, TRIALS, read_all, save_table};
+use mcl_study::store::results::{FoundResults, Results, TRIALS, read_all, save_table};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
@@ -9,7 +9,7 @@ use crate::progress::{error_message, tell};
 
 /// Writes the tables and draws the figures of every result folder below the root that has rows.
 pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
-    let Found { results, without_rows, damaged } = read_all(&args.root)?;
+    let FoundResults { results, without_rows, damaged } = read_all(&args.root)?;
     for (folder, error) in &damaged {
         tell!("error: leaving out {}: {}", folder.display(), error_message(error));
     }

@@ -12,7 +12,7 @@ use mcl_study::localizer::process;
 use mcl_study::localizer::program::commands;
 use mcl_study::measure::program::ENDED;
 use mcl_study::recipe::localizer::LOCALIZER;
-use mcl_study::run::{Event, Ran, run_study};
+use mcl_study::run::{Event, RunResult, run_study};
 use mcl_study::share::Share;
 use mcl_study::store::identity::{Build, Identity};
 use mcl_study::store::parts::{FailedTrial, Parts};
@@ -38,18 +38,18 @@ struct Totals {
     /// Where the results of each data set are.
     folders: Vec<String>,
     /// Data sets on which the study could not be run.
-    lost: Vec<Lost>,
+    lost: Vec<LostDataset>,
 }
 
 #[derive(Serialize)]
-struct Lost {
+struct LostDataset {
     dataset: String,
     reason: String,
 }
 
 /// A trial that would be run.
 #[derive(Serialize)]
-struct Listed {
+struct ListedTrial {
     dataset: String,
     trial: String,
     runs: usize,
@@ -101,7 +101,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         let ran = run_on(&study, &name, source, &folder, share, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
-            Ok(Ran { results, asked, done, failed }) => {
+            Ok(RunResult { results, asked, done, failed }) => {
                 totals.trials += asked;
                 totals.done += done;
                 totals.failed += failed.len();
@@ -114,7 +114,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
             Err(error) => {
                 let reason = error_message(&error);
                 tell!("error: {}; continuing with the other data sets", printable(&reason));
-                totals.lost.push(Lost { dataset: dataset.clone(), reason });
+                totals.lost.push(LostDataset { dataset: dataset.clone(), reason });
             }
         }
     }
@@ -131,7 +131,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     complete &= totals.failed == 0 && totals.lost.is_empty();
     print(args.json, &totals, |totals| {
         let mut text = format!("{} trials done, {} failed", totals.done, totals.failed);
-        for Lost { dataset, .. } in &totals.lost {
+        for LostDataset { dataset, .. } in &totals.lost {
             text += &format!("\n{}: lost, see above", printable(dataset));
         }
         for folder in &totals.folders {
@@ -166,7 +166,7 @@ fn run_on(
     folder: &Path,
     share: Share,
     global: &Global,
-) -> Result<Ran> {
+) -> Result<RunResult> {
     let dataset = printable(source.name()).into_owned();
     let data = StudyData::new(source);
     let progress = StudyProgress::new(&dataset, global.quiet);
@@ -271,7 +271,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
         measured |= costs.are_measured();
         for trial in &plan.trials {
             let identities = trial.identities(&study.measures)?;
-            listed.push(Listed {
+            listed.push(ListedTrial {
                 dataset: identity.data.name.clone(),
                 trial: trial.to_string(),
                 runs: trial.runs.len(),
@@ -282,7 +282,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
     }
     print(args.json, &listed, |listed| {
         let mut text = String::new();
-        for Listed { dataset, trial, runs, is_done, seconds } in listed {
+        for ListedTrial { dataset, trial, runs, is_done, seconds } in listed {
             let state = if *is_done { "done" } else { &format!("{seconds:.2} s") };
             let runs = if *runs == 0 { String::new() } else { format!(", runs: {runs}") };
             text += &format!("{}: {trial}{runs}: {state}\n", printable(dataset));

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{OwnPart, PARTS, Saved};
+use mcl_study::store::parts::{OwnPart, PARTS, SavedTrial};
 use mcl_study::store::results::{MANIFEST, Manifest, STUDY};
 use mcl_study::study::definition::Study;
 use mcl_study::table::{Cells, Value};
@@ -97,7 +97,7 @@ fn plant(root: &TempDir, name: &str, text: &str, dataset: &str, with_rows: bool)
         };
         let identities = trial.identities(&study.measures).unwrap();
         let rows = identities.into_iter().zip(rows.into_iter().map(measured)).collect();
-        part.save(Ok(Saved::new(trial.map.to_string(), rows, Vec::new()))).unwrap();
+        part.save(Ok(SavedTrial::new(trial.map.to_string(), rows, Vec::new()))).unwrap();
     }
 }
 

@@ -58,7 +58,7 @@ fn inspect_describes_a_log() {
 fn a_damaged_log_is_read_with_a_warning() {
     let lab = lab();
     let text = fs::read_to_string(lab.path().join("office.log")).unwrap();
-    // A record of an unknown kind is no loss, half a record is.
+    // A record of an unknown kind is not a loss; half a record is.
     fs::write(lab.path().join("ignored.log"), format!("{text}NEFF 0.5\n")).unwrap();
     let found = json(&lab, &["inspect", "ignored.log", "--json"]);
     assert_eq!((&found["ignored_records"], &found["ignored"]["NEFF"]), (&1.into(), &1.into()));

@@ -56,7 +56,7 @@ fn tum(count: usize, change: impl Fn(f64) -> (f64, f64, f64)) -> String {
 }
 
 fn near(value: &Value, expected: f64) {
-    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"));
     assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
 }
 

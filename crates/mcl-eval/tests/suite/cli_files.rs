@@ -147,7 +147,7 @@ fn no_command_writes_over_what_it_reads() {
     }
     let stderr = lab.ends(&evaluate(&["--errors", "x.svg", "--plot", "./x.svg"]), 1);
     assert!(stderr.contains("would be written there, too"), "{stderr}");
-    // What is no input may be replaced, also by what was made of it.
+    // Files that are not inputs may be replaced, also by files made from them.
     lab.ends(&map("map.ply", "map.csv"), 0);
     lab.ends(&evaluate(&["--errors", "office.mcap"]), 0);
     lab.ends(&localize(&["-o", "out"]), 0);

@@ -77,7 +77,7 @@ fn localize<'a>(more: &[&'a str]) -> Vec<&'a str> {
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
 fn has_figures(value: &Value) -> bool {

@@ -182,7 +182,10 @@ fn evaluate_takes_the_mount_between_poses_of_the_robot_and_of_the_laser() {
     }
     // As of localize: what does not say whose poses it has holds the robot's, which is doubtful beside a mount.
     let (found, described) = mean(&["--reference", "robot.tum"], 3);
-    assert!((found - expected).abs() < 1e-6 && described.ends_with("of an unknown frame"), "{described}");
+    assert!(
+        (found - expected).abs() < 1e-6 && described.ends_with("of an unknown frame"),
+        "{described}"
+    );
     assert!(mean(&["--reference", "laser.tum"], 3).0 > 0.2, "another's poses");
 }
 

@@ -92,7 +92,7 @@ fn ate() -> f64 {
 }
 
 fn near(value: &Value, expected: f64, tolerance: f64) {
-    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"));
     assert!((found - expected).abs() < tolerance, "{found}, expected {expected}");
 }
 

@@ -298,7 +298,7 @@ fn plan_and_list_take_a_built_in_study_and_the_script_names_it() {
     assert!(script.contains("mcl-eval run likelihood --dataset office.log"), "{script}");
 }
 
-/// A file comes first, whatever the program knows; a folder is no study.
+/// A file comes before built-in studies; a folder is not a study.
 #[test]
 fn a_file_hides_the_built_in_study_of_its_name() {
     let bench = bench();

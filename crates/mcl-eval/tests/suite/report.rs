@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{OwnPart, PARTS, Saved};
+use mcl_study::store::parts::{OwnPart, PARTS, SavedTrial};
 use mcl_study::store::results::{MANIFEST, Manifest, STUDY, TRIALS};
 use mcl_study::study::definition::Study;
 use mcl_study::table::{Cells, Value};
@@ -73,7 +73,7 @@ fn plant(root: &Path, name: &str, text: &str, data: DataFacts, trials: usize) ->
             cells
         };
         let rows = identities.into_iter().map(|identity| (identity, measured(trial.map.cells())));
-        part.save(Ok(Saved::new(trial.to_string(), rows.collect(), Vec::new()))).unwrap();
+        part.save(Ok(SavedTrial::new(trial.to_string(), rows.collect(), Vec::new()))).unwrap();
     }
     folder
 }

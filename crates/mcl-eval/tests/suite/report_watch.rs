@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::office::{Bench, number, rows};
 use mcl_eval::report::exhibits::{
-    Exhibits, Room, Shown, Wanted, localized, recorded_folders, repeat,
+    ExhibitRequest, Exhibits, PageBudget, PageExhibit, localized, recorded_folders, repeat,
 };
 use mcl_eval::report::record::{MOST_FRAMES, RecordedRun};
 use mcl_eval::report::watch::{self, Watch};
@@ -61,15 +61,16 @@ fn small() -> (Bench, Vec<Results>) {
 }
 
 fn shown(results: &[Results], logs: &[String]) -> Vec<Exhibits> {
-    let wanted: Vec<Wanted> = results.iter().map(|results| Wanted::of(results).unwrap()).collect();
-    repeat(&wanted, logs, &mut Room::default(), true)
+    let wanted: Vec<ExhibitRequest> =
+        results.iter().map(|results| ExhibitRequest::of(results).unwrap()).collect();
+    repeat(&wanted, logs, &mut PageBudget::default(), true)
 }
 
 /// Of the one folder below a root where runs were recorded.
-fn recorded_in(bench: &Bench, root: &str) -> Result<Shown<Watch>, String> {
+fn recorded_in(bench: &Bench, root: &str) -> Result<PageExhibit<Watch>, String> {
     let folders = recorded_folders(&bench.path(root));
     assert_eq!(folders, [bench.path("root/inside/out")], "{root}");
-    localized(&folders[0], &mut Room::default()).map_err(|error| format!("{error:#}"))
+    localized(&folders[0], &mut PageBudget::default()).map_err(|error| format!("{error:#}"))
 }
 
 #[test]

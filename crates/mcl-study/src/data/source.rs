@@ -293,9 +293,9 @@ impl LogSource {
     /// The reader's remarks on the odometry or the reference, to be appended to a sentence that there is
     /// none.
     pub fn reasons(&self, what: &str) -> String {
-        let said = self.report.doubts.iter().chain(&self.assumptions);
+        let remarks = self.report.doubts.iter().chain(&self.assumptions);
         let reasons: Vec<&str> =
-            said.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
+            remarks.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
         if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) }
     }
 

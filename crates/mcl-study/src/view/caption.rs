@@ -35,7 +35,7 @@ const CAPTIONED: [&str; 18] = [
 ];
 
 /// Settings listed in captions by preset, where presets differ in them.
-const SAID: [&str; 2] = ["proposal", "beams"];
+const CAPTIONED_BY_PRESET: [&str; 2] = ["proposal", "beams"];
 
 /// A description of the data; missing trials; `of_what`, the content of the chart; and settings that do not
 /// vary. `of_runs`: whether runs are shown, not only maps.
@@ -151,7 +151,7 @@ fn by_preset(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<
         texts.push(format!("{} ({})", text_of(own), text_of(of)));
     }
     let name = &groups.settings[place].name;
-    (values.len() > 1 && SAID.contains(&name.as_str()))
+    (values.len() > 1 && CAPTIONED_BY_PRESET.contains(&name.as_str()))
         .then(|| format!("{} {}", name_and_unit(name).0, texts.join(", ")))
 }
 

@@ -175,7 +175,7 @@ impl<'r> Groups<'r> {
     }
 
     /// Whether two groups differ only in the given settings, so that they can be compared. A setting that
-    /// does not apply to one of them is no difference.
+    /// does not apply to one of them is not a difference.
     pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
         (0..self.settings.len()).all(|place| settings.contains(&place) || !self.differ(a, b, place))
     }

@@ -14,7 +14,7 @@ use mcl_metrics::{
 use serde::Serialize;
 
 use super::frames::{self, Mounts, SideFrames, compared};
-use super::source::{Named, TrajectoryInput};
+use super::source::{TrajectoryInput, TrajectorySource};
 use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOffset};
 use crate::pose_errors::{ErrorSamples, Figures};
 use crate::progress::tell;
@@ -30,7 +30,7 @@ const AS_GOOD: f64 = 1.5;
 #[derive(Serialize)]
 pub struct Row {
     #[serde(flatten)]
-    pub of: Named,
+    pub of: TrajectorySource,
     /// The group of the run; null outside of groups.
     pub group: Option<String>,
     /// Why there are no figures; null where there are.

@@ -31,7 +31,7 @@ const MAP: &str = "map";
 
 /// A trajectory, its source, and what is known of its frames.
 pub struct TrajectoryInput {
-    pub of: Named,
+    pub of: TrajectorySource,
     pub trajectory: Trajectory,
     /// Covariance of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the
     /// frame of the poses.
@@ -50,14 +50,14 @@ pub struct TrajectoryInput {
 
 /// The source of a trajectory.
 #[derive(Debug, Clone, Serialize)]
-pub struct Named {
+pub struct TrajectorySource {
     /// The file, as named by the user.
     pub file: String,
     /// Topic of a bag; null for other files.
     pub topic: Option<String>,
 }
 
-impl Named {
+impl TrajectorySource {
     /// The file, and the topic of a bag.
     pub fn label(&self) -> String {
         match &self.topic {
@@ -70,7 +70,7 @@ impl Named {
 impl TrajectoryInput {
     fn new(file: &str, topic: Option<String>, trajectory: Trajectory) -> Self {
         TrajectoryInput {
-            of: Named { file: file.to_owned(), topic },
+            of: TrajectorySource { file: file.to_owned(), topic },
             trajectory,
             covariances: Vec::new(),
             has_headings: true,

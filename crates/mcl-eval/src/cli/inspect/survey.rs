@@ -35,7 +35,7 @@ struct Topic {
 
 /// A bag that cannot be read as a log.
 #[derive(Serialize)]
-struct Unread {
+struct UnreadableBag {
     #[serde(flatten)]
     survey: Surveyed,
     /// Why.
@@ -139,7 +139,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
         found.truncated.is_none() || found.topics.iter().any(|topic| topic.messages > 0)
     };
     let Some(found) = found.filter(is_shown) else { return Err(error) };
-    let unread = Unread { survey: Surveyed::of(&found), problem: error_message(&error) };
+    let unread = UnreadableBag { survey: Surveyed::of(&found), problem: error_message(&error) };
     print(args.json, &unread, |unread| {
         let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
         if unread.survey.topics.is_empty() {
