@@ -41,7 +41,7 @@ class Data:
 
 
 def load(environment: Environment, wanted: str, say) -> Data:
-    """A data set, or the simulated office where it is not at hand (which is said)."""
+    """A data set, or the simulated office where it is not at hand (with a note)."""
     try:
         return export(environment, wanted)
     except Failure as failure:

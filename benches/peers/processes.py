@@ -95,7 +95,7 @@ def shortened(command: str) -> str:
 
 
 def reason_in(output: str) -> str:
-    """The line of a program's output that says what went wrong, as far as that can be told."""
+    """The line of a program's output that says what went wrong, as far as that is known."""
     lines = output.splitlines() or ["nothing said"]
     telling = (line for line in lines if re.search(r"^(E|ERROR|[Ee]rror|Message):", line))
     return next(telling, lines[-1])

@@ -52,7 +52,7 @@ def about(environment: Environment, rounds: int, data: dict) -> dict:
 
 
 def cpu() -> str:
-    """Model and vector instructions, where the system tells."""
+    """Model and vector instructions, where the system reports them."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:

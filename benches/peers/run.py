@@ -36,8 +36,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "results" / "benchmarks")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--only", choices=BENCHMARKS, action="append", help="may be given again")
-    parser.add_argument("--install-localizers", action="store_true", help="install these, and do no more")
+    parser.add_argument("--only", choices=BENCHMARKS, action="append", help="may be given several times")
+    parser.add_argument("--install-localizers", action="store_true", help="install only the localizers, then exit")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error("--rounds: at least 1")
@@ -48,7 +48,7 @@ def main() -> int:
     else:
         environment = prepare(runner, say)
     for peer, reason in environment.missing.items():
-        say(f"warning: {peer} cannot be had: {reason}")
+        say(f"warning: {peer} cannot be installed: {reason}")
     if arguments.install_localizers:
         say(f"PATH begins with {environment.folder / 'bin'}:{environment.python.parent} for these")
         return 3 if environment.missing else 0

@@ -36,7 +36,7 @@ def filters(data: Data) -> Comparison:
             ),
             Contender(
                 "small_gicp",
-                "`voxelgrid_sampling` in 3-D (z = 0): returns the mean of each cell, which is no data "
+                "`voxelgrid_sampling` in 3-D (z = 0): returns the mean of each cell, which is not a data "
                 "point, so it needs no second pass; sorts the points by cell",
                 peer("small_gicp"),
                 "small_gicp",

@@ -110,7 +110,7 @@
     return layout;
   };
   const HOVER = '%{customdata[0]}<br>%{customdata[1]}<extra></extra>';
-  const told = (panel, point) => {
+  const hoverData = (panel, point) => {
     const [curve, x, y, low, high, blocks, rows, mark] = point;
     const interval = low === null ? 'no interval' : `${number(low)} to ${number(high)}`;
     const at = panel.x.places[x - 1] ?? number(x);
@@ -135,7 +135,7 @@
         },
         line: { color: tint, width: 1.8, dash: style.dash },
         marker: { symbol: points.map((point) => (style.marker || 'circle') + (point[7] === null ? '' : '-open')), size: 7, color: tint, line: { width: 1.6, color: tint } },
-        customdata: points.map((point) => told(panel, point)), hovertemplate: HOVER,
+        customdata: points.map((point) => hoverData(panel, point)), hovertemplate: HOVER,
       };
     });
   };
@@ -144,7 +144,7 @@
     const text = grid.map((row) => row.map(() => ['', '']));
     for (const point of panel.points) {
       grid[point[0]][point[1] - 1] = isLog(panel.y.scale) ? Math.log10(point[2]) : point[2];
-      text[point[0]][point[1] - 1] = told(panel, point);
+      text[point[0]][point[1] - 1] = hoverData(panel, point);
     }
     const shown = panel.points.length ? panel.labels.map((_, row) => panel.x.places.map((_, at) => {
       const found = panel.points.find((point) => point[0] === row && point[1] === at + 1);

@@ -511,9 +511,9 @@
       };
       pane.describe = () => {
         if (!pane.run) return "";
-        const told = `${runName(pane.run)}, ${text.textContent}`;
-        canvas.setAttribute("aria-label", `Map with robot, scan and particles. ${told}`);
-        return told;
+        const described = `${runName(pane.run)}, ${text.textContent}`;
+        canvas.setAttribute("aria-label", `Map with robot, scan and particles. ${described}`);
+        return described;
       };
       const field = labelled(isSecond ? "beside it" : "run", choice);
       pane.figure = make("figure", { className: "watch-pane" }, ...(all.length > 1 ? [field] : []), canvas, caption);
@@ -537,9 +537,9 @@
     const say = () => {
       clearTimeout(saying);
       saying = setTimeout(() => {
-        const told = `${timeText()}. ${panes.map((pane) => pane.describe()).filter(Boolean).join("; ")}`;
-        errors.canvas.setAttribute("aria-label", `Weighted error over time. ${told}`);
-        if (!isPlaying) status.textContent = told;
+        const described = `${timeText()}. ${panes.map((pane) => pane.describe()).filter(Boolean).join("; ")}`;
+        errors.canvas.setAttribute("aria-label", `Weighted error over time. ${described}`);
+        if (!isPlaying) status.textContent = described;
       }, 400);
     };
     const update = () => {
@@ -698,7 +698,7 @@
       }
       context.stroke();
     };
-    const tell = (context, text, x, y, align, colors) => {
+    const label = (context, text, x, y, align, colors) => {
       context.font = `600 ${FONT}`;
       context.textAlign = align;
       context.textBaseline = "top";
@@ -719,15 +719,15 @@
       if (isGain()) {
         drawPoints(context, view, 2);
         if (withMap.checked) drawMarks(context, view, maps[1], colors);
-        tell(context, `${second} over ${first}`, 10, 8, "left", colors);
+        label(context, `${second} over ${first}`, 10, 8, "left", colors);
       } else {
         const at = share * width;
         [[0, at], [at, width - at]].forEach(([x, wide], place) => {
           within(context, { x, y: 0, width: wide, height }, () => {
             drawPoints(context, view, place);
             if (withMap.checked) drawMarks(context, view, maps[place], colors);
-            if (place === 0) tell(context, `◀ ${first}`, 10, 8, "left", colors);
-            else tell(context, `${second} ▶`, width - 10, 8, "right", colors);
+            if (place === 0) label(context, `◀ ${first}`, 10, 8, "left", colors);
+            else label(context, `${second} ▶`, width - 10, 8, "right", colors);
           });
         });
         context.fillStyle = colors.ink;
@@ -763,8 +763,8 @@
     });
     const describe = () => {
       const [first, second] = pair.maps;
-      const told = (map) => `${map.label}: ${digits(map.log_likelihood)} nats per point`;
-      scene.canvas.setAttribute("aria-label", `Data points coloured by their log-likelihood. ${told(first)}; ${told(second)}.`);
+      const described = (map) => `${map.label}: ${digits(map.log_likelihood)} nats per point`;
+      scene.canvas.setAttribute("aria-label", `Data points coloured by their log-likelihood. ${described(first)}; ${described(second)}.`);
       legend.canvas.setAttribute(
         "aria-label",
         isGain()

@@ -11,7 +11,7 @@ use mcl_eval::report::gather::gather;
 use mcl_eval::report::page::page;
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{PARTS, Saved, seal};
+use mcl_study::store::parts::{PARTS, SavedTrial, seal};
 use mcl_study::store::results::{MANIFEST, Manifest, STUDY};
 use mcl_study::study::definition::Study;
 use mcl_study::table::Cells;
@@ -85,7 +85,7 @@ fn plant(root: &Path, number: usize, text: &str) -> Result<usize> {
             cells.push(("diverged".to_owned(), (count % 97 == 0).into()));
             rows.push((identity, cells));
         }
-        write(json!({ "trial": Saved::new(trial.to_string(), rows, Vec::new()) }))?;
+        write(json!({ "trial": SavedTrial::new(trial.to_string(), rows, Vec::new()) }))?;
     }
     file.flush()?;
     Ok(count)

@@ -82,24 +82,24 @@ export const close = async () => {
   browser = null;
 };
 
-/// A page from its file, in a browser without network. `told` gathers what must not be: errors of the console and of
+/// A page from its file, in a browser without network. `problems` gathers what must not be: errors of the console and of
 /// scripts, and requests.
 export const open = async (path, { width = 1280, height = 900, theme = 'light', hash = '' } = {}) => {
   const context = await (await launched()).newContext({ viewport: { width, height }, colorScheme: theme, offline: true, acceptDownloads: true });
   await context.grantPermissions(['clipboard-read', 'clipboard-write']);
   const page = await context.newPage();
-  const told = [];
-  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && told.push(`console: ${message.text()}`));
-  page.on('pageerror', (error) => told.push(`error: ${error.message}`));
-  page.on('request', (request) => /^(file|blob|data):/.test(request.url()) || told.push(`request: ${request.url()}`));
-  page.on('dialog', (dialog) => told.push(`dialog: ${dialog.message()}`));
+  const problems = [];
+  page.on('console', (message) => ['error', 'warning'].includes(message.type()) && problems.push(`console: ${message.text()}`));
+  page.on('pageerror', (error) => problems.push(`error: ${error.message}`));
+  page.on('request', (request) => /^(file|blob|data):/.test(request.url()) || problems.push(`request: ${request.url()}`));
+  page.on('dialog', (dialog) => problems.push(`dialog: ${dialog.message()}`));
   await page.addInitScript(() => {
     window.shifts = 0;
     new PerformanceObserver((list) => { for (const shift of list.getEntries()) if (!shift.hadRecentInput) window.shifts += shift.value; }).observe({ type: 'layout-shift', buffered: true });
   });
   await page.goto(pathToFileURL(path).href + hash);
   await page.waitForFunction(() => performance.getEntriesByName('ready').length > 0);
-  return { page, told, context };
+  return { page, problems, context };
 };
 
 /// Brings an element into view and waits until its chart is drawn.

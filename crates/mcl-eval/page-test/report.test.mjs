@@ -27,7 +27,7 @@ test('the committed results: at most 6 MB, painted within a second, nothing aske
   assert.ok(statSync(committed).size <= 6e6, `${statSync(committed).size} bytes`);
   const times = [];
   for (let turn = 0; turn < 3; turn += 1) {
-    const { page, told, context } = await open(committed);
+    const { page, problems, context } = await open(committed);
     await page.waitForTimeout(500);
     times.push(await page.evaluate(() => performance.getEntriesByName('first-contentful-paint')[0].startTime));
     if (turn === 2) {
@@ -37,7 +37,7 @@ test('the committed results: at most 6 MB, painted within a second, nothing aske
       }
       assert.ok((await page.evaluate(() => window.shifts)) < 0.02, `shifts by ${await page.evaluate(() => window.shifts)}`);
     }
-    assert.deepEqual(told, []);
+    assert.deepEqual(problems, []);
     await context.close();
   }
   console.log(`first paint after ${times.map((time) => time.toFixed(0)).join(', ')} ms; ${statSync(committed).size} bytes`);
@@ -56,8 +56,8 @@ test('what was run, the answer, the claims, in this order', async () => {
   await context.close();
 });
 
-test('charts: hover tells value, interval and blocks; curves, scales and zoom', async () => {
-  const { page, told, context } = await open(rows);
+test('charts: hover shows value, interval and blocks; curves, scales and zoom', async () => {
+  const { page, problems, context } = await open(rows);
   const chart = page.locator('.chart').first();
   await drawn(chart);
   const ranges = () => chart.locator('.plot').first().evaluate((plot) => [plot._fullLayout.xaxis.range, plot._fullLayout.yaxis.range, plot._fullLayout.xaxis.type]);
@@ -83,12 +83,12 @@ test('charts: hover tells value, interval and blocks; curves, scales and zoom', 
   await chart.locator('[data-do="zoom-reset"]').click();
   const reset = await ranges();
   assert.ok(Math.abs(reset[0][0] - before[0][0]) < 1e-6 && Math.abs(reset[0][1] - before[0][1]) < 1e-6);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('tables: sorted, filtered, copied as CSV, Markdown and LaTeX', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const details = page.locator('details.table').filter({ hasText: 'Means and intervals' }).first();
   await details.locator('> summary').click();
   const table = details.locator('table');
@@ -119,12 +119,12 @@ test('tables: sorted, filtered, copied as CSV, Markdown and LaTeX', async () => 
   assert.match(await clipboard(page), /^\| dataset \|[^\n]*\n\|---\|/);
   await details.locator('[data-copy="LaTeX"]').click();
   assert.match(await clipboard(page), /\\begin\{tabular\}[^]*log\\_likelihood[^]*\\bottomrule/);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('a comparison opens to its effects by data set and size', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const comparison = page.locator('details.comparison').first();
   await comparison.locator('summary').click();
   const table = comparison.locator('table.tests');
@@ -134,12 +134,12 @@ test('a comparison opens to its effects by data set and size', async () => {
   assert.ok(cells.length > 0);
   for (const cell of cells) assert.match(cell, /^(▲better: |▼worse: |·not decided: |–not tested: ) /);
   assert.match(await table.locator('tbody td').first().getAttribute('title'), /^\d+ blocks, p .* after Holm/);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('figures for print are shown, and saved as SVG and PNG', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const figures = page.locator('details.figures').first();
   await figures.locator('> summary').click();
   const figure = figures.locator('figure').first();
@@ -149,12 +149,12 @@ test('figures for print are shown, and saved as SVG and PNG', async () => {
     assert.ok(download.suggestedFilename().endsWith(`.${button}`));
     assert.ok(readFileSync(await download.path(), 'latin1').startsWith(start));
   }
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('the keyboard alone: skips to the answer, opens a section, toggles a curve, sorts', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   await page.keyboard.press('Tab');
   assert.equal(await page.evaluate(() => document.activeElement.className), 'skip');
   await page.keyboard.press('Enter');
@@ -177,7 +177,7 @@ test('the keyboard alone: skips to the answer, opens a section, toggles a curve,
   await until(() => document.activeElement.matches('.listed th button'));
   await page.keyboard.press('Enter');
   assert.equal(await page.evaluate(() => document.activeElement.closest('th').getAttribute('aria-sort')), 'ascending');
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
@@ -185,14 +185,14 @@ test('from a telephone to a wide screen nothing sticks out, light and dark', asy
   for (const path of [rows, committed, bad]) {
     for (const width of [360, 1920]) {
       for (const theme of ['light', 'dark']) {
-        const { page, told, context } = await open(path, { width, height: 800, theme });
+        const { page, problems, context } = await open(path, { width, height: 800, theme });
         await page.locator('[data-do="theme"]').waitFor();
         await page.evaluate(() => { for (const details of document.querySelectorAll('details.folder, details.comparison, details.table, details.figures, .verdict')) if (document.querySelectorAll('.folder').length < 9) details.open = true; });
         await page.waitForTimeout(800);
         const sticksOut = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
         assert.ok(sticksOut <= 0, `${path} at ${width}: ${sticksOut} px too wide`);
         assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), theme);
-        assert.deepEqual(told, []);
+        assert.deepEqual(problems, []);
         await context.close();
       }
     }
@@ -225,19 +225,19 @@ test('axe finds nothing', async () => {
 });
 
 test('prints without controls', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   await drawn(page.locator('.chart').first());
   await page.emulateMedia({ media: 'print' });
   for (const control of ['.top', '.contents', '[data-do="zoom-in"]']) assert.ok(!(await page.locator(control).first().isVisible()), control);
   await page.emulateMedia({ media: null });
   const pdf = await page.pdf({ format: 'A4' });
   assert.ok(pdf.subarray(0, 5).toString() === '%PDF-' && pdf.length > 20000, `${pdf.length} bytes`);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('hostile names are text', async () => {
-  const { page, told, context } = await open(bad);
+  const { page, problems, context } = await open(bad);
   await drawn(page.locator('.chart').first());
   await page.evaluate(() => { for (const details of document.querySelectorAll('details')) details.open = true; });
   await page.locator('.chart .scatterlayer .points path').first().hover({ force: true });
@@ -248,6 +248,6 @@ test('hostile names are text', async () => {
   const text = await page.locator('main').innerText();
   assert.ok(text.includes('<script>window.hacked = 1</script>'));
   assert.ok(text.includes('\\u{202e}') && text.includes('\\u{1b}') && !/[\u202e\u001b]/.test(text));
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });

@@ -32,7 +32,7 @@ const colors = (canvas) => canvas.evaluate((element) => {
 const frame = async (slot) => Number(await slot.getAttribute('data-frame'));
 
 test('a run is played, and the robot moves', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const watch = await ready(page, 'watch');
   const scene = watch.locator('.watch-scene').first();
   assert.ok((await colors(scene)) > 20);
@@ -45,12 +45,12 @@ test('a run is played, and the robot moves', async () => {
   const stopped = await frame(watch);
   await page.waitForTimeout(500);
   assert.equal(await frame(watch), stopped);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('the keyboard plays, pauses and goes along the run; readers hear where it stopped, not every step', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const watch = await ready(page, 'watch');
   const [scrub, scene] = [watch.locator('.watch-scrub'), watch.locator('.watch-scene').first()];
   const status = watch.locator('.watch-status');
@@ -80,12 +80,12 @@ test('the keyboard plays, pauses and goes along the run; readers hear where it s
   assert.match(await scene.getAttribute('aria-label'), /scan .*d \d.*particles/);
   // What has the focus can be seen.
   assert.notEqual(await scrub.evaluate((element) => getComputedStyle(element).outlineStyle), 'none');
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('two runs side by side keep the same time', async () => {
-  const { page, told, context } = await open(localized);
+  const { page, problems, context } = await open(localized);
   const watch = await ready(page, 'watch');
   assert.match(await watch.textContent(), /Of 3 runs of localize/);
   const [left, right] = [0, 1].map((place) => watch.locator('.watch-pane').nth(place));
@@ -105,7 +105,7 @@ test('two runs side by side keep the same time', async () => {
   const box = await errors.boundingBox();
   await errors.click({ position: { x: 46, y: box.height / 2 } });
   assert.ok((await frame(watch)) < 5);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
@@ -122,7 +122,7 @@ test('who wants little motion gets few steps', async () => {
 });
 
 test('maps are compared: the slider, the gain, the points of the maps change what is seen', async () => {
-  const { page, told, context } = await open(rows);
+  const { page, problems, context } = await open(rows);
   const compare = await ready(page, 'compare-maps');
   const [scene, slider] = [compare.locator('.compare-scene'), compare.locator('.compare-slider')];
   assert.ok((await colors(scene)) > 50);
@@ -145,13 +145,13 @@ test('maps are compared: the slider, the gain, the points of the maps change wha
   await compare.locator('select').selectOption('gain');
   await changed('gain');
   assert.match(await compare.locator('.compare-legend').getAttribute('aria-label'), /nats gained/);
-  assert.deepEqual(told, []);
+  assert.deepEqual(problems, []);
   await context.close();
 });
 
 test('both follow the colours of the page, fit every width, and print one still frame without controls', async () => {
   for (const width of [360, 800, 1920]) {
-    const { page, told, context } = await open(rows, { width });
+    const { page, problems, context } = await open(rows, { width });
     for (const kind of ['watch', 'compare-maps']) {
       const slot = await ready(page, kind);
       const canvas = slot.locator('canvas').first();
@@ -168,7 +168,7 @@ test('both follow the colours of the page, fit every width, and print one still 
       await page.evaluate(() => dispatchEvent(new Event('afterprint')));
       await page.emulateMedia({ media: null, colorScheme: 'light' });
     }
-    assert.deepEqual(told, []);
+    assert.deepEqual(problems, []);
     await context.close();
   }
 });

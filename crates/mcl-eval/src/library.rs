@@ -18,14 +18,14 @@ use crate::cli::localize::{Watchers, checked_settings, first_pose, one_run};
 pub use crate::cli::map::Folds;
 use crate::cli::map::{Watch, build, check_arguments};
 use crate::localization::{FinishedRun, Localization, run_seed};
-use crate::progress::told_once;
+use crate::progress::error_message;
 
 /// Called repeatedly during long work; an error ends it.
 pub type End<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
 /// The text of an error as the command line writes it, without the advice to try --help.
 pub fn words(error: &anyhow::Error) -> String {
-    let Some(usage) = error.downcast_ref::<clap::Error>() else { return told_once(error) };
+    let Some(usage) = error.downcast_ref::<clap::Error>() else { return error_message(error) };
     let text = usage.to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
     let end =

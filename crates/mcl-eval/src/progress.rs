@@ -16,13 +16,13 @@ use terminal_size::terminal_size_of;
 /// is gone, the disk of a log is full) must not end a long run, as it would with `eprintln!`.
 macro_rules! tell {
     ($($argument:tt)*) => {
-        $crate::progress::tell_line(format_args!($($argument)*))
+        $crate::progress::print_line(format_args!($($argument)*))
     };
 }
 pub(crate) use tell;
 
 /// See [`tell!`].
-pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
+pub(crate) fn print_line(line: fmt::Arguments<'_>) {
     // Names from files and arguments may contain control sequences.
     let line = line.to_string();
     let mut line = line.split('\n').map(printable).collect::<Vec<_>>().join("\n");
@@ -36,7 +36,7 @@ pub(crate) fn tell_line(line: fmt::Arguments<'_>) {
 }
 
 /// An error with its causes, except causes that the preceding message already contains.
-pub fn told_once(error: &anyhow::Error) -> String {
+pub fn error_message(error: &anyhow::Error) -> String {
     let mut text = String::new();
     let mut before = String::new();
     for cause in error.chain() {
@@ -90,7 +90,7 @@ pub struct StudyProgress {
     bar: ProgressBar,
     state: Arc<Mutex<State>>,
     /// Ends the thread that reports lines, and its handle.
-    teller: Option<(Sender<()>, JoinHandle<()>)>,
+    reporter: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 struct State {
@@ -131,9 +131,10 @@ impl StudyProgress {
         let style = "{prefix} {wide_bar:.cyan/dim} {percent:>3} %  {msg}{left}";
         let style = template(style).with_key("left", left);
         let bar = shown(Some(Self::PARTS as u64), style, dataset, quiet);
-        let is_told = !quiet && !io::stderr().is_terminal();
-        let teller = if is_told { tell_every(EVERY, dataset, state.clone()) } else { None };
-        StudyProgress { bar, state, teller }
+        let is_reporting = !quiet && !io::stderr().is_terminal();
+        let reporter =
+            if is_reporting { report_every(EVERY, dataset, state.clone()) } else { None };
+        StudyProgress { bar, state, reporter }
     }
 
     /// Trials are about to run, with an estimate of the time.
@@ -151,31 +152,31 @@ impl StudyProgress {
     }
 
     /// Reports a line that the bar does not overwrite.
-    pub fn tell(&self, line: fmt::Arguments<'_>) {
-        self.bar.suspend(|| tell_line(line));
+    pub fn print(&self, line: fmt::Arguments<'_>) {
+        self.bar.suspend(|| print_line(line));
     }
 }
 
 impl Drop for StudyProgress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
-        if let Some((end, teller)) = self.teller.take() {
+        if let Some((end, reporter)) = self.reporter.take() {
             drop(end);
             // The thread cannot fail.
-            drop(teller.join());
+            drop(reporter.join());
         }
     }
 }
 
 /// Reports progress at intervals until the sender is dropped; never, if no thread can be created.
-fn tell_every(
+fn report_every(
     every: Duration,
     dataset: &str,
     state: Arc<Mutex<State>>,
 ) -> Option<(Sender<()>, JoinHandle<()>)> {
     let (sender, receiver) = mpsc::channel();
     let dataset = dataset.to_owned();
-    let tell = move || {
+    let print = move || {
         while receiver.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
             let state = state.lock().unwrap_or_else(PoisonError::into_inner);
             if state.all > 0 {
@@ -183,7 +184,7 @@ fn tell_every(
             }
         }
     };
-    let thread = std::thread::Builder::new().spawn(tell).ok()?;
+    let thread = std::thread::Builder::new().spawn(print).ok()?;
     Some((sender, thread))
 }
 
@@ -233,16 +234,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn causes_are_told_once() {
+    fn repeated_causes_are_left_out() {
         let error = anyhow::anyhow!("no such file")
             .context("cannot read a.csv: no such file")
             .context("in the map");
-        assert_eq!(told_once(&error), "in the map: cannot read a.csv: no such file");
+        assert_eq!(error_message(&error), "in the map: cannot read a.csv: no such file");
     }
 
     /// Fault: without a terminal nothing was reported until the last trial had ended.
     #[test]
-    fn how_far_a_study_is_is_one_line() {
+    fn progress_is_one_line() {
         let mut state = State { ended: 210, all: 460, share: 0.4599, end: None };
         assert_eq!(state.text(), "45 %, 210 of 460 trials");
         state.end = Some(Instant::now() + Duration::from_millis(40_400));

@@ -10,7 +10,7 @@ use plotters::style::{Color, FontStyle, WHITE};
 use crate::axis::{Axis, Scale};
 use crate::elements::{Clipped, symbol};
 use crate::error::FigureError;
-use crate::marks::{Taken, TextBox};
+use crate::marks::{OccupiedAreas, TextBox};
 use crate::medium::Medium;
 use crate::page::{
     Area, Chart, DrawError, Page, TITLE_GAP, along_x, along_y, bottom_room, draw_axes, draw_frame,
@@ -341,7 +341,7 @@ fn draw_marks(chart: &Chart, panel: &CurvePanel) -> Result<usize, DrawError> {
     let window = chart.plotting_area();
     let (x, y) = window.get_pixel_range();
     let mut taken =
-        Taken::new(TextBox { left: x.start, top: y.start, right: x.end, bottom: y.end });
+        OccupiedAreas::new(TextBox { left: x.start, top: y.start, right: x.end, bottom: y.end });
     let place = |point: &CurvePoint, y: f64| window.map_coordinate(&(point.x, y));
     for curve in &panel.curves {
         let points: Vec<_> = panel.drawable(curve).collect();

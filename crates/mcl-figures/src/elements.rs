@@ -17,9 +17,9 @@ const CIRCLE_RADIUS: f64 = 3.6;
 
 /// Leaves places outside of a chart where they are. plotters moves them to its edge, which bends
 /// every line that leaves the chart.
-pub(crate) struct Beyond;
+pub(crate) struct Unclipped;
 
-impl CoordMapper for Beyond {
+impl CoordMapper for Unclipped {
     type Output = BackendCoord;
 
     fn map<CT: CoordTranslate>(coordinates: &CT, from: &CT::From, _: &Rect) -> BackendCoord {
@@ -30,7 +30,7 @@ impl CoordMapper for Beyond {
 /// An element that may leave its chart; the canvas clips it.
 pub(crate) struct Clipped<E>(pub(crate) E, pub(crate) Dash);
 
-impl<'a, C, E> PointCollection<'a, C, Beyond> for &'a Clipped<E>
+impl<'a, C, E> PointCollection<'a, C, Unclipped> for &'a Clipped<E>
 where
     &'a E: PointCollection<'a, C>,
 {
@@ -42,7 +42,7 @@ where
     }
 }
 
-impl<E: Drawable<Canvas>> Drawable<Canvas, Beyond> for Clipped<E> {
+impl<E: Drawable<Canvas>> Drawable<Canvas, Unclipped> for Clipped<E> {
     fn draw<I: Iterator<Item = BackendCoord>>(
         &self,
         places: I,

@@ -47,7 +47,7 @@ pub enum FigureError {
         expected: [usize; 2],
     },
     /// The ending of a file names no format.
-    #[error("{}: the ending says no format of figures, expected .svg, .png or .pdf", path.display())]
+    #[error("{}: the extension names no format of figures, expected .svg, .png or .pdf", path.display())]
     Ending {
         /// The file.
         path: PathBuf,

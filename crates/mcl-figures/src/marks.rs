@@ -31,16 +31,16 @@ impl TextBox {
 }
 
 /// What a chart already shows.
-pub(crate) struct Taken {
+pub(crate) struct OccupiedAreas {
     window: TextBox,
     /// Places along lines and symbols.
     ink: Vec<BackendCoord>,
     texts: Vec<TextBox>,
 }
 
-impl Taken {
+impl OccupiedAreas {
     pub(crate) fn new(window: TextBox) -> Self {
-        Taken { window, ink: Vec::new(), texts: Vec::new() }
+        OccupiedAreas { window, ink: Vec::new(), texts: Vec::new() }
     }
 
     pub(crate) fn add_line(&mut self, from: BackendCoord, to: BackendCoord) {
@@ -97,13 +97,13 @@ mod tests {
 
     #[test]
     fn a_text_stands_above_to_the_right_where_that_is_free() {
-        let text = Taken::new(WINDOW).place((20_000, 10_000), SIZE).unwrap();
+        let text = OccupiedAreas::new(WINDOW).place((20_000, 10_000), SIZE).unwrap();
         assert!(text.left > 20_000 && text.bottom < 10_000);
     }
 
     #[test]
     fn texts_keep_off_lines_each_other_and_the_edge() {
-        let mut taken = Taken::new(WINDOW);
+        let mut taken = OccupiedAreas::new(WINDOW);
         let points = [(300, 300), (300, 900), (700, 1500), (49_900, 10_000)];
         taken.add_line((20_000, 10_000), (30_000, 5000));
         taken.add_line((20_000, 10_000), (20_000, 12_000));
@@ -122,8 +122,8 @@ mod tests {
 
     /// Fault: on small maps, where every run was lost, labels stood over each other.
     #[test]
-    fn what_has_no_place_is_left_out() {
-        let mut taken = Taken::new(WINDOW);
+    fn labels_without_room_are_left_out() {
+        let mut taken = OccupiedAreas::new(WINDOW);
         let places: Vec<TextBox> =
             (0..100).filter_map(|_| taken.place((20_000, 10_000), SIZE)).collect();
         assert!((4..100).contains(&places.len()), "{}", places.len());

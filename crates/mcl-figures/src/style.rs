@@ -121,7 +121,7 @@ impl Marker {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CurveStyle {
     /// Index into the palette: black, vermilion, blue, green, purple, orange, sky blue; beyond, it
-    /// starts anew.
+    /// starts over.
     pub color: usize,
     /// The dash pattern.
     pub dash: Dash,

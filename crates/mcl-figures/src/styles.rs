@@ -78,13 +78,13 @@ mod tests {
         ["carmen", "gbs", "gbs+f-km", "gbs+best", "gbs+x", "rnd+f-km", "rnd", "ndt", "book", "a+b"];
 
     #[test]
-    fn a_family_has_one_marker_and_its_refinements_can_be_told_apart() {
+    fn a_family_has_one_marker_and_distinguishable_refinements() {
         let [plain, refined, best] = styles(&["gbs", "gbs+f-km", "gbs+best"])[..] else { panic!() };
         let square = Some(Marker::Square);
         assert_eq!(plain, CurveStyle { color: 1, dash: Dash::Dashed, marker: square });
         assert_eq!(refined, CurveStyle { dash: Dash::Solid, ..plain });
         assert_eq!(best, CurveStyle { color: 0, dash: Dash::DashDot, marker: square });
-        assert_eq!(styles(&["gbs"])[0].dash, Dash::Solid, "nothing to tell it apart from");
+        assert_eq!(styles(&["gbs"])[0].dash, Dash::Solid, "nothing to distinguish it from");
     }
 
     #[test]

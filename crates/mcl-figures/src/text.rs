@@ -138,7 +138,7 @@ mod tests {
 
     /// A name of 10,000 letters ran far beyond the page, over whatever stood beside it.
     #[test]
-    fn what_is_too_long_is_cut() {
+    fn long_text_is_cut() {
         let endless = "m".repeat(10_000);
         for text in [endless.as_str(), "a much longer label", &"\u{301}".repeat(9999)] {
             let cut = fitted(text, &plain(), 60.0);

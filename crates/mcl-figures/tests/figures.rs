@@ -444,7 +444,7 @@ fn odd_heat_maps_are_drawn_or_refused() {
 }
 
 #[test]
-fn what_is_left_out_is_said_and_an_empty_panel_says_so() {
+fn omitted_points_and_empty_panels_are_noted() {
     let mut figure = curve_figure(vec![vec![point(1.0, 1.0), point(2.0, NAN)]]);
     let mut beyond = figure.panels[0].clone();
     beyond.x.range = Some([50.0, 100.0]);

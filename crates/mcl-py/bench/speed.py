@@ -91,8 +91,8 @@ def main():
             for name, call in work.items():
                 note(name, "Python", seconds(call, 200 if name == "one distance" else 5))
             if arguments.rust:
-                told = subprocess.run([arguments.rust, folder], check=True, capture_output=True, text=True).stdout
-                for name, value in json.loads(told).items():
+                printed = subprocess.run([arguments.rust, folder], check=True, capture_output=True, text=True).stdout
+                for name, value in json.loads(printed).items():
                     note(name, "Rust", value)
             for (name, by), call in peers.items():
                 # The mixture takes seconds a call.

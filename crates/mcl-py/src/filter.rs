@@ -120,7 +120,7 @@ impl ParticleFilter {
             drop(sender.send(work(filter)));
         });
         let sent = self.jobs.lock().unwrap_or_else(PoisonError::into_inner).send(job);
-        let gone = || Error::new_err("the filter ended with the program's own error");
+        let gone = || Error::new_err("the filter ended with an internal error");
         sent.map_err(|_| gone())?;
         py.detach(move || receiver.recv()).map_err(|_| gone())
     }
@@ -194,7 +194,7 @@ impl ParticleFilter {
         match py.detach(move || receiver.recv()) {
             Ok(started) => started.map_err(exception)?,
             Err(_) => {
-                return Err(Error::new_err("the filter did not start: the program's own error"));
+                return Err(Error::new_err("the filter did not start: internal error"));
             }
         }
         Ok(ParticleFilter { jobs: Mutex::new(jobs), robot_from_laser })
@@ -347,8 +347,8 @@ pub fn localize(
         warn(
             py,
             &format!(
-                "{}: the odometry says nothing of {} of {} steps; there the robot is looked for by its scan, about where \
-                 it was",
+                "{}: the odometry is missing for {} of {} steps; there the robot is searched for by its \
+                 scan around its last pose",
                 source.name,
                 found.bridged.scans.len(),
                 found.bridged.steps

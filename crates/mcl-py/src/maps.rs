@@ -53,7 +53,7 @@ impl<const D: usize> Indexed<D> {
 }
 
 /// In the plane or in space.
-pub enum Kept {
+pub enum AnyMap {
     /// In the plane.
     Planar(Indexed<2>),
     /// In space.
@@ -63,7 +63,7 @@ pub enum Kept {
 /// A sample-based map: points in two or three dimensions, in metres.
 #[pyclass(frozen, module = "mcl_eval")]
 pub struct Map {
-    kept: Arc<Kept>,
+    kept: Arc<AnyMap>,
     /// Where a robot may be, of a grid map.
     free: Option<FreeSpace>,
     /// What `map --json` prints of it.
@@ -72,41 +72,41 @@ pub struct Map {
 }
 
 impl Map {
-    fn of(kept: Kept) -> Self {
+    fn of(kept: AnyMap) -> Self {
         Map { kept: Arc::new(kept), free: None, report: None, points: PyOnceLock::new() }
     }
 
     fn planar(map: PointMap<2>) -> Self {
-        Self::of(Kept::Planar(Indexed { map, index: OnceLock::new() }))
+        Self::of(AnyMap::Planar(Indexed { map, index: OnceLock::new() }))
     }
 
     fn spatial(map: PointMap<3>) -> Self {
-        Self::of(Kept::Spatial(Indexed { map, index: OnceLock::new() }))
+        Self::of(AnyMap::Spatial(Indexed { map, index: OnceLock::new() }))
     }
 
     /// What a filter needs: a map in the plane, and the free space if it is known.
-    pub fn for_filter(&self) -> PyResult<(Arc<Kept>, Option<FreeSpace>)> {
+    pub fn for_filter(&self) -> PyResult<(Arc<AnyMap>, Option<FreeSpace>)> {
         match *self.kept {
-            Kept::Planar(_) => Ok((self.kept.clone(), self.free.clone())),
-            Kept::Spatial(_) => Err(Error::new_err(
+            AnyMap::Planar(_) => Ok((self.kept.clone(), self.free.clone())),
+            AnyMap::Spatial(_) => Err(Error::new_err(
                 "the map has three dimensions, and the filter localizes in the plane",
             )),
         }
     }
 }
 
-impl Kept {
+impl AnyMap {
     /// The map of [`Map::for_filter`].
     pub fn in_plane(&self) -> anyhow::Result<&PointMap<2>> {
         match self {
-            Kept::Planar(kept) => Ok(&kept.map),
-            Kept::Spatial(_) => bail!("the map has three dimensions, expected two"),
+            AnyMap::Planar(kept) => Ok(&kept.map),
+            AnyMap::Spatial(_) => bail!("the map has three dimensions, expected two"),
         }
     }
 }
 
 /// A map, or an array of the points of one.
-fn map_of(value: &Bound<'_, PyAny>) -> PyResult<Arc<Kept>> {
+fn map_of(value: &Bound<'_, PyAny>) -> PyResult<Arc<AnyMap>> {
     if let Ok(map) = value.cast::<Map>() {
         return Ok(map.get().kept.clone());
     }
@@ -154,8 +154,8 @@ impl Map {
         interruptible(py, move |_| {
             check_writable(&path, &[])?;
             match &*kept {
-                Kept::Planar(kept) => write_map(&path, &kept.map, encoding)?,
-                Kept::Spatial(kept) => write_map(&path, &kept.map, encoding)?,
+                AnyMap::Planar(kept) => write_map(&path, &kept.map, encoding)?,
+                AnyMap::Spatial(kept) => write_map(&path, &kept.map, encoding)?,
             }
             Ok(())
         })
@@ -166,8 +166,8 @@ impl Map {
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let made = self.points.get_or_try_init(py, || {
             let array = match &*self.kept {
-                Kept::Planar(kept) => table(py, kept.map.points().to_vec())?,
-                Kept::Spatial(kept) => table(py, kept.map.points().to_vec())?,
+                AnyMap::Planar(kept) => table(py, kept.map.points().to_vec())?,
+                AnyMap::Spatial(kept) => table(py, kept.map.points().to_vec())?,
             };
             array.readwrite().make_nonwriteable();
             Ok::<_, PyErr>(array.unbind())
@@ -179,8 +179,8 @@ impl Map {
     #[getter]
     fn dimensions(&self) -> usize {
         match *self.kept {
-            Kept::Planar(_) => 2,
-            Kept::Spatial(_) => 3,
+            AnyMap::Planar(_) => 2,
+            AnyMap::Spatial(_) => 3,
         }
     }
 
@@ -193,8 +193,8 @@ impl Map {
 
     fn __len__(&self) -> usize {
         match &*self.kept {
-            Kept::Planar(kept) => kept.map.len(),
-            Kept::Spatial(kept) => kept.map.len(),
+            AnyMap::Planar(kept) => kept.map.len(),
+            AnyMap::Spatial(kept) => kept.map.len(),
         }
     }
 
@@ -287,10 +287,10 @@ fn ask<Q: Question>(
     let map = map_of(map)?;
     let about = points_of("points", about)?;
     interruptible(py, move |_| match (&*map, about) {
-        (Kept::Planar(map), Points::Planar(points)) => question.answer(map, points),
-        (Kept::Spatial(map), Points::Spatial(points)) => question.answer(map, points),
-        (Kept::Planar(_), _) => bail!("the map has two dimensions, and the points have three"),
-        (Kept::Spatial(_), _) => bail!("the map has three dimensions, and the points have two"),
+        (AnyMap::Planar(map), Points::Planar(points)) => question.answer(map, points),
+        (AnyMap::Spatial(map), Points::Spatial(points)) => question.answer(map, points),
+        (AnyMap::Planar(_), _) => bail!("the map has two dimensions, and the points have three"),
+        (AnyMap::Spatial(_), _) => bail!("the map has three dimensions, and the points have two"),
     })
 }
 

@@ -21,7 +21,7 @@ const OF_COMMANDS: [&str; 11] = [
 ];
 
 /// Options of the names of the keywords: `True` is an option without value, `False` and `None` are none, and several
-/// numbers are parted by commas.
+/// numbers are separated by commas.
 pub fn options(keywords: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<String>> {
     let mut options = Vec::new();
     for (name, value) in keywords.into_iter().flatten() {

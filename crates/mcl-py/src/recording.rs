@@ -216,7 +216,7 @@ fn array_of(py: Python<'_>, pose: Option<Pose2>) -> Option<Bound<'_, PyArray1<f6
 /// Opens a data source, and warns of what it left open and what of it was lost.
 fn opened(py: Python<'_>, name: PathBuf, options: Vec<String>) -> PyResult<DataSource> {
     let name = name.into_os_string().into_string().map_err(|name| {
-        Error::new_err(format!("{}: the name of the file is no Unicode text", name.display()))
+        Error::new_err(format!("{}: the file name is not Unicode text", name.display()))
     })?;
     let called = name.clone();
     let source = interruptible(py, move |_| open(&called, &options))?;

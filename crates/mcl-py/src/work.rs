@@ -64,5 +64,5 @@ fn error_of(unwound: Box<dyn Any + Send>) -> anyhow::Error {
     };
     let text = unwound.downcast_ref::<String>().map(String::as_str);
     let text = text.or_else(|| unwound.downcast_ref::<&str>().copied());
-    anyhow!("the program's own error: {}", text.unwrap_or("a panic without a message"))
+    anyhow!("internal error: {}", text.unwrap_or("a panic without a message"))
 }

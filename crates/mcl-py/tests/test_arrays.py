@@ -89,7 +89,7 @@ def test_distances_and_likelihoods_are_those_of_numpy(office, office_map):
 
 
 @pytest.mark.parametrize(
-    ("points", "told"),
+    ("points", "message"),
     [
         (np.zeros((0, 2)), "no points"),
         (np.array([[0.0, np.nan]]), "point 0: coordinate 1 is NaN"),
@@ -102,19 +102,19 @@ def test_distances_and_likelihoods_are_those_of_numpy(office, office_map):
         (None, "expected"),
     ],
 )
-def test_points_that_are_none(points, told, office_map):
+def test_invalid_points(points, message, office_map):
     for use in (
         lambda: mcl_eval.build_map(points, init="all"),
         lambda: mcl_eval.Map(points),
         lambda: mcl_eval.log_likelihood(office_map, points),
     ):
-        with pytest.raises(Error, match=told):
+        with pytest.raises(Error, match=message):
             use()
 
 
-def test_errors_have_the_words_of_the_command_line(office, office_map):
+def test_errors_are_those_of_the_command_line(office, office_map):
     points = office.points[:100]
-    for keywords, told in [
+    for keywords, message in [
         ({}, "--init <INIT>"),
         ({"init": "grid"}, "--init grid needs --size or --cell"),
         ({"init": "grid", "size": 0}, "'0' is not a map size"),
@@ -131,18 +131,18 @@ def test_errors_have_the_words_of_the_command_line(office, office_map):
     ]:
         with pytest.raises(Error) as raised:
             mcl_eval.build_map(points, **keywords)
-        assert told in str(raised.value)
+        assert message in str(raised.value)
         assert "Usage" not in str(raised.value) and "--help" not in str(raised.value)
-    for keywords, told in [
+    for keywords, message in [
         ({"particles": 0}, "setting particles is 0"),
         ({"initial_pose": (0, 0)}, "expected 3 numbers"),
-        ({"initial": "uniform", "initial_pose": (0, 0, 0)}, "nobody knows"),
+        ({"initial": "uniform", "initial_pose": (0, 0, 0)}, "mean an unknown one"),
         ({"alpha": [0.1] * 4, "motion": "gaussian"}, "--alpha belongs to --motion book"),
         ({"preset": "best"}, "default, book or carmen"),
     ]:
         with pytest.raises(Error) as raised:
             mcl_eval.localize(office, office_map, **keywords)
-        assert told in str(raised.value)
+        assert message in str(raised.value)
     assert issubclass(Error, ValueError)
 
 
@@ -157,7 +157,7 @@ def test_dimensions_that_differ(office, office_map):
             use()
 
 
-def test_files_that_are_not_there(tmp_path):
+def test_missing_files(tmp_path):
     missing = tmp_path / "missing"
     for use in (
         lambda: mcl_eval.read_log(missing.with_suffix(".log")),
@@ -182,8 +182,8 @@ def test_a_filter_refuses_what_it_cannot_use(office, office_map):
     with pytest.raises(Error, match="no initial pose"):
         mcl_eval.ParticleFilter(office_map)
     filter = mcl_eval.ParticleFilter(office_map, initial_pose=office.reference[0])
-    for odometry, told in [((0, np.nan, 0), "finite"), ((0, 0), r"shape \(2\)"), (None, "expected")]:
-        with pytest.raises(Error, match=told):
+    for odometry, message in [((0, np.nan, 0), "finite"), ((0, 0), r"shape \(2\)"), (None, "expected")]:
+        with pytest.raises(Error, match=message):
             filter.step(odometry, office[1])
     with pytest.raises(Error, match="position is NaN"):
         filter.bridge(office[1], float("nan"), 1.0)

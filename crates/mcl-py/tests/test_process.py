@@ -30,8 +30,8 @@ def interrupted(code):
     assert program.poll() is None, program.stdout.read()
     program.send_signal(signal.SIGINT)
     since = time.monotonic()
-    told, _ = program.communicate(timeout=60)
-    return told, time.monotonic() - since
+    output, _ = program.communicate(timeout=60)
+    return output, time.monotonic() - since
 
 
 @posix
@@ -47,8 +47,8 @@ def test_ctrl_c_ends_long_work(call):
         except KeyboardInterrupt:
             print("interrupted", flush=True)
     """
-    told, seconds = interrupted(textwrap.dedent(code))
-    assert told == "interrupted\n"
+    output, seconds = interrupted(textwrap.dedent(code))
+    assert output == "interrupted\n"
     assert seconds < 2
 
 
@@ -89,8 +89,8 @@ def test_ctrl_c_ends_a_study_whose_rows_are_safe(study, tmp_path):
         except KeyboardInterrupt:
             print("interrupted", flush=True)
     """
-    told, seconds = interrupted(textwrap.dedent(code))
-    assert told == "interrupted\n" and seconds < 2
+    output, seconds = interrupted(textwrap.dedent(code))
+    assert output == "interrupted\n" and seconds < 2
     done = mcl_eval.run(study, output=tmp_path / "results", quiet=True)
     assert done.done == done.trials > 0 and done.failed == 0
 
@@ -136,7 +136,7 @@ def test_the_command_has_the_exit_codes_of_the_program(tmp_path):
 
 
 @posix
-def test_a_broken_pipe_is_no_error():
+def test_a_broken_pipe_is_not_an_error():
     process = subprocess.Popen(
         [sys.executable, "-m", "mcl_eval", "localize", "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
@@ -157,8 +157,8 @@ def test_ctrl_c_ends_the_command():
         sys.argv = ["mcl-eval", "localize", "simulated-office", "--map", "map.csv", "--runs", "1000"]
         sys.exit(main())
     """
-    told, seconds = interrupted(textwrap.dedent(code))
-    assert "Traceback" not in told and seconds < 2
+    output, seconds = interrupted(textwrap.dedent(code))
+    assert "Traceback" not in output and seconds < 2
 
 
 def test_a_study_and_its_table(study, tmp_path, capfd):

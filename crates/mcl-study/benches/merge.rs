@@ -17,7 +17,7 @@ use mcl_study::data::source::{DataSource, LogSource};
 use mcl_study::run::run_study;
 use mcl_study::share::{Part, Share};
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{PARTS, Saved, seal};
+use mcl_study::store::parts::{PARTS, SavedTrial, seal};
 use mcl_study::study::definition::Study;
 use mcl_study::study::plan::Plan;
 use mcl_study::table::Value;
@@ -102,7 +102,7 @@ fn write_rows(trials: usize, parts: usize, folder: &Path) -> Result<usize> {
         });
         let identity = trial.identities(&study.measures)?.swap_remove(0);
         let seconds = vec![("map".to_owned(), 0.5), ("runs".to_owned(), 1.5)];
-        let saved = Saved::new(trial.to_string(), vec![(identity, cells.collect())], seconds);
+        let saved = SavedTrial::new(trial.to_string(), vec![(identity, cells.collect())], seconds);
         let line = [&seal(&serde_json::to_vec(&json!({ "trial": saved }))?)[..], b"\n"].concat();
         bytes += line.len();
         files[k % parts].write_all(&line)?;
@@ -130,7 +130,7 @@ fn measure(share: &str, trials: usize, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// As the system tells it, where it does.
+/// As the system reports it, where it does.
 fn peak_memory() -> Result<String> {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
         return Ok("? MB".to_owned());

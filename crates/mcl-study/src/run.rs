@@ -18,9 +18,9 @@ use crate::measure::{MapMeasure, OfDimension};
 use crate::recipe::run::RunRecipe;
 use crate::share::{Share, deal};
 use crate::store::identity::{Build, Identity};
-use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, Saved};
+use crate::store::parts::{FailedTrial, OwnPart, PARTS, Parts, SavedTrial};
 use crate::store::results::{
-    FAILURES, FIGURES, MANIFEST, Manifest, Paths, Results, SHOWN, STUDY, SUMMARY, Shown, TESTS,
+    FAILURES, FIGURES, MANIFEST, Manifest, Paths, Results, SHOWN, STUDY, SUMMARY, ShownMap, TESTS,
     TIMINGS, TRIALS, read_text, save, save_table,
 };
 use crate::study::definition::Study;
@@ -69,7 +69,7 @@ pub enum Event<'e> {
 }
 
 /// The result of a run.
-pub struct Ran {
+pub struct RunResult {
     /// The rows, including those of earlier runs; `None` for a part, which leaves the tables to the merge.
     pub results: Option<Results>,
     /// Number of trials of this process; `done` of them have rows.
@@ -101,7 +101,7 @@ pub fn run_study(
     folder: &Path,
     share: Share,
     mut see: impl FnMut(Event<'_>),
-) -> Result<Ran> {
+) -> Result<RunResult> {
     let identity = Identity { build: Build::this(), data: DataFacts::of(&data.source)? };
     let dataset = identity.data.name.clone();
     create_folder(folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -154,7 +154,7 @@ pub fn run_study(
     if share == Share::Merge {
         tasks.clear();
     } else {
-        shown = add_pictured(&mut tasks, Shown::all(study, folder, &dataset)?, &parts);
+        shown = add_pictured(&mut tasks, ShownMap::all(study, folder, &dataset)?, &parts);
         tasks.retain(|task| task.identities.iter().any(is_mine));
         shown.retain(|identity, _| is_mine(identity));
     }
@@ -163,7 +163,7 @@ pub fn run_study(
     let mut part = OwnPart::new(folder, &identity);
     let programs = Programs::new(folder, study.folder.as_deref());
     let work =
-        Work { study, data, tasks: &tasks, programs: &programs, shown: &shown, costs: &costs };
+        TrialWork { study, data, tasks: &tasks, programs: &programs, shown: &shown, costs: &costs };
     let failed = match identity.data.dimensions {
         3 => run_tasks::<3>(&work, &mut part, &mut see)?,
         _ => run_tasks::<2>(&work, &mut part, &mut see)?,
@@ -173,15 +173,14 @@ pub fn run_study(
     // Another process may have started another study there, or recreated the folder.
     if !is_there(MANIFEST, &manifest) || !is_there(STUDY, &study.text) {
         bail!(
-            "another run has changed the study in {}; rows are safe, and the same command goes on from \
-             there",
+            "another run has changed the study in {}; rows are safe, and the same command continues from there",
             folder.display()
         );
     }
     if let Share::Part(_) = share {
         // Maps needed only for pictures are not among the trials of the study.
         let done = asked.saturating_sub(failed.len());
-        return Ok(Ran { results: None, asked, done, failed });
+        return Ok(RunResult { results: None, asked, done, failed });
     }
     let parts = match parts {
         Some(parts) => parts,
@@ -208,7 +207,7 @@ pub fn run_study(
         );
     }
     let (asked, done) = (results.asked, results.done);
-    Ok(Ran { results: Some(results), asked, done, failed })
+    Ok(RunResult { results: Some(results), asked, done, failed })
 }
 
 /// The part (from 1, of `parts`) that runs each trial of a plan, and the identities of the rows of each part:
@@ -230,7 +229,7 @@ pub fn deal_out(
         all.push((costs.of(trial), trial.identities(&study.measures)?));
     }
     let known: HashSet<String> = all.iter().flat_map(|(_, rows)| rows).cloned().collect();
-    let pictured = Shown::all(study, folder, &data.name)?.into_iter().flatten();
+    let pictured = ShownMap::all(study, folder, &data.name)?.into_iter().flatten();
     for shown in pictured.filter(|shown| !known.contains(&shown.identity)) {
         all.push((costs.of(&shown.trial), vec![shown.identity]));
     }
@@ -260,11 +259,11 @@ fn without_rows(study: &Study, trials: &[Trial], parts: &Parts) -> Result<Vec<Fa
 
 /// Removes maps and paths of pictures that the study no longer has.
 fn remove_unpictured(study: &Study, folder: &Path, dataset: &str) -> Result<()> {
-    let shown = Shown::all(study, folder, dataset)?;
-    let wanted: HashSet<&PathBuf> = shown.iter().flatten().flat_map(Shown::files).collect();
+    let shown = ShownMap::all(study, folder, dataset)?;
+    let wanted: HashSet<&PathBuf> = shown.iter().flatten().flat_map(ShownMap::files).collect();
     let Ok(entries) = std::fs::read_dir(folder.join(SHOWN)) else { return Ok(()) };
     for path in entries.flatten().map(|entry| entry.path()) {
-        if Shown::is_name(&path) && !wanted.contains(&path) {
+        if ShownMap::is_name(&path) && !wanted.contains(&path) {
             remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
         }
     }
@@ -297,9 +296,9 @@ fn pending(
 /// rows.
 fn add_pictured(
     tasks: &mut Vec<Task>,
-    pictured: Vec<Vec<Shown>>,
+    pictured: Vec<Vec<ShownMap>>,
     parts: &Parts,
-) -> HashMap<String, Shown> {
+) -> HashMap<String, ShownMap> {
     let mut missing = HashMap::new();
     for shown in pictured.into_iter().flatten() {
         let identity = shown.identity.clone();
@@ -316,18 +315,18 @@ fn add_pictured(
 }
 
 /// The work to do, with its context.
-struct Work<'w> {
+struct TrialWork<'w> {
     study: &'w Study,
     data: &'w StudyData,
     tasks: &'w [Task],
     programs: &'w Programs,
     /// Maps of pictures, by the identity of the row.
-    shown: &'w HashMap<String, Shown>,
+    shown: &'w HashMap<String, ShownMap>,
     costs: &'w Costs,
 }
 
 fn run_tasks<const D: usize>(
-    work: &Work<'_>,
+    work: &TrialWork<'_>,
     part: &mut OwnPart<'_>,
     see: &mut impl FnMut(Event<'_>),
 ) -> Result<Vec<FailedTrial>>
@@ -335,9 +334,9 @@ where
     Division<D>: Dimension<D>,
     MapMeasure: OfDimension<D>,
 {
-    let &Work { study, data, tasks, programs, shown, costs } = work;
+    let &TrialWork { study, data, tasks, programs, shown, costs } = work;
     let maps = Maps::<D>::new(data, tasks.iter().map(|task| &task.trial.map))?;
-    let compute = |task: &Task| -> Result<Saved> {
+    let compute = |task: &Task| -> Result<SavedTrial> {
         let mut watch = Stopwatch::start();
         let mut runs = task.identities.iter();
         let show_run = |_: &RunRecipe, tracked: &TrackedRun| {
@@ -351,7 +350,7 @@ where
         let rows =
             run_trial(&task.trial, &maps, data, &study.measures, programs, &mut watch, show_run)?;
         let rows: Vec<(String, Cells)> = task.identities.iter().cloned().zip(rows).collect();
-        Ok(Saved::new(task.trial.to_string(), rows, watch.into_laps()))
+        Ok(SavedTrial::new(task.trial.to_string(), rows, watch.into_laps()))
     };
     // A failed trial no longer needs its maps, either.
     let run = |task: &Task| {
@@ -413,7 +412,7 @@ where
 
 /// Seconds for a trial's map and for the runs on it. An external program has its own processor time, so its
 /// runs count with the remaining wall-clock time.
-fn seconds_of(saved: &Saved, trial: &Trial, took: Duration) -> [f64; 2] {
+fn seconds_of(saved: &SavedTrial, trial: &Trial, took: Duration) -> [f64; 2] {
     let is_of_runs = |part: &str| OF_RUNS.contains(&part);
     let sum = |of_runs: bool| -> f64 {
         let parts = saved.seconds.iter().filter(|(part, _)| is_of_runs(part) == of_runs);

@@ -346,7 +346,7 @@ mod tests {
 
     /// Field case: a log named =1+1.log gave cells that a spreadsheet evaluates.
     #[test]
-    fn names_are_no_formulas() {
+    fn names_are_not_formulas() {
         let table = Table::of_cells([vec![
             ("dataset".to_owned(), "=1+1".into()),
             ("x".to_owned(), (-1.5).into()),

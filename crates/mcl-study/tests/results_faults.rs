@@ -239,7 +239,7 @@ fn a_refinement_may_be_renamed() {
 
 /// Field case `listed-twice`: each was run and counted twice, p = 0.0007 for 0.034.
 #[test]
-fn what_is_listed_twice_is_refused_or_counts_once() {
+fn duplicates_are_refused_or_count_once() {
     for (old, new) in [
         ("[5, 10]", "[5, 10, 5]"),
         ("\"alternate\"]", "\"alternate\", \"same\"]"),
@@ -324,7 +324,7 @@ fn rows_of_other_data_are_refused_with_the_first_difference() {
     run(STUDY, titled, folder.path()).unwrap();
 }
 
-/// Builds with other sources were not told apart: rows of any commit counted as version 0.1.0.
+/// Builds with other sources were not distinguished: rows of any commit counted as version 0.1.0.
 #[test]
 fn rows_of_another_build_are_refused() {
     let folder = folder();
@@ -403,7 +403,7 @@ fn pictures_of_other_data_are_not_kept() {
 
 /// Field case `folder-removed-and-begun-anew`: the first run went on, and replaced the results of the second.
 #[test]
-fn a_folder_begun_anew_keeps_the_results_of_the_second_run() {
+fn a_folder_started_over_keeps_the_results_of_the_second_run() {
     let other = MAPS.replace("seed = 3", "seed = 4");
     let expected = fresh(&other, log("office"));
     for is_moved in [false, true] {
@@ -539,7 +539,7 @@ fn a_pipe_is_not_waited_for() {
         let (ran, _) = receiver
             .recv_timeout(Duration::from_secs(120))
             .unwrap_or_else(|_| panic!("{} is waited for", pipe.display()));
-        let told = match ran {
+        let message = match ran {
             Err(error) => format!("{error:#}"),
             Ok(failed) => failed.iter().map(|failed| failed.reason.as_str()).collect(),
         };
@@ -547,8 +547,8 @@ fn a_pipe_is_not_waited_for() {
             let named = ["FIFO", "expected a folder", "File exists", "Not a directory"];
             // Figures are drawn by others.
             let is_known =
-                named.iter().any(|text| told.contains(text)) || pipe.ends_with("figures");
-            assert!(is_known, "{}: {told}", pipe.display());
+                named.iter().any(|text| message.contains(text)) || pipe.ends_with("figures");
+            assert!(is_known, "{}: {message}", pipe.display());
             fs::remove_file(pipe).unwrap();
         }
         run(STUDY, log("office"), folder).unwrap();

@@ -58,7 +58,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Opens the CSV file, so that a bad path is told before the measurements.
+    /// Opens the CSV file, so that a bad path is reported before the measurements.
     pub fn new(csv: Option<&Path>) -> Result<Self> {
         let Some(path) = csv else { return Ok(Report { csv: None }) };
         if let Some(folder) = path.parent() {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mcl_core::text::{list, numbers as told_apart};
+use mcl_core::text::{list, numbers as with_distinct_digits};
 use mcl_study::store::results::{FIGURES, Results};
 
 use crate::claims::claim::{Claim, Conditions, DatasetClaims, Evidence, Verdict};
@@ -54,7 +54,7 @@ pub fn text(
         first.extend(of_papers);
     }
     lines.extend(rest(&all, &first, open, root));
-    lines.extend(told(&numbers(results)));
+    lines.extend(number_lines(&numbers(results)));
     let drawn = || results.iter().filter(|results| results.folder.join(FIGURES).is_dir());
     if let Some(first) = drawn().next() {
         let of_one = drawn().all(|results| results.facts.name == first.facts.name);
@@ -141,7 +141,7 @@ fn of_all(decided: &[&Claim], holds: &[&&Claim]) -> Vec<String> {
     ];
     match of {
         Some(of) if is_same && effects.len() == decided.len() => {
-            let mut range = told_apart(&ends);
+            let mut range = with_distinct_digits(&ends);
             range.dedup();
             let range = range.join(" to ");
             let join = if not.is_empty() { "" } else { "; " };
@@ -208,17 +208,17 @@ fn places(claims: &[&&Claim], than: &[&Conditions]) -> String {
 }
 
 /// For one data set a line per measure, for several a line per data set.
-fn told(numbers: &[Numbers]) -> Vec<String> {
+fn number_lines(numbers: &[Numbers]) -> Vec<String> {
     let Some(first) = numbers.first() else { return Vec::new() };
     let of_one = numbers.iter().all(|other| other.dataset == first.dataset);
     // The error is what maps are made for.
     let has_runs = |name: &str| numbers.iter().any(|n| n.dataset == name && n.of_runs);
-    let told = numbers.iter().filter(|n| of_one || n.of_runs || !has_runs(&n.dataset));
+    let chosen = numbers.iter().filter(|n| of_one || n.of_runs || !has_runs(&n.dataset));
     let line = |n: &Numbers| {
         let of = if of_one { String::new() } else { format!("{}: ", n.dataset) };
         format!("{of}{} on maps of {} %: {}", n.what, n.percent, n.kinds.join(", "))
     };
-    told.map(line).collect()
+    chosen.map(line).collect()
 }
 
 #[cfg(test)]
@@ -282,7 +282,7 @@ mod tests {
 
     /// Names of logs and folders are shown as text, whatever they contain.
     #[test]
-    fn names_do_not_act() {
+    fn control_characters_in_names_are_escaped() {
         let hostile = "<script> \u{1b}[31mred\u{7} \u{202e}gpj.exe\r\nyes";
         let mut results = results();
         for results in &mut results {

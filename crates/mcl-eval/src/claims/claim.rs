@@ -105,7 +105,7 @@ pub struct Evidence {
 
 /// The kind of effect of a comparison.
 #[derive(Clone, Copy)]
-pub(super) enum Shown {
+pub(super) enum EffectKind {
     /// A difference in this unit.
     Difference(&'static str),
     /// A difference of logarithms, as a ratio of this.
@@ -123,18 +123,18 @@ pub(super) struct Tested {
 
 impl Tested {
     /// Whether all comparisons are significant: decided by the largest p.
-    pub fn all(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
+    pub fn all(tests: &[Tested], kind: EffectKind) -> (bool, Evidence) {
         let weakest = tests.iter().max_by(|a, b| a.p.total_cmp(&b.p));
-        Self::decided_by(weakest.cloned(), shown)
+        Self::decided_by(weakest.cloned(), kind)
     }
 
     /// Whether any comparison is significant: decided by the smallest p, adjusted by Holm's method (times the
     /// number of comparisons).
-    pub fn any(tests: &[Tested], shown: Shown) -> (bool, Evidence) {
+    pub fn any(tests: &[Tested], kind: EffectKind) -> (bool, Evidence) {
         let adjusted = holm(&tests.iter().map(|test| test.p).collect::<Vec<f64>>());
         let strongest = Self::strongest(tests)
             .map(|index| Tested { p: adjusted[index], ..tests[index].clone() });
-        Self::decided_by(strongest, shown)
+        Self::decided_by(strongest, kind)
     }
 
     /// The index of the comparison with the smallest p.
@@ -142,11 +142,11 @@ impl Tested {
         (0..tests.len()).min_by(|&a, &b| tests[a].p.total_cmp(&tests[b].p))
     }
 
-    fn decided_by(test: Option<Tested>, shown: Shown) -> (bool, Evidence) {
+    fn decided_by(test: Option<Tested>, kind: EffectKind) -> (bool, Evidence) {
         let Some(Tested { p, effect, of }) = test else { return Default::default() };
-        let (unit, value): (_, fn(f64) -> f64) = match shown {
-            Shown::Difference(unit) => (unit, |difference| difference),
-            Shown::Ratio(of) => (of, math::exp),
+        let (unit, value): (_, fn(f64) -> f64) = match kind {
+            EffectKind::Difference(unit) => (unit, |difference| difference),
+            EffectKind::Ratio(of) => (of, math::exp),
         };
         let evidence = Evidence {
             p: Some(p),

@@ -8,7 +8,9 @@ use mcl_metrics::{Blocked, one_sample};
 use mcl_study::study::views::{INITIALIZATIONS, TestKind};
 
 use crate::claims::cells::{Cell, Sampled, SampledTest, Sizes, kinds};
-use crate::claims::claim::{ALPHA, Finding, Outcome, Shown, Test, Tested, Untestable, significant};
+use crate::claims::claim::{
+    ALPHA, EffectKind, Finding, Outcome, Test, Tested, Untestable, significant,
+};
 
 pub(super) const CLAIMS: [SampledTest; 4] = [
     Test {
@@ -79,7 +81,7 @@ fn improvement(data: &Sampled) -> Outcome {
     if !failing.is_empty() {
         measured += &format!("; not: {}", list(&failing));
     }
-    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point gained on"));
+    let (holds, evidence) = Tested::all(&tests, EffectKind::Difference("nats per point gained on"));
     Ok(Finding { holds, measured, evidence })
 }
 
@@ -113,7 +115,7 @@ fn improvement_shrinks(data: &Sampled) -> Outcome {
     };
     let measured = format!("the mean gain (nats per point) of {} {steps}", shown.join(", of "));
     let unit = "nats per point gained more per tenfold size, on";
-    let (falls, evidence) = Tested::all(&tests, Shown::Difference(unit));
+    let (falls, evidence) = Tested::all(&tests, EffectKind::Difference(unit));
     Ok(Finding { holds: falls && rising.is_empty(), measured, evidence })
 }
 
@@ -161,7 +163,7 @@ fn strategy_above_10(data: &Sampled) -> Outcome {
         significant(tests.iter().map(|test| test.effect.p_two_sided)),
         tests.len()
     );
-    let (holds, evidence) = Tested::all(&tests, Shown::Difference("nats per point of"));
+    let (holds, evidence) = Tested::all(&tests, EffectKind::Difference("nats per point of"));
     Ok(Finding { holds, measured, evidence })
 }
 
@@ -180,7 +182,7 @@ fn rnd_fkm_below_gbs(data: &Sampled) -> Outcome {
     if !below.is_empty() {
         measured += &format!(": {}, nats per point", list(&below));
     }
-    let (holds, evidence) = Tested::any(&tests, Shown::Difference("nats per point of"));
+    let (holds, evidence) = Tested::any(&tests, EffectKind::Difference("nats per point of"));
     Ok(Finding { holds, measured, evidence })
 }
 
@@ -233,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn its_opposite_is_not() {
+    fn the_opposite_is_not_reproduced() {
         // Gains that grow, kinds that part at large sizes, random maps above grid-based ones.
         let results = planted::likelihood(&SIZES, |is_random, size, scatter| {
             let random = if is_random { 1.0 } else { 0.0 };

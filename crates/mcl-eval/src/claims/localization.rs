@@ -8,7 +8,7 @@ use mcl_study::study::views::{INITIALIZATIONS, TestKind};
 
 use crate::claims::cells::{Cell, Sampled, SampledTest, Sizes, log_ratios};
 use crate::claims::claim::{
-    Evidence, Finding, Outcome, Shown, Test, Tested, Untestable, significant,
+    EffectKind, Evidence, Finding, Outcome, Test, Tested, Untestable, significant,
 };
 
 pub(super) const CLAIMS: [SampledTest; 7] = [
@@ -80,7 +80,7 @@ pub(super) const CLAIMS: [SampledTest; 7] = [
 
 const COLUMN: &str = "weighted";
 
-const ERROR_RATIO: Shown = Shown::Ratio("error ratio");
+const ERROR_RATIO: EffectKind = EffectKind::Ratio("error ratio");
 
 /// A reduction of the error by less than this share is not a gain: it is 2 or 3 mm of the 5 cm error of a
 /// tracked robot.
@@ -125,7 +125,7 @@ fn most_on_small(data: &Sampled) -> Outcome {
         shown.push(format!("{improved} over {kind} {small} below 1 %, {large} from 1 % on"));
     }
     let measured = format!("ratio of geometric mean errors: {}", shown.join("; "));
-    let (holds, evidence) = Tested::all(&tests, Shown::Ratio("ratio of error ratios"));
+    let (holds, evidence) = Tested::all(&tests, EffectKind::Ratio("ratio of error ratios"));
     Ok(Finding { holds, measured, evidence })
 }
 
@@ -239,7 +239,7 @@ fn diverges_below(data: &Sampled) -> Outcome {
         let effect = paired(&diverged(&below)?, &diverged(&above)?)?;
         let of = "below 0.25 % less that from there on".to_owned();
         let test = Tested { p: effect.p_greater, effect, of };
-        evidence = Tested::all(&[test], Shown::Difference("share of diverged runs")).1;
+        evidence = Tested::all(&[test], EffectKind::Difference("share of diverged runs")).1;
         measured += &format!(", from 0.25 % on {}", hits(&rate(&above)?));
     }
     Ok(Finding { holds: runs.of_units().hits() > 0, measured, evidence })
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn its_opposite_is_not() {
+    fn the_opposite_is_not_reproduced() {
         // Refined maps are worse, most of all small ones; random beats grid-based; more points are always
         // better; the filter is lost on large maps only.
         let results = planted::localization(&SIZES, |kind, size, run, scatter| {

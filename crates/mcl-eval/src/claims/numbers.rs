@@ -1,7 +1,7 @@
 //! The most important numbers, of maps of one size.
 
 use mcl_core::math;
-use mcl_core::text::numbers as told_apart;
+use mcl_core::text::numbers as with_distinct_digits;
 use mcl_filter::Preset;
 use mcl_metrics::BlockedRate;
 use mcl_study::recipe::split::Split;
@@ -73,7 +73,7 @@ fn of(data: &Sampled<'_>, column: &str, of_runs: bool) -> Result<Numbers, Untest
     // The error of a lost run is not representative of the others.
     let values = match of_runs {
         true => values.iter().map(|error| format!("{error:.4}")).collect(),
-        false => told_apart(&values),
+        false => with_distinct_digits(&values),
     };
     let mut shown = Vec::new();
     for kind in kinds() {

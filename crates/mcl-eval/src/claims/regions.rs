@@ -58,14 +58,14 @@ pub fn regions(results: &Results) -> Result<Vec<Verdicts<'_>>> {
         cells.sort_by_key(|(at, _)| *at);
         let counts: Vec<_> = shown.iter().map(|group| (group.blocks(), group.rows.len())).collect();
         let of_what = maps_and_runs(&counts, true).unwrap_or_else(|| counted(0, "map"));
-        let told = format!(
+        let method = format!(
             "Each cell is decided by its own runs, as mcl-eval claims does (α = {ALPHA}). The number is \
              the effect behind the verdict: a ratio of errors; in the last two panels the share of lost \
              runs, and how much larger it is below 0.25 %."
         );
         let of_what = format!("Of each kind and size {of_what}");
         let own = (!view.caption.is_empty()).then(|| view.caption.clone());
-        let beneath = [told, caption(&groups, &shown, &of_what, true)];
+        let beneath = [method, caption(&groups, &shown, &of_what, true)];
         let caption = own.into_iter().chain(beneath).collect();
         found.push(Verdicts { view, values, cells, caption });
     }
@@ -153,8 +153,8 @@ mod tests {
         assert_eq!([lost.number("beam_floor"), lost.number("sigma_hit")], [Some(0.1), Some(0.3)]);
         assert_eq!((table.len(), lost.number("effect")), (4 * 7, Some(6.0 / 72.0)));
         assert!(lost.text("measured").starts_with("6 of 72 runs diverged"), "{lost:?}");
-        let [.., told] = &region.caption[..] else { panic!("{:?}", region.caption) };
-        assert!(told.contains("Of each kind and size 3 maps, 2 runs on each"), "{told}");
+        let [.., described] = &region.caption[..] else { panic!("{:?}", region.caption) };
+        assert!(described.contains("Of each kind and size 3 maps, 2 runs on each"), "{described}");
     }
 
     /// The cells are decided by the same code as claims.

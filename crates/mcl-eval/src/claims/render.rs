@@ -390,7 +390,7 @@ mod tests {
 
     /// Fault: names of logs and studies reached terminals and claims.md unescaped.
     #[test]
-    fn names_neither_act_nor_mark_up() {
+    fn names_are_escaped_in_markdown() {
         let hostile = "<script>alert(1)</script> [x](http://y.z) www.y.z a@y.z `c` *b* _i_ | & $m$\n# \
                        t \u{1b}[31mred \u{202e}gpj.exe";
         let mut datasets = datasets();

@@ -22,7 +22,7 @@ pub use read::ReadArgs;
 /// Monte Carlo localization evaluation on sample-based maps.
 ///
 /// LOG is a CARMEN log, a bag of ROS 1 (.bag) or ROS 2 (.mcap, .db3, or the folder of a bag), plain or as
-/// .gz, .bz2, .xz or .zst, told by its content, or the name of a data set (`mcl-eval datasets list`).
+/// .gz, .bz2, .xz or .zst, recognized by its content, or the name of a data set (`mcl-eval datasets list`).
 /// inspect, map and likelihood also take point clouds in two or three dimensions: .ply, .pcd, .csv, or a bag
 /// with PointCloud2 messages.
 #[derive(Debug, Parser)]
@@ -40,43 +40,44 @@ pub struct Global {
     #[arg(long, global = true, default_value_t = 0, value_name = "N",
         value_parser = RangedU64ValueParser::<u16>::new().range(..=1024))]
     pub threads: u16,
-    /// No progress bars and no notes on stderr; errors and losses are still told.
+    /// No progress bars and no notes on stderr; errors and losses are still reported.
     #[arg(long, short, global = true)]
     pub quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// What is in a log.
+    /// Describe the content of a log.
     Inspect(InspectArgs),
     /// Build a sample-based map of a log.
     // That of clap is longer than a terminal of 60 columns, and never broken.
     #[command(override_usage = "mcl-eval map [OPTIONS] --init <INIT> -o <MAP> <LOG>")]
     Map(MapArgs),
-    /// How likely the points of a log are under a map.
+    /// Likelihood of the points of a log under a map.
     Likelihood(LikelihoodArgs),
     /// Localize the robot of a log on a map with a particle filter.
     Localize(Box<LocalizeArgs>),
-    /// Error of estimated trajectories (TUM files, logs, bags), one row each.
+    /// Errors of estimated trajectories (TUM files, logs, bags), one row each.
     #[command(
         override_usage = "mcl-eval evaluate [OPTIONS]\n                --reference <REF> <EST>..."
     )]
     Evaluate(EvaluateArgs),
-    /// Run a study; an interrupted run goes on where it stopped.
+    /// Run a study; an interrupted run continues where it stopped.
     Run(RunArgs),
-    /// Write what a study gives a localizer of others in a run, and run nothing.
+    /// Write the input that an external localizer gets in a run of a study; runs nothing.
     Export(ExportArgs),
-    /// What a study in parts takes, and the script that starts it on a cluster; starts nothing.
+    /// Estimate the time and memory of a study in parts, and print the script that starts it on a cluster; starts
+    /// nothing.
     Plan(PlanArgs),
-    /// How far the studies of a result folder are, over all processes that run parts of them.
+    /// Progress of the studies in a result folder, over all processes that run parts of them.
     Status(StatusArgs),
     /// Draw the figures again from saved rows.
     Plot(PlotArgs),
-    /// Whether results that were computed again are those of an earlier run.
+    /// Compare recomputed results with those of an earlier run.
     Compare(CompareArgs),
     /// Each claim of the paper beside what was measured, with its test.
     Claims(ClaimsArgs),
-    /// One HTML page of all results: answers, claims, charts, tables; it asks nothing of any server.
+    /// One HTML page of all results: answers, claims, charts, tables; it needs no server.
     Report(ReportArgs),
     /// Convert a log (CARMEN, bag of ROS 1 or 2) or a map into another format.
     Convert(ConvertArgs),
@@ -170,11 +171,11 @@ pub struct LikelihoodArgs {
 /// A study, and what it is run on.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
-    /// The study: what is compared, on what, and how it is shown. A file, or the name of a built-in study where no file
-    /// of that name is there.
+    /// The study: what is compared, on what, and how it is shown. A file, or the name of a built-in study if there is
+    /// no file of that name.
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
-    /// Take this data set or log; may be given several times [default: those of the study that are at hand].
+    /// Run on this data set or log; may be given several times [default: those of the study that are at hand].
     #[arg(long = "dataset", value_name = "NAME|PATH")]
     pub datasets: Vec<String>,
     /// Readings beyond this many metres are not used [default: each data set's, else 10].
@@ -184,7 +185,7 @@ pub struct StudyArgs {
     pub read: ReadArgs,
     #[command(flatten)]
     pub cloud: CloudArgs,
-    /// Folder that holds <study>/<data set>/; what trials took that are done there says what others will take.
+    /// Folder that holds <study>/<data set>/; the times of finished trials there give estimates for the others.
     #[arg(long, short, default_value = "results", value_name = "ROOT")]
     pub output: PathBuf,
 }
@@ -224,7 +225,7 @@ pub struct RunArgs {
     /// Remove the rows of earlier runs first.
     #[arg(long)]
     pub fresh: bool,
-    /// List the trials and what they will take, and run none.
+    /// List the trials and the time they will take; run none.
     #[arg(long)]
     pub list: bool,
     /// Run one part of several, from 1, and make no tables; array/N takes the part from the variable that the array job
@@ -260,7 +261,7 @@ pub struct ExportArgs {
     /// Number of a run in the list of --list, from 1; may be given several times.
     #[arg(long = "run", value_name = "K")]
     pub runs: Vec<usize>,
-    /// List the runs with their numbers, and write none.
+    /// List the runs with their numbers; write none.
     #[arg(long, conflicts_with_all = ["runs", "output"])]
     pub list: bool,
     /// Format of the log [default: that of the run's localizer, else mcap].
@@ -312,10 +313,10 @@ pub struct PlotArgs {
 /// What figures are made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Style {
-    /// To be looked at: with captions, as SVG and PNG, into figures/.
+    /// For viewing: with captions, as SVG and PNG, into figures/.
     Screen,
-    /// A paper in two columns: 3.5 inches wide, letters of 8 points, captions as text beside them, as PDF, SVG, PNG and
-    /// all rows as CSV, into figures/paper/.
+    /// For a two-column paper: 3.5 inches wide, letters of 8 points, captions as text beside them, as PDF, SVG, PNG
+    /// and all rows as CSV, into figures/paper/.
     Paper,
 }
 
@@ -346,7 +347,7 @@ pub struct ClaimsArgs {
     /// Folder that holds <study>/<data set>/.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub root: PathBuf,
-    /// Write the tables into this file, too, as Markdown.
+    /// Also write the tables into this file, as Markdown.
     #[arg(long, short, value_name = "FILE.md")]
     pub output: Option<PathBuf>,
     /// Every claim with its statement, what was measured, and its test.
@@ -362,7 +363,8 @@ pub struct ReportArgs {
     /// Folders that hold <study>/<data set>/, or runs that localize -o wrote.
     #[arg(default_value = "results", value_name = "ROOT")]
     pub roots: Vec<PathBuf>,
-    /// A log that rows were computed from and no data set has, so that runs on it can be shown; may be repeated.
+    /// A log that rows were computed from and no data set has, so that runs on it can be shown; may be given several
+    /// times.
     #[arg(long = "log", value_name = "LOG")]
     pub logs: Vec<String>,
     /// The page to write.
@@ -374,7 +376,7 @@ pub struct ReportArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "The ending of OUT says the format.\n\
+#[command(after_help = "The extension of OUT decides the format.\n\
     Logs: .mcap or .db3 (bag of ROS 2), .bag (of ROS 1), with the topics /scan, /odom, /reference, /tf and \
     /tf_static; .log or .clf (CARMEN), also with .gz. A bag holds readings and directions of beams as 32-bit \
     floats, and CARMEN no infinite readings. Beams are written as they were measured (as with --no-deskew), with \
@@ -412,7 +414,7 @@ pub struct SimulateArgs {
     /// The log to write; with .gz compressed. In three dimensions a point cloud: .ply, .pcd or .csv.
     #[arg(long, short, value_name = "LOG")]
     pub output: PathBuf,
-    /// The office with heights, as a lidar of 32 beams sees it along the same path.
+    /// The office in three dimensions, as a lidar of 32 beams sees it along the same path.
     #[arg(long)]
     pub three_dimensional: bool,
     /// People who walk through the office, whose legs the laser sees; office, route and all other readings are
@@ -437,7 +439,7 @@ pub struct DatasetsArgs {
 pub enum DatasetsCommand {
     /// The data sets, and which of them are at hand.
     List(DatasetNames),
-    /// Download, unpack and check; goes on after an interruption.
+    /// Download, unpack and check; continues after an interruption.
     Fetch(DatasetNames),
     /// Check the files at hand against known digests and facts.
     Verify(DatasetNames),
@@ -472,9 +474,9 @@ fn fraction(text: &str) -> Result<f64, String> {
     number(text, |value| (0.0..=1.0).contains(&value), "a number from 0 to 1")
 }
 
-/// `N` numbers parted by commas.
+/// `N` numbers separated by commas.
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let expected = || format!("expected {N} numbers parted by commas");
+    let expected = || format!("expected {N} numbers separated by commas");
     let parts: Vec<f64> = text
         .split(',')
         .map(|part| number(part.trim(), |_| true, "").map_err(|_| expected()))
@@ -506,7 +508,7 @@ mod tests {
         assert_eq!(numbers("1.5,-2"), Ok([1.5, -2.0]));
         assert_eq!(
             numbers::<3>("1, 2").unwrap_err(),
-            "expected 3 numbers parted by commas, found 2"
+            "expected 3 numbers separated by commas, found 2"
         );
         for text in ["1", "1,2,3", "1,inf", "1,", ""] {
             assert!(numbers::<2>(text).is_err(), "{text}");

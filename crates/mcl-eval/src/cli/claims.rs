@@ -8,7 +8,7 @@ use super::args::{ClaimsArgs, Global};
 use super::output::print;
 use crate::claims::claim::{Claim, DatasetClaims};
 use crate::claims::{brief, decide, render, without_results};
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 
 #[derive(Serialize)]
 struct Claims<'a> {
@@ -21,7 +21,7 @@ pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     let found = read_all(&args.root)?;
     let mut is_whole = found.damaged.is_empty();
     for (folder, error) in &found.damaged {
-        tell!("warning: {}: {}", printable(&folder.to_string_lossy()), told_once(error));
+        tell!("warning: {}: {}", printable(&folder.to_string_lossy()), error_message(error));
     }
     for damage in found.results.iter().flat_map(|results| &results.damage) {
         tell!("warning: {}", printable(damage));
@@ -29,7 +29,7 @@ pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     }
     if !found.without_rows.is_empty() && !global.quiet {
         let folders = counted(found.without_rows.len(), "result folder");
-        tell!("{folders} without rows left out, such as those that are committed");
+        tell!("{folders} without rows left out, such as committed results");
     }
     let datasets = decide(&found.results);
     if datasets.is_empty() {

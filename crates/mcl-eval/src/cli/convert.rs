@@ -11,7 +11,7 @@ use super::Outcome;
 use super::args::ConvertArgs;
 use super::grid::{GridFigures, check_options, grid_of};
 use super::output::{
-    input_files, open_map, prepare, print, reference_of, tell_losses, write_carmen,
+    input_files, open_map, prepare, print, reference_of, report_losses, write_carmen,
 };
 use crate::progress::tell;
 use mcl_core::text::thousands;
@@ -55,7 +55,7 @@ impl Format {
             ("log" | "clf", _) => Ok(Format::Carmen),
             ("csv" | "ply" | "pcd" | "yaml" | "yml", false) => Ok(Format::Map),
             _ => bail!(
-                "{}: the ending says no format, expected .mcap or .db3 (bag of ROS 2), .bag (of \
+                "{}: the extension names no known format, expected .mcap or .db3 (bag of ROS 2), .bag (of \
                  ROS 1), .log or .clf (CARMEN, also with .gz), or .csv, .ply, .pcd or .yaml (maps)",
                 path.display()
             ),
@@ -95,7 +95,7 @@ fn map(args: &ConvertArgs) -> Result<Outcome> {
 
 fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
     open_map(Path::new(&args.input))
-        .with_context(|| format!("{} is the ending of a map", args.output.display()))
+        .with_context(|| format!("{} has the extension of a map", args.output.display()))
 }
 
 fn grid(args: &ConvertArgs) -> Result<Outcome> {
@@ -116,11 +116,11 @@ fn grid(args: &ConvertArgs) -> Result<Outcome> {
     };
     write_grid(&args.output, &grid)?;
     let figures = GridFigures::of(&grid);
-    let told = format!("{}: {}", args.output.display(), figures.text());
+    let described = format!("{}: {}", args.output.display(), figures.text());
     let map_points = grid.occupied_points().len();
-    print(args.json, &Converted::Map { map_points, grid: Some(figures) }, |_| told)?;
+    print(args.json, &Converted::Map { map_points, grid: Some(figures) }, |_| described)?;
     Ok(match (&source, &args.log) {
-        (Some(source), Some(log)) => tell_losses(log, source),
+        (Some(source), Some(log)) => report_losses(log, source),
         _ => Outcome::Done,
     })
 }
@@ -142,7 +142,7 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
         Format::Bag(format) => {
             write_with(path, |file| Ok(bag::write_as(recording, *format, file).map(drop)?))
         }
-        Format::Map => bail!("{} is the ending of a map", path.display()),
+        Format::Map => bail!("{} has the extension of a map", path.display()),
     };
     written.with_context(|| format!("cannot convert {} to {}", args.input, path.display()))?;
     let converted = Converted::Log {
@@ -170,6 +170,6 @@ fn log(args: &ConvertArgs, format: &Format) -> Result<Outcome> {
             path.display()
         );
     }
-    let told = tell_losses(&args.input, &source);
-    Ok(if is_lost { Outcome::Incomplete } else { told })
+    let outcome = report_losses(&args.input, &source);
+    Ok(if is_lost { Outcome::Incomplete } else { outcome })
 }

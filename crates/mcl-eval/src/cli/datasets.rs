@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{DatasetNames, DatasetsArgs, DatasetsCommand, Global};
 use super::output::print;
-use crate::progress::{self, tell, told_once};
+use crate::progress::{self, error_message, tell};
 use mcl_core::text::thousands;
 use mcl_study::data::cloud_source::CloudSource;
 
@@ -114,7 +114,7 @@ fn fetch(registry: &Registry, names: &DatasetNames, global: &Global) -> Result<O
             Err(error @ FetchError::NoUrl { .. }) if names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
-            Err(error) => (false, format!("failed: {}", told_once(&error.into()))),
+            Err(error) => (false, format!("failed: {}", error_message(&error.into()))),
         }
     })
 }
@@ -128,7 +128,7 @@ fn verify(registry: &Registry, names: &DatasetNames) -> Result<Outcome> {
             Err(error) if absent && names.names.is_empty() => {
                 (true, format!("not at hand: {error}"))
             }
-            Err(error) => (false, format!("failed: {}", told_once(&error.into()))),
+            Err(error) => (false, format!("failed: {}", error_message(&error.into()))),
             Ok(Verification::Simulated) => (true, "simulated, nothing to verify".to_owned()),
             Ok(Verification::Found(found)) => {
                 let mut status = format!("{}: {}", found.path.display(), found.status());

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{ExportArgs, ExportLog, ExportMap, Global};
-use super::output::{print, refuse, tell_data_losses};
+use super::output::{print, refuse, report_data_losses};
 use crate::progress::tell;
 use crate::studies;
 use mcl_core::text::printable;
@@ -34,16 +34,16 @@ struct Planned<'p> {
 
 #[derive(Serialize)]
 struct Runs {
-    runs: Vec<Listed>,
+    runs: Vec<ListedRun>,
 }
 
 #[derive(Serialize)]
-struct Written {
+struct WrittenRuns {
     exported: Vec<Exported>,
 }
 
 #[derive(Serialize)]
-struct Listed {
+struct ListedRun {
     run: usize,
     trial: String,
     localizer: String,
@@ -70,7 +70,7 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         (Some(scans), DataSource::Log(log)) => DataSource::Log(log.first_scans(scans)),
         (_, source) => source,
     };
-    let outcome = tell_data_losses(&dataset, &source);
+    let outcome = report_data_losses(&dataset, &source);
     let data = StudyData::new(source);
     let plan = study.plan(&data.log()?.name)?;
     let planned: Vec<Planned<'_>> = plan
@@ -82,15 +82,17 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         bail!("{}: the study has no runs on {dataset}", args.study.display());
     }
     let Some(output) = args.output.as_deref().filter(|_| !args.list) else {
-        let runs = planned.iter().enumerate().map(Listed::of).collect();
-        print(args.json, &Runs { runs }, |told| {
-            let line = |listed: &Listed| format!("{}: {}", listed.run, printable(&listed.trial));
-            told.runs.iter().map(line).collect::<Vec<_>>().join("\n")
+        let runs = planned.iter().enumerate().map(ListedRun::of).collect();
+        print(args.json, &Runs { runs }, |listed| {
+            let line = |listed: &ListedRun| format!("{}: {}", listed.run, printable(&listed.trial));
+            listed.runs.iter().map(line).collect::<Vec<_>>().join("\n")
         })?;
         return Ok(outcome);
     };
     if args.runs.is_empty() {
-        return refuse("which run? --list shows them with their numbers, and --run K takes one");
+        return refuse(
+            "no run is given: --list shows the runs with their numbers, and --run K exports one",
+        );
     }
     if let Some(wrong) = args.runs.iter().find(|&&run| run == 0 || run > planned.len()) {
         return refuse(&format!("--run {wrong}: the study has runs 1 to {}", planned.len()));
@@ -104,7 +106,7 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
         let sum: usize = exported.iter().map(|run| run.made_stamps).sum();
         tell!("note: {sum} stamps are not those of the log, which do not increase there");
     }
-    print(args.json, &Written { exported }, |written| {
+    print(args.json, &WrittenRuns { exported }, |written| {
         let line = |run: &Exported| {
             let Exported { trial, folder, reference, scans, .. } = run;
             let [folder, reference] = [folder, reference].map(|path| path.display().to_string());
@@ -116,10 +118,10 @@ pub fn run(args: &ExportArgs, global: &Global) -> Result<Outcome> {
     Ok(outcome)
 }
 
-impl Listed {
+impl ListedRun {
     fn of((place, planned): (usize, &Planned<'_>)) -> Self {
         let localizer = planned.run.localizer.as_ref();
-        Listed {
+        ListedRun {
             run: place + 1,
             trial: planned.name(),
             localizer: localizer.map_or("own", |localizer| localizer.name()).to_owned(),
@@ -141,7 +143,7 @@ fn dataset_of(args: &ExportArgs, study: &Study) -> Result<String> {
     match names[..] {
         [only] => Ok(only.to_owned()),
         [] => bail!("the study lists no data set; --dataset NAME|PATH names one"),
-        _ => bail!("the study lists {}; --dataset says which is meant", names.join(", ")),
+        _ => bail!("the study lists {}; choose one with --dataset", names.join(", ")),
     }
 }
 
@@ -193,7 +195,7 @@ fn export(
     let time_limit = run.program().map(|program| program.limits.time_limit);
     if [&folder, &reference].iter().any(|path| path.exists()) {
         bail!(
-            "{} is there already, perhaps with poses beside the log; expected a new folder",
+            "{} already exists, perhaps with poses beside the log; expected a new folder",
             folder.display()
         );
     }

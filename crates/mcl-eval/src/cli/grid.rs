@@ -54,7 +54,7 @@ pub fn check_options(output: &Path, resolution: Option<f64>, log: Option<&str>) 
         for (option, is_given) in [("--resolution", resolution.is_some()), ("--log", log.is_some())]
         {
             if is_given {
-                return refuse(&format!("{option} goes with a grid map as output (.yaml)"));
+                return refuse(&format!("{option} applies only to a grid map as output (.yaml)"));
             }
         }
     }

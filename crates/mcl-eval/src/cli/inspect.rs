@@ -13,8 +13,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::InspectArgs;
-use super::output::{print, tell_data_losses, tell_losses};
-use crate::progress::told_once;
+use super::output::{print, report_data_losses, report_losses};
+use crate::progress::error_message;
 use mcl_core::text::{counted, printable, thousands};
 use mcl_study::data::cloud_source::{CloudSource, Points};
 use mcl_study::data::source::{DataSource, LogSource};
@@ -103,7 +103,7 @@ impl Commands {
         let none = no_reference(source);
         let reference = source.reference.as_deref();
         let localize = match (bridge(source), reference) {
-            (Err(error), _) => told_once(&error),
+            (Err(error), _) => error_message(&error),
             (Ok(bridge), reference) => {
                 let start = match reference.filter(|_| placed(source)) {
                     Some(_) => "from the first reference pose",
@@ -134,7 +134,7 @@ fn placed(source: &LogSource) -> bool {
 /// The remark that there is no reference, with advice on how to get one.
 fn no_reference(source: &LogSource) -> &'static str {
     match source.survey {
-        Some(_) => "no reference (--reference-topic or --reference FILE says one)",
+        Some(_) => "no reference (--reference-topic or --reference FILE gives one)",
         None => {
             "no reference (--reference recorded takes the log's poses, --reference FILE those of another file)"
         }
@@ -200,7 +200,7 @@ fn inspect_cloud(cloud: CloudSource, args: &InspectArgs) -> Result<Outcome> {
         bag: cloud.notes.clone(),
     };
     print(args.json, &inspection, |found| cloud_text(found, &cloud))?;
-    Ok(tell_data_losses(&args.data.log.log, &DataSource::Cloud(cloud)))
+    Ok(report_data_losses(&args.data.log.log, &DataSource::Cloud(cloud)))
 }
 
 fn bounds_of<const D: usize>(points: &[Point<D>]) -> Vec<f64> {
@@ -243,7 +243,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     // An empty sum is -0.
     let path_length_m = recording.path_length_m() + 0.0;
     let backward_stamps = recording.backward_stamps();
-    let told = tell_losses(&args.data.log.log, &whole);
+    let outcome = report_losses(&args.data.log.log, &whole);
     // The part of a bag that other commands use.
     let source = whole.covered();
     let covered = &source.recording;
@@ -294,7 +294,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     };
     let is_open = inspection.survey.as_ref().is_some_and(Surveyed::is_open);
     print(args.json, &inspection, text)?;
-    Ok(if is_open { Outcome::Incomplete } else { told })
+    Ok(if is_open { Outcome::Incomplete } else { outcome })
 }
 
 /// A description of the odometry: whether there is any, its errors, and its gaps.

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::LikelihoodArgs;
-use super::output::{open_map, print, reference_of_data, tell_data_losses};
+use super::output::{open_map, print, reference_of_data, report_data_losses};
 use mcl_core::text::thousands;
 use mcl_study::data::cloud_source::Points;
 use mcl_study::data::source::DataSource;
@@ -30,7 +30,8 @@ pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
     };
     likelihood.reference = reference_of_data(&source);
     print(args.json, &likelihood, |found| {
-        let told = found.reference.as_ref().map(|reference| format!("\nreference: {reference}"));
+        let reference =
+            found.reference.as_ref().map(|reference| format!("\nreference: {reference}"));
         format!(
             "{} points under a map of {}, σ = {} m:\nlog-likelihood {:.6} nats per point, {:.3} in all{}",
             thousands(found.points),
@@ -38,10 +39,10 @@ pub fn run(args: &LikelihoodArgs) -> Result<Outcome> {
             args.sigma,
             found.log_likelihood_per_point,
             found.log_likelihood,
-            told.unwrap_or_default()
+            reference.unwrap_or_default()
         )
     })?;
-    Ok(tell_data_losses(name, &source))
+    Ok(report_data_losses(name, &source))
 }
 
 fn likelihood<const D: usize>(points: Vec<Point<D>>, args: &LikelihoodArgs) -> Result<Likelihood> {

@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{Auto, Global, Init, MapArgs, Offset, Refine};
 use super::grid::{GridFigures, check_options, grid_of};
-use super::output::{input_files, print, reference_of_data, refuse, tell_data_losses};
+use super::output::{input_files, print, reference_of_data, refuse, report_data_losses};
 use crate::progress::{self, tell};
 use mcl_core::text::thousands;
 use mcl_study::auto::{DataChoice, Rating, SIGMA_RANGE};
@@ -28,7 +28,7 @@ use mcl_study::trial::division::{Division, StudyData};
 
 /// The report of a map.
 #[derive(Serialize)]
-pub struct Built {
+pub struct MapReport {
     dimensions: usize,
     points: usize,
     map_points: usize,
@@ -57,7 +57,7 @@ pub struct Built {
 
 /// The size and σ of a map, given or chosen.
 #[derive(Clone, Copy)]
-struct Wanted {
+struct SizeAndSigma {
     size: Option<MapSize>,
     sigma: f64,
 }
@@ -98,7 +98,7 @@ pub fn run(args: &MapArgs, global: &Global) -> Result<Outcome> {
     };
     built.reference = reference_of_data(source);
     print(args.json, &built, |built| text(built, args))?;
-    Ok(tell_data_losses(name, source))
+    Ok(report_data_losses(name, source))
 }
 
 /// The position of the lines of a grid.
@@ -118,9 +118,9 @@ fn offset<const D: usize>(args: &MapArgs) -> Result<GridOffset<D>> {
 
 /// Writes a map that was built, and returns its report.
 fn written<const D: usize>(
-    (map, grid, built): (PointMap<D>, Option<OccupancyGrid>, Built),
+    (map, grid, built): (PointMap<D>, Option<OccupancyGrid>, MapReport),
     args: &MapArgs,
-) -> Result<Built> {
+) -> Result<MapReport> {
     let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
     match &grid {
         Some(grid) => write_grid(&args.output, grid)?,
@@ -152,7 +152,7 @@ pub fn build<const D: usize>(
     grid: impl FnOnce(&PointMap<D>) -> Result<Option<(OccupancyGrid, PointMap<D>)>>,
     args: &MapArgs,
     watch: &Watch<'_>,
-) -> Result<(PointMap<D>, Option<OccupancyGrid>, Built)> {
+) -> Result<(PointMap<D>, Option<OccupancyGrid>, MapReport)> {
     let data = PointSet::new(points)?;
     let offset = offset(args)?;
     let (wanted, choices) = choose(&data, folds, offset, args, watch)?;
@@ -181,7 +181,7 @@ fn choose<const D: usize>(
     offset: GridOffset<D>,
     args: &MapArgs,
     watch: &Watch<'_>,
-) -> Result<(Wanted, [Option<DataChoice>; 2])> {
+) -> Result<(SizeAndSigma, [Option<DataChoice>; 2])> {
     let by = args.auto_by;
     let is_auto = matches!(args.size, Some(Auto::Auto)) || matches!(args.sigma, Auto::Auto);
     let folds = match (is_auto && by == Criterion::HeldOut, folds) {
@@ -206,7 +206,7 @@ fn choose<const D: usize>(
             bar.finish_and_clear();
             let chosen = chosen?;
             let size = Some(MapSize::Points(chosen.value as usize));
-            Ok((Wanted { size, sigma }, [Some(chosen), None]))
+            Ok((SizeAndSigma { size, sigma }, [Some(chosen), None]))
         }
         (size, Auto::Auto) => {
             let size = given_size(size);
@@ -218,14 +218,16 @@ fn choose<const D: usize>(
             let chosen = chosen?;
             if SIGMA_RANGE.contains(&chosen.value) {
                 tell!(
-                    "warning: sigma is at the end of what was tried, {} to {} m",
+                    "warning: sigma is at a limit of the values tried, {} to {} m",
                     SIGMA_RANGE[0],
                     SIGMA_RANGE[1]
                 );
             }
-            Ok((Wanted { size, sigma: chosen.value }, [None, Some(chosen)]))
+            Ok((SizeAndSigma { size, sigma: chosen.value }, [None, Some(chosen)]))
         }
-        (size, Auto::Given(sigma)) => Ok((Wanted { size: given_size(size), sigma }, [None, None])),
+        (size, Auto::Given(sigma)) => {
+            Ok((SizeAndSigma { size: given_size(size), sigma }, [None, None]))
+        }
     }
 }
 
@@ -252,7 +254,7 @@ fn build_at<const D: usize>(
     sigma: f64,
     args: &MapArgs,
 ) -> Result<PointMap<D>> {
-    let wanted = Wanted { size, sigma };
+    let wanted = SizeAndSigma { size, sigma };
     let initial = initial_settings(args, offset, wanted)?;
     let refinement = refine_settings(args, wanted)?;
     Ok(build_map(data, &MapSettings { initial, refinement })?.map)
@@ -261,7 +263,7 @@ fn build_at<const D: usize>(
 fn fit<const D: usize>(
     data: &PointSet<D>,
     offset: GridOffset<D>,
-    wanted: Wanted,
+    wanted: SizeAndSigma,
     args: &MapArgs,
     watch: &Watch<'_>,
 ) -> Result<Fitted<D>> {
@@ -284,10 +286,10 @@ impl<const D: usize> Fitted<D> {
         &self,
         data: &PointSet<D>,
         grid: Option<GridFigures>,
-        wanted: Wanted,
+        wanted: SizeAndSigma,
         [auto_size, auto_sigma]: [Option<DataChoice>; 2],
         args: &MapArgs,
-    ) -> Result<Built> {
+    ) -> Result<MapReport> {
         let Fitted { initial, map, report } = self;
         // Likelihoods cost more than the sampling itself, and are computed only where they are shown.
         let is_looked_at = args.json || report.is_some();
@@ -298,7 +300,7 @@ impl<const D: usize> Fitted<D> {
             false => Ok(None),
         };
         let log_likelihood_per_point = likelihood(map)?;
-        Ok(Built {
+        Ok(MapReport {
             dimensions: D,
             points: data.len(),
             map_points: map.len(),
@@ -333,15 +335,15 @@ pub fn check_arguments(args: &MapArgs) -> Result<()> {
                     "--auto-by likelihood does not go with --size auto: more points are always likelier",
                 );
             }
-            Wanted { size: Some(MapSize::Points(1)), sigma: given_sigma(args)? }
+            SizeAndSigma { size: Some(MapSize::Points(1)), sigma: given_sigma(args)? }
         }
         (size, Auto::Auto) => {
             if !args.auto_by.decides_sigma() {
                 return refuse("--sigma auto goes with --auto-by held-out or likelihood");
             }
-            Wanted { size: given_size(size), sigma: 1.0 }
+            SizeAndSigma { size: given_size(size), sigma: 1.0 }
         }
-        (size, Auto::Given(sigma)) => Wanted { size: given_size(size), sigma },
+        (size, Auto::Given(sigma)) => SizeAndSigma { size: given_size(size), sigma },
     };
     refine_settings(args, wanted)?;
     if args.init != Init::Grid && (args.cell.is_some() || args.offset.is_some()) {
@@ -355,7 +357,7 @@ pub fn check_arguments(args: &MapArgs) -> Result<()> {
 fn initial_settings<const D: usize>(
     args: &MapArgs,
     offset: GridOffset<D>,
-    wanted: Wanted,
+    wanted: SizeAndSigma,
 ) -> Result<InitialMap<D>> {
     Ok(match (args.init, wanted.size, args.cell) {
         (Init::All, Some(_), _) => {
@@ -371,7 +373,7 @@ fn initial_settings<const D: usize>(
 }
 
 /// The settings for `--refine` and its companions; invalid combinations are usage errors.
-fn refine_settings(args: &MapArgs, wanted: Wanted) -> Result<Option<RefineSettings>> {
+fn refine_settings(args: &MapArgs, wanted: SizeAndSigma) -> Result<Option<RefineSettings>> {
     let mut method = args.refine.map(refinement);
     match (&mut method, args.rounds, args.restarts) {
         (
@@ -435,7 +437,7 @@ fn refined<const D: usize>(
     Ok(result?)
 }
 
-fn text(built: &Built, args: &MapArgs) -> String {
+fn text(built: &MapReport, args: &MapArgs) -> String {
     let mut text = format!(
         "{}: {} of {} points ({:.4} %)",
         args.output.display(),

@@ -26,7 +26,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches};
 
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 use args::{Cli, Command, StudyArgs};
 
 /// How a command that did not fail ended.
@@ -56,7 +56,7 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let result = match parse(arguments) {
         Ok(cli) => run_command(cli),
         // The text of --help and --version is a result like any other.
-        Err(told) if !told.use_stderr() => output::print_styled(&told),
+        Err(help) if !help.use_stderr() => output::print_styled(&help),
         Err(error) => error.exit(),
     };
     match result {
@@ -68,7 +68,7 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             if let Some(usage) = error.downcast_ref::<clap::Error>() {
                 usage.exit();
             }
-            tell!("error: {}", told_once(&error));
+            tell!("error: {}", error_message(&error));
             1
         }
     }

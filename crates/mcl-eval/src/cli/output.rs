@@ -113,19 +113,19 @@ pub fn print_styled(text: &clap::Error) -> Result<Outcome> {
 }
 
 /// Reports on stderr what a log left open and what was lost of it, and returns whether anything was.
-pub fn tell_losses(name: &str, source: &LogSource) -> Outcome {
-    tell_of(name, &source.assumptions, &source.report)
+pub fn report_losses(name: &str, source: &LogSource) -> Outcome {
+    report_reading(name, &source.assumptions, &source.report)
 }
 
-/// [`tell_losses`] for a log or a point cloud.
-pub fn tell_data_losses(name: &str, source: &DataSource) -> Outcome {
+/// [`report_losses`] for a log or a point cloud.
+pub fn report_data_losses(name: &str, source: &DataSource) -> Outcome {
     match source {
-        DataSource::Log(log) => tell_losses(name, log),
-        DataSource::Cloud(cloud) => tell_of(name, &cloud.assumptions, &cloud.report),
+        DataSource::Log(log) => report_losses(name, log),
+        DataSource::Cloud(cloud) => report_reading(name, &cloud.assumptions, &cloud.report),
     }
 }
 
-fn tell_of(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
+fn report_reading(name: &str, assumptions: &[String], report: &ReadReport) -> Outcome {
     for assumption in assumptions {
         tell!("warning: {name}: {assumption}");
     }
@@ -144,7 +144,7 @@ pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
     let map = read_map(path)?;
     if let Some((elsewhere, beside)) = image_in_place(path) {
         tell!(
-            "note: {}: its image is said to be {elsewhere:?}; {} is taken, beside it",
+            "note: {}: its image is given as {elsewhere:?}; {}, beside it, is used instead",
             path.display(),
             beside.display()
         );
@@ -153,11 +153,13 @@ pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
 }
 
 /// Reports on stderr which steps have unknown odometry, and how the filter bridges them.
-pub fn tell_bridged(name: &str, bridge: &Bridge) -> Outcome {
+pub fn report_bridged(name: &str, bridge: &Bridge) -> Outcome {
     let Bridge { scans, steps, reach } = bridge;
     let Some(first) = scans.first() else { return Outcome::Done };
     tell!(
-        "warning: {name}: the odometry says nothing of {} of {steps} steps (the first leads to scan {first}); there the robot is looked for by its scan, about where it was ({reach:.2} m and 60° of standard deviation)",
+        "warning: {name}: the odometry is missing for {} of {steps} steps (the first leads to scan \
+         {first}); there the robot is searched for by its scan around its last pose (standard deviations \
+         {reach:.2} m and 60°)",
         scans.len()
     );
     Outcome::Incomplete
@@ -198,7 +200,7 @@ mod tests {
 
     /// Fault: names of topics, trials and files reached the terminal unescaped.
     #[test]
-    fn what_is_printed_does_not_act() {
+    fn control_characters_are_escaped() {
         let text = "a\u{1b}[2Jb\r\n  c\u{202e}d\u{7}é <script>\n";
         assert_eq!(lines(text), "a\\u{1b}[2Jb\\u{d}\n  c\\u{202e}d\\u{7}é <script>\n");
     }

@@ -158,7 +158,7 @@ fn text(planned: &Planned) -> String {
 
 fn how(planned: &Planned) -> &'static str {
     match planned.is_measured {
-        true => "from what trials took that are done",
+        true => "from the times of finished trials",
         false => "from built-in costs; run a small part first to measure them",
     }
 }

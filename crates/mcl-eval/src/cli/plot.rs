@@ -1,17 +1,17 @@
 use anyhow::{Result, bail};
 use mcl_core::text::{counted, printable};
-use mcl_study::store::results::{Found, Results, TRIALS, read_all, save_table};
+use mcl_study::store::results::{FoundResults, Results, TRIALS, read_all, save_table};
 
 use super::Outcome;
 use super::args::{Global, PlotArgs};
 use crate::figures;
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 
 /// Writes the tables and draws the figures of every result folder below the root that has rows.
 pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
-    let Found { results, without_rows, damaged } = read_all(&args.root)?;
+    let FoundResults { results, without_rows, damaged } = read_all(&args.root)?;
     for (folder, error) in &damaged {
-        tell!("error: leaving out {}: {}", folder.display(), told_once(error));
+        tell!("error: leaving out {}: {}", folder.display(), error_message(error));
     }
     if results.is_empty() {
         bail!("{}: no result folder with rows; run a study first", args.root.display());
@@ -38,7 +38,7 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
             Ok(drawn) if !global.quiet => drawn.iter().for_each(|path| tell!("{}", path.display())),
             Ok(_) => {}
             Err(error) => {
-                tell!("error: leaving out {folder}: {}", told_once(&error));
+                tell!("error: leaving out {folder}: {}", error_message(&error));
                 failed += 1;
             }
         }

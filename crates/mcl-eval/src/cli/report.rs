@@ -17,7 +17,7 @@ use crate::report::text::bytes;
 use crate::report::watch::recorded_runs;
 
 #[derive(Serialize)]
-struct Written {
+struct WrittenReport {
     page: String,
     bytes: usize,
     studies: usize,
@@ -56,7 +56,7 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     save(&args.output, page.as_bytes())?;
     let all = || report.studies.values().flatten();
     let rows = || all().filter_map(|folder| folder.rows);
-    let written = Written {
+    let written = WrittenReport {
         page: args.output.display().to_string(),
         bytes: page.len(),
         studies: report.studies.len(),

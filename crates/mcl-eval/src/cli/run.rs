@@ -12,7 +12,7 @@ use mcl_study::localizer::process;
 use mcl_study::localizer::program::commands;
 use mcl_study::measure::program::ENDED;
 use mcl_study::recipe::localizer::LOCALIZER;
-use mcl_study::run::{Event, Ran, run_study};
+use mcl_study::run::{Event, RunResult, run_study};
 use mcl_study::share::Share;
 use mcl_study::store::identity::{Build, Identity};
 use mcl_study::store::parts::{FailedTrial, Parts};
@@ -25,31 +25,31 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::args::{Global, RunArgs, StudyArgs};
-use super::output::{print, reference_of, tell_bridged, tell_data_losses};
+use super::output::{print, reference_of, report_bridged, report_data_losses};
 use crate::figures;
-use crate::progress::{StudyProgress, span, tell, told_once};
+use crate::progress::{StudyProgress, error_message, span, tell};
 use crate::studies;
 
 #[derive(Serialize)]
-struct Told {
+struct Totals {
     trials: usize,
     done: usize,
     failed: usize,
     /// Where the results of each data set are.
     folders: Vec<String>,
     /// Data sets on which the study could not be run.
-    lost: Vec<Lost>,
+    lost: Vec<LostDataset>,
 }
 
 #[derive(Serialize)]
-struct Lost {
+struct LostDataset {
     dataset: String,
     reason: String,
 }
 
 /// A trial that would be run.
 #[derive(Serialize)]
-struct Listed {
+struct ListedTrial {
     dataset: String,
     trial: String,
     runs: usize,
@@ -73,51 +73,52 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         called.iter().enumerate().find(|(at, name)| called[..*at].contains(name))
     {
         bail!(
-            "{}: {name} is listed twice; results are kept under the name, so that each needs its own",
+            "{}: {name} is listed twice; results are stored under the name, so each data set needs its own",
             names[at]
         );
     }
     if share != Share::Merge {
-        tell_programs(&study);
+        list_programs(&study);
     }
     end_on_interrupt(&args.of.output)?;
     let mut complete = true;
-    let mut told = Told { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
+    let mut totals =
+        Totals { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
         let source = open(&args.of, &study, dataset)?;
         if let (DataSource::Log(log), false) = (&source, global.quiet) {
             tell!("note: {}: reference: {}", printable(dataset), reference_of(log));
         }
-        complete &= tell_data_losses(dataset, &source) == Outcome::Done;
+        complete &= report_data_losses(dataset, &source) == Outcome::Done;
         if let DataSource::Log(log) = &source
             && !study.measures.of_runs.is_empty()
             && let Ok(bridged) = bridge(log)
         {
-            complete &= tell_bridged(dataset, &bridged) == Outcome::Done;
+            complete &= report_bridged(dataset, &bridged) == Outcome::Done;
         }
         let folder = args.of.output.join(&name).join(source.name());
         let ran = run_on(&study, &name, source, &folder, share, global)
             .with_context(|| format!("study {name} on {dataset}"));
         match ran {
-            Ok(Ran { results, asked, done, failed }) => {
-                told.trials += asked;
-                told.done += done;
-                told.failed += failed.len();
+            Ok(RunResult { results, asked, done, failed }) => {
+                totals.trials += asked;
+                totals.done += done;
+                totals.failed += failed.len();
                 complete &= done == asked;
-                told.folders.push(folder.display().to_string());
+                totals.folders.push(folder.display().to_string());
                 all.extend(results);
             }
             // A file that cannot be written for one data set cannot be written for the others.
             Err(error) if names.len() == 1 || is_of_files(&error) => return Err(error),
             Err(error) => {
-                let reason = told_once(&error);
-                tell!("error: {}; going on with the other data sets", printable(&reason));
-                told.lost.push(Lost { dataset: dataset.clone(), reason });
+                let reason = error_message(&error);
+                tell!("error: {}; continuing with the other data sets", printable(&reason));
+                totals.lost.push(LostDataset { dataset: dataset.clone(), reason });
             }
         }
     }
-    if told.folders.is_empty() {
+    if totals.folders.is_empty() {
         bail!("study {name} has results on none of {} data sets", names.len());
     }
     let is_part = matches!(share, Share::Part(_));
@@ -127,13 +128,13 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     {
         tell!("settings ranked over the data sets: {}", path.display());
     }
-    complete &= told.failed == 0 && told.lost.is_empty();
-    print(args.json, &told, |told| {
-        let mut text = format!("{} trials done, {} failed", told.done, told.failed);
-        for Lost { dataset, .. } in &told.lost {
+    complete &= totals.failed == 0 && totals.lost.is_empty();
+    print(args.json, &totals, |totals| {
+        let mut text = format!("{} trials done, {} failed", totals.done, totals.failed);
+        for LostDataset { dataset, .. } in &totals.lost {
             text += &format!("\n{}: lost, see above", printable(dataset));
         }
-        for folder in &told.folders {
+        for folder in &totals.folders {
             text += &format!("\n{}", printable(folder));
         }
         text
@@ -165,7 +166,7 @@ fn run_on(
     folder: &Path,
     share: Share,
     global: &Global,
-) -> Result<Ran> {
+) -> Result<RunResult> {
     let dataset = printable(source.name()).into_owned();
     let data = StudyData::new(source);
     let progress = StudyProgress::new(&dataset, global.quiet);
@@ -173,14 +174,14 @@ fn run_on(
     let ran = run_study(study, name, &data, folder, share, |event| match event {
         Event::Started { done, asked, damage } => {
             for damage in damage {
-                progress.tell(format_args!("warning: {}", printable(damage)));
+                progress.print(format_args!("warning: {}", printable(damage)));
             }
             if done > 0 && !global.quiet {
                 let of = match share {
                     Share::Part(part) => format!(" of {part}"),
                     Share::Whole { .. } | Share::Merge => String::new(),
                 };
-                progress.tell(format_args!(
+                progress.print(format_args!(
                     "{dataset}: {done} of {asked} trials{of} are there already"
                 ));
             }
@@ -190,7 +191,7 @@ fn run_on(
             if !global.quiet {
                 let (trials, threads) = (counted(trials, "trial"), counted(threads, "thread"));
                 let span = span(expected.as_secs_f64());
-                progress.tell(format_args!(
+                progress.print(format_args!(
                     "{dataset}: {trials} of {} on {threads}, about {span}",
                     printable(name)
                 ));
@@ -203,7 +204,7 @@ fn run_on(
                 && !reasons.contains(&failed.reason)
             {
                 let (trial, reason) = (printable(&failed.trial), printable(&failed.reason));
-                progress.tell(format_args!("{dataset}: trial {trial} failed: {reason}"));
+                progress.print(format_args!("{dataset}: trial {trial} failed: {reason}"));
                 reasons.push(failed.reason.clone());
             }
         }
@@ -217,11 +218,13 @@ fn run_on(
         let Results { done, asked, .. } = results;
         let others = match share {
             Share::Merge => format!("missing: {}", missing(results, &ran.failed)),
-            Share::Whole { .. } | Share::Part(_) => "the same command runs the others".to_owned(),
+            Share::Whole { .. } | Share::Part(_) => {
+                "the same command runs the missing ones".to_owned()
+            }
         };
         tell!("{dataset}: {done} of {asked} trials have rows; {others}");
     }
-    tell_failed_runs(results);
+    report_failed_runs(results);
     figures::write(results)?;
     Ok(ran)
 }
@@ -229,11 +232,11 @@ fn run_on(
 /// The trials without rows, each with the reason if known.
 fn missing(results: &Results, failed: &[FailedTrial]) -> String {
     const MOST: usize = 10;
-    let told = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
+    let described = |name: &String| match failed.iter().find(|failed| failed.trial == *name) {
         Some(failed) => format!("{name} (failed: {})", printable(&failed.reason)),
         None => name.clone(),
     };
-    let names: Vec<String> = results.without_rows.iter().take(MOST).map(told).collect();
+    let names: Vec<String> = results.without_rows.iter().take(MOST).map(described).collect();
     let others = match results.without_rows.len().saturating_sub(MOST) {
         0 => String::new(),
         others => format!(" and {others} others"),
@@ -268,7 +271,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
         measured |= costs.are_measured();
         for trial in &plan.trials {
             let identities = trial.identities(&study.measures)?;
-            listed.push(Listed {
+            listed.push(ListedTrial {
                 dataset: identity.data.name.clone(),
                 trial: trial.to_string(),
                 runs: trial.runs.len(),
@@ -279,7 +282,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
     }
     print(args.json, &listed, |listed| {
         let mut text = String::new();
-        for Listed { dataset, trial, runs, is_done, seconds } in listed {
+        for ListedTrial { dataset, trial, runs, is_done, seconds } in listed {
             let state = if *is_done { "done" } else { &format!("{seconds:.2} s") };
             let runs = if *runs == 0 { String::new() } else { format!(", runs: {runs}") };
             text += &format!("{}: {trial}{runs}: {state}\n", printable(dataset));
@@ -294,7 +297,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
             listed.len(),
             pending().count(),
             seconds / 60.0,
-            if measured { "from what trials took that are done" } else { "from built-in costs" }
+            if measured { "from the times of finished trials" } else { "from built-in costs" }
         );
         text
     })?;
@@ -315,7 +318,7 @@ fn end_on_interrupt(output: &Path) -> Result<()> {
         let _held = hold();
         tell!(
             "\ninterrupted: the rows of all finished trials are safe below {output}; the same command \
-             goes on from there"
+             continues from there"
         );
         std::process::exit(code);
     };
@@ -335,12 +338,10 @@ fn end_on_termination(end: impl Fn(i32) + Send + 'static) -> Result<()> {
 }
 
 /// Lists the programs that a study is about to run.
-fn tell_programs(study: &Study) {
+fn list_programs(study: &Study) {
     let programs = commands(study.programs());
     if !programs.is_empty() {
-        tell!(
-            "this study runs programs, as the user who runs mcl-eval and with all that this user may do:"
-        );
+        tell!("this study runs programs with the rights of the user who runs mcl-eval:");
     }
     for (name, command) in programs {
         tell!("  {}: {}", printable(name), printable(&command));
@@ -348,7 +349,7 @@ fn tell_programs(study: &Study) {
 }
 
 /// Reports how many runs of programs ended abnormally; their rows have the reasons.
-fn tell_failed_runs(results: &Results) {
+fn report_failed_runs(results: &Results) {
     let mut failed: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
     for row in results.table.rows() {
@@ -363,7 +364,7 @@ fn tell_failed_runs(results: &Results) {
         let reasons: Vec<String> =
             reasons.iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
         tell!(
-            "note: {}: {sum} of {} runs of {} failed ({}); {FAILURES} says where what they wrote to stderr is",
+            "note: {}: {sum} of {} runs of {} failed ({}); {FAILURES} names the files with their stderr",
             printable(&results.facts.name),
             runs[name],
             printable(name),
@@ -396,7 +397,7 @@ fn at_hand(study: &Study, global: &Global) -> Result<Vec<String>> {
     }
     if !missing.is_empty() && !global.quiet {
         tell!(
-            "{} not at hand ({}): `make datasets` or `mcl-eval datasets fetch` gets what can be had",
+            "{} not at hand ({}): `make datasets` or `mcl-eval datasets fetch` gets those that can be downloaded",
             counted(missing.len(), "data set"),
             text::list(&missing)
         );
@@ -412,7 +413,7 @@ pub fn study_name(path: &Path) -> Result<String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     if !is_plain_name(&stem) {
         bail!(
-            "{}: results are kept under the file's name, which is no name of a folder",
+            "{}: results are stored under the file's name, which cannot name a folder",
             path.display()
         );
     }

@@ -206,9 +206,10 @@ fn caption(
     view: Option<&View>,
 ) -> Vec<String> {
     let mut sentences = vec![results.facts.describe()];
-    let of_maps = |column: &str, is_told: &dyn Fn(&Pictured) -> bool| {
-        let told = maps.iter().filter(|shown| is_told(shown));
-        let mut values: Vec<f64> = told.filter_map(|shown| shown.cell(column).number()).collect();
+    let of_maps = |column: &str, is_described: &dyn Fn(&Pictured) -> bool| {
+        let described = maps.iter().filter(|shown| is_described(shown));
+        let mut values: Vec<f64> =
+            described.filter_map(|shown| shown.cell(column).number()).collect();
         values.dedup();
         values
     };
@@ -230,10 +231,10 @@ fn caption(
         );
     }
     sentences.extend(view.map(View::describe));
-    let told: String = sentences.iter().map(|sentence| format!("{sentence}. ")).collect();
-    let told = told.trim_end().to_owned() + &vocabulary(maps.iter().map(|shown| name(shown)));
+    let text: String = sentences.iter().map(|sentence| format!("{sentence}. ")).collect();
+    let text = text.trim_end().to_owned() + &vocabulary(maps.iter().map(|shown| name(shown)));
     let own = (!picture.caption.is_empty()).then(|| picture.caption.clone());
-    own.into_iter().chain([told]).collect()
+    own.into_iter().chain([text]).collect()
 }
 
 /// "Run 0 with 500 particles. Map and runs use the same scans, as in the paper".

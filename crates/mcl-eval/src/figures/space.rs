@@ -24,7 +24,7 @@ pub struct View {
 }
 
 /// Projected points, the farthest first, so that nearer ones are drawn over them.
-pub struct Seen {
+pub struct ProjectedPoints {
     /// Coordinates across and up the view (m).
     pub points: Vec<Point<2>>,
     /// Height of each, from 0 (low) to 1 (high).
@@ -65,7 +65,7 @@ impl View {
     }
 
     /// A map in this view.
-    pub fn seen(&self, map: &PointMap<3>) -> Seen {
+    pub fn seen(&self, map: &PointMap<3>) -> ProjectedPoints {
         let (sin, cos) = math::sin_cos(AZIMUTH);
         let (sin_up, cos_up) = math::sin_cos(ELEVATION);
         let [low, high] = self.heights;
@@ -83,7 +83,7 @@ impl View {
             })
             .collect();
         seen.sort_by(|a, b| b.0.total_cmp(&a.0));
-        Seen {
+        ProjectedPoints {
             points: seen.iter().map(|seen| seen.1).collect(),
             shades: seen.iter().map(|seen| seen.2).collect(),
         }

@@ -14,7 +14,7 @@ use mcl_study::store::results::Results;
 use mcl_study::trial::cost::Costs;
 use mcl_study::trial::run::Trial;
 
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 use crate::report::at_hand::AtHand;
 use crate::report::compare_maps::{self, ChosenMaps, MapPair};
 use crate::report::slot::{Slot, SlotKind};
@@ -27,7 +27,7 @@ const MAP_BYTES: usize = 400_000;
 const SECONDS: f64 = 60.0;
 
 /// What a result folder could show.
-pub struct Wanted {
+pub struct ExhibitRequest {
     folder: PathBuf,
     study: String,
     facts: DataFacts,
@@ -46,15 +46,15 @@ pub struct Wanted {
 #[derive(Debug, Default)]
 pub struct Exhibits {
     /// Its runs, or why they are not shown; `None` for a study without runs.
-    pub runs: Option<Result<Shown<Watch>, String>>,
+    pub runs: Option<Result<PageExhibit<Watch>, String>>,
     /// Its maps, or why they are not shown; `None` for a study without two that can be compared, and where
     /// those of another study on the same data are shown.
-    pub maps: Option<Result<Shown<MapPair>, String>>,
+    pub maps: Option<Result<PageExhibit<MapPair>, String>>,
 }
 
 /// An exhibit, and its slot on the page.
 #[derive(Debug)]
-pub struct Shown<T> {
+pub struct PageExhibit<T> {
     /// What it is.
     pub what: T,
     /// Its place.
@@ -62,19 +62,19 @@ pub struct Shown<T> {
 }
 
 /// The remaining budget of a page.
-pub struct Room {
+pub struct PageBudget {
     run_bytes: usize,
     map_bytes: usize,
     seconds: f64,
 }
 
-impl Default for Room {
+impl Default for PageBudget {
     fn default() -> Self {
-        Room { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS }
+        PageBudget { run_bytes: RUN_BYTES, map_bytes: MAP_BYTES, seconds: SECONDS }
     }
 }
 
-impl Wanted {
+impl ExhibitRequest {
     /// From rows, which are not needed any more afterwards.
     ///
     /// # Errors
@@ -82,18 +82,18 @@ impl Wanted {
     pub fn of(results: &Results) -> Result<Self> {
         let Results { study, facts, .. } = results;
         let has_runs = results.table.column("run").is_some();
-        let told = |error: anyhow::Error| told_once(&error);
+        let message = |error: anyhow::Error| error_message(&error);
         let plan = &results.plan;
         let maps = compare_maps::choose(results, plan).transpose();
-        Ok(Wanted {
+        Ok(ExhibitRequest {
             folder: results.folder.clone(),
             study: results.name.clone(),
             facts: facts.clone(),
             measures: study.measures.clone(),
             scans: study.listed(&facts.name).and_then(|listed| listed.scans),
             pictures_run: study.views.pictures.iter().any(|picture| picture.run.is_some()),
-            runs: has_runs.then(|| watch::choose(results, plan).map_err(told)),
-            maps: maps.map(|maps| maps.map_err(told)),
+            runs: has_runs.then(|| watch::choose(results, plan).map_err(message)),
+            maps: maps.map(|maps| maps.map_err(message)),
         })
     }
 
@@ -101,36 +101,36 @@ impl Wanted {
         &self,
         chosen: &ChosenRuns,
         at_hand: &mut AtHand<'_>,
-        room: &mut Room,
-    ) -> Result<Shown<Watch>> {
+        budget: &mut PageBudget,
+    ) -> Result<PageExhibit<Watch>> {
         let data = at_hand.of(&self.folder, self.scans)?;
-        room.spend(&self.facts, chosen.runs.iter().map(|chosen| &chosen.trial))?;
+        budget.spend(&self.facts, chosen.runs.iter().map(|chosen| &chosen.trial))?;
         let title = format!("{} on {}", self.study, self.facts.title);
-        Shown::watch(watch::repeat(title, chosen, &data)?, room)
+        PageExhibit::watch(watch::repeat(title, chosen, &data)?, budget)
     }
 
     fn maps(
         &self,
         chosen: &ChosenMaps,
         at_hand: &mut AtHand<'_>,
-        room: &mut Room,
-    ) -> Result<Shown<MapPair>> {
+        budget: &mut PageBudget,
+    ) -> Result<PageExhibit<MapPair>> {
         let data = at_hand.of(&self.folder, self.scans)?;
         let trials = chosen.recipes.clone().map(|map| Trial { map, runs: Vec::new() });
-        room.spend(&self.facts, &trials)?;
+        budget.spend(&self.facts, &trials)?;
         let title = format!("Maps of {}", self.facts.title);
         let what = compare_maps::repeat(title, chosen, &self.measures, &data)?;
         let slot = Slot::new(SlotKind::CompareMaps, &what.title, &what.describe(), &what)?;
-        fit(&mut room.map_bytes, slot.json.len(), MAP_BYTES, "maps")?;
-        Ok(Shown { what, slot })
+        fit(&mut budget.map_bytes, slot.json.len(), MAP_BYTES, "maps")?;
+        Ok(PageExhibit { what, slot })
     }
 }
 
-impl Shown<Watch> {
-    fn watch(what: Watch, room: &mut Room) -> Result<Self> {
+impl PageExhibit<Watch> {
+    fn watch(what: Watch, budget: &mut PageBudget) -> Result<Self> {
         let slot = Slot::new(SlotKind::Watch, &what.title, &what.describe(), &what)?;
-        fit(&mut room.run_bytes, slot.json.len(), RUN_BYTES, "runs")?;
-        Ok(Shown { what, slot })
+        fit(&mut budget.run_bytes, slot.json.len(), RUN_BYTES, "runs")?;
+        Ok(PageExhibit { what, slot })
     }
 }
 
@@ -138,17 +138,17 @@ impl Shown<Watch> {
 /// `logs` by path. Runs of studies with a picture of one come first; maps are shown once per data set, of a
 /// study without runs if there is one. What exceeds the limits is reported as not shown.
 pub fn repeat(
-    wanted: &[Wanted],
+    wanted: &[ExhibitRequest],
     logs: &[String],
-    room: &mut Room,
+    budget: &mut PageBudget,
     is_quiet: bool,
 ) -> Vec<Exhibits> {
     let started = Instant::now();
     let mut exhibits: Vec<Exhibits> = wanted.iter().map(|_| Exhibits::default()).collect();
-    let sorted = |comes_later: fn(&Wanted) -> bool| {
+    let sorted = |comes_later: fn(&ExhibitRequest) -> bool| {
         let mut order: Vec<usize> = (0..wanted.len()).collect();
         order.sort_by_key(|&place| {
-            let Wanted { facts, study, folder, .. } = &wanted[place];
+            let ExhibitRequest { facts, study, folder, .. } = &wanted[place];
             (comes_later(&wanted[place]), &facts.name, study, folder)
         });
         order
@@ -158,9 +158,9 @@ pub fn repeat(
     for place in sorted(|wanted| !wanted.pictures_run) {
         let of = &wanted[place];
         exhibits[place].runs = of.runs.as_ref().map(|chosen| {
-            let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            let shown = of.runs(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, budget);
             runs += shown.as_ref().map_or(0, |shown| shown.what.runs.len());
-            shown.map_err(|error| told_once(&error))
+            shown.map_err(|error| error_message(&error))
         });
     }
     let mut compared: HashSet<&str> = HashSet::new();
@@ -170,18 +170,18 @@ pub fn repeat(
             continue;
         }
         exhibits[place].maps = of.maps.as_ref().map(|chosen| {
-            let shown = of.maps(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, room);
+            let shown = of.maps(chosen.as_ref().map_err(Clone::clone)?, &mut at_hand, budget);
             if shown.is_ok() {
                 compared.insert(&of.facts.name);
                 maps += 1;
             }
-            shown.map_err(|error| told_once(&error))
+            shown.map_err(|error| error_message(&error))
         });
     }
     if runs + maps > 0 && !is_quiet {
         let seconds = started.elapsed().as_secs_f64();
         let (runs, maps) = (counted(runs, "run"), counted(maps, "pair"));
-        tell!("computed {runs} and {maps} of maps again to show them: {seconds:.1} s");
+        tell!("recomputed {runs} and {maps} of maps to show them: {seconds:.1} s");
     }
     exhibits
 }
@@ -190,8 +190,8 @@ pub fn repeat(
 ///
 /// # Errors
 /// When they cannot be read, or the page has no room for them.
-pub fn localized(folder: &Path, room: &mut Room) -> Result<Shown<Watch>> {
-    Shown::watch(watch::localized(folder)?, room)
+pub fn localized(folder: &Path, budget: &mut PageBudget) -> Result<PageExhibit<Watch>> {
+    PageExhibit::watch(watch::localized(folder)?, budget)
 }
 
 /// The folders with runs recorded by `localize`: a root, those in it, and those in these, sorted. Links are
@@ -213,7 +213,7 @@ pub fn recorded_folders(root: &Path) -> Vec<PathBuf> {
     found
 }
 
-impl Room {
+impl PageBudget {
     /// Subtracts the time of trials from the budget.
     fn spend<'t>(
         &mut self,
@@ -224,8 +224,8 @@ impl Room {
         let seconds: f64 = trials.into_iter().map(|trial| costs.of(trial)).sum();
         if seconds > self.seconds {
             bail!(
-                "computing it again would take about {seconds:.0} s of the processor, and the page as a whole \
-                 takes at most {SECONDS:.0} s"
+                "recomputing it would take about {seconds:.0} s of processor time, and the page as a \
+                 whole may take at most {SECONDS:.0} s"
             );
         }
         self.seconds -= seconds;
@@ -235,7 +235,7 @@ impl Room {
 
 fn fit(left: &mut usize, bytes: usize, most: usize, what: &str) -> Result<()> {
     if bytes > *left {
-        bail!("the page has room for {:.1} MB of {what}, which others fill", most as f64 / 1e6);
+        bail!("the page has room for {:.1} MB of {what}, which is already used", most as f64 / 1e6);
     }
     *left -= bytes;
     Ok(())

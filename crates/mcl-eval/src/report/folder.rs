@@ -79,7 +79,7 @@ impl Folder {
         found.rows = Some(Rows { done: *done, asked: *asked, count: results.table.len(), written });
         if let Some(missing) = results.missing() {
             found.notes.push(format!(
-                "Incomplete: {missing} have rows; the same command runs the others."
+                "Incomplete: {missing} have rows; the same command runs the missing ones."
             ));
         }
         let damaged = results.damage.iter().take(3).map(|damage| format!("Damaged: {damage}"));

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use crate::claims::claim::DatasetClaims;
 use crate::claims::{decide, without_results};
-use crate::progress::told_once;
-use crate::report::exhibits::{self, Exhibits, Room, Wanted, recorded_folders};
+use crate::progress::error_message;
+use crate::report::exhibits::{self, ExhibitRequest, Exhibits, PageBudget, recorded_folders};
 use crate::report::folder::Folder;
 use crate::report::slot::Slot;
 
@@ -37,7 +37,7 @@ struct OfDataset {
     without_results: Vec<String>,
     damaged: Vec<(PathBuf, String)>,
     /// By folder with rows.
-    wanted: Vec<(PathBuf, Wanted)>,
+    wanted: Vec<(PathBuf, ExhibitRequest)>,
 }
 
 /// Reads the result folders below some roots. A folder that cannot be read does not stop the others. Claims
@@ -79,13 +79,13 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
     without_results.sort();
     without_results.dedup();
     damaged.sort();
-    let mut room = Room::default();
+    let mut budget = PageBudget::default();
     for folder in recorded {
-        let shown = exhibits::localized(&folder, &mut room);
-        let slot = shown.map(|shown| shown.slot).map_err(|error| told_once(&error));
+        let shown = exhibits::localized(&folder, &mut budget);
+        let slot = shown.map(|shown| shown.slot).map_err(|error| error_message(&error));
         report.localized.push((folder, slot));
     }
-    exhibit(&mut report, wanted, logs, room, is_quiet);
+    exhibit(&mut report, wanted, logs, budget, is_quiet);
     Ok(report)
 }
 
@@ -103,14 +103,14 @@ pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>>
 /// Adds to each folder its exhibits, or a note why it has none.
 fn exhibit(
     report: &mut Report,
-    mut wanted: Vec<(PathBuf, Wanted)>,
+    mut wanted: Vec<(PathBuf, ExhibitRequest)>,
     logs: &[String],
-    mut room: Room,
+    mut budget: PageBudget,
     is_quiet: bool,
 ) {
     wanted.sort_by(|(a, _), (b, _)| a.cmp(b));
     let (paths, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
-    let exhibits = exhibits::repeat(&wanted, logs, &mut room, is_quiet);
+    let exhibits = exhibits::repeat(&wanted, logs, &mut budget, is_quiet);
     let mut by_path: BTreeMap<PathBuf, Exhibits> = paths.into_iter().zip(exhibits).collect();
     for folder in report.studies.values_mut().flatten() {
         let Some(Exhibits { runs, maps }) = by_path.remove(&folder.path) else { continue };
@@ -142,7 +142,7 @@ fn of_dataset(folders: &[PathBuf], studies: &Studies) -> OfDataset {
     for path in folders {
         let read = Results::read_of(path, studies).and_then(|results| match results {
             Some(results) => {
-                let (folder, wanted) = (Folder::of_rows(&results)?, Wanted::of(&results)?);
+                let (folder, wanted) = (Folder::of_rows(&results)?, ExhibitRequest::of(&results)?);
                 found.wanted.push((path.clone(), wanted));
                 all.push(results);
                 Ok(folder)
@@ -151,7 +151,7 @@ fn of_dataset(folders: &[PathBuf], studies: &Studies) -> OfDataset {
         });
         match read {
             Ok(folder) => found.folders.push(folder),
-            Err(error) => found.damaged.push((path.clone(), told_once(&error))),
+            Err(error) => found.damaged.push((path.clone(), error_message(&error))),
         }
     }
     found.claims = decide(&all);

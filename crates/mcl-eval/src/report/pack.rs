@@ -84,7 +84,7 @@ impl Packer {
 /// # Errors
 /// What it contains instead.
 pub fn check(text: &str, bytes: usize) -> Result<()> {
-    let packed = STANDARD.decode(text).context("data is no base64")?;
+    let packed = STANDARD.decode(text).context("data is not base64")?;
     let mut found = Vec::new();
     GzDecoder::new(&packed[..])
         .take(bytes as u64 + 1)

@@ -240,8 +240,9 @@ fn missing(report: &Report) -> Vec<String> {
         let (folders, have) =
             (counted(without, "result folder"), if without == 1 { "has" } else { "have" });
         lines.push(format!(
-            "{folders} {have} tables and figures but no rows, as those that are committed with the program: charts are \
-             drawn from the tables, claims cannot be decided of them, and when they were computed is not known."
+            "{folders} {have} tables and figures but no rows, like those that are committed with the \
+             program: charts are drawn from the tables, claims cannot be decided, and the time of \
+             computation is unknown."
         ));
     }
     for folder in folders(report) {

@@ -33,7 +33,7 @@ pub struct Payload {
     /// Its charts.
     pub charts: Vec<Chart>,
     /// Its tables.
-    pub tables: Vec<Listed>,
+    pub tables: Vec<TableData>,
 }
 
 /// A chart.
@@ -42,11 +42,11 @@ pub struct Chart {
     name: String,
     /// Whether values are shown as colours.
     heat: bool,
-    panels: Vec<Drawn>,
+    panels: Vec<PanelData>,
 }
 
 #[derive(Serialize)]
-struct Drawn {
+struct PanelData {
     title: String,
     x: Axis,
     y: Axis,
@@ -80,7 +80,7 @@ pub struct Style {
 
 /// A table, with all digits.
 #[derive(Serialize)]
-pub struct Listed {
+pub struct TableData {
     /// Its title.
     pub title: String,
     columns: Vec<Column>,
@@ -144,7 +144,7 @@ pub fn chart(chart: &ChartData) -> Chart {
     let panel = |panel: &Panel| {
         let labels: Vec<String> = panel.labels.iter().map(|label| shown(label)).collect();
         let style = |label: &String| curves.iter().find(|(known, _)| known == label).map(|c| c.1);
-        Drawn {
+        PanelData {
             title: shown(&panel.title),
             x: axis(&panel.x),
             y: axis(&panel.y),
@@ -167,7 +167,7 @@ fn on_screen(number: f64) -> f64 {
 }
 
 /// A table for the script.
-pub fn listed(title: &str, table: &Table) -> Listed {
+pub fn listed(title: &str, table: &Table) -> TableData {
     let column = |name: &String| Column { name: shown(name), label: shown(&name_and_unit(name).0) };
     let cell = |value: &Value| match value {
         Value::Text(text) => Value::Text(printable(text).into_owned()),
@@ -176,5 +176,5 @@ pub fn listed(title: &str, table: &Table) -> Listed {
     let columns: Vec<Column> = table.columns().iter().map(column).collect();
     let names = table.columns();
     let rows = table.rows().map(|row| names.iter().map(|name| cell(row.get(name))).collect());
-    Listed { title: title.to_owned(), columns, rows: rows.collect() }
+    TableData { title: title.to_owned(), columns, rows: rows.collect() }
 }

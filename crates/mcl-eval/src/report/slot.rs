@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn data_does_not_leave_its_element() {
+    fn data_does_not_close_its_element() {
         let slot = Slot::new(SlotKind::Watch, "", "", &["</script><!--"]).unwrap();
         assert!(!slot.json.contains('<'), "{}", slot.json);
         assert_eq!(serde_json::from_str::<[String; 1]>(&slot.json).unwrap(), ["</script><!--"]);

@@ -115,7 +115,7 @@ pub fn choose(results: &Results, plan: &Plan) -> Result<ChosenRuns> {
     }
     ensure!(
         !all.is_empty(),
-        "all of its runs are of programs of others, which need not do the same again"
+        "all of its runs are of external programs, which may not repeat their results"
     );
     let mut leads: Vec<Trial> = Vec::new();
     for picture in &results.study.views.pictures {
@@ -197,8 +197,8 @@ fn rule(runs: &str, of: &str, number: usize) -> String {
 /// The row whose recipe has these cells.
 pub fn row_of<'r>(results: &'r Results, recipe: &Cells) -> Option<Row<'r>> {
     // Settings that differ most often come first: draw and kind of map.
-    let told = |name: &str| matches!(name, "draw" | "map" | "size_percent");
-    let (first, others): (Vec<_>, Vec<_>) = recipe.iter().partition(|(name, _)| told(name));
+    let is_first = |name: &str| matches!(name, "draw" | "map" | "size_percent");
+    let (first, others): (Vec<_>, Vec<_>) = recipe.iter().partition(|(name, _)| is_first(name));
     let is_it =
         |row: &Row<'_>| first.iter().chain(&others).all(|(name, value)| row.get(name) == value);
     results.table.rows().find(is_it)
@@ -253,7 +253,7 @@ fn repeat_one(chosen: &ChosenRun, maps: &Maps<'_, 2>, data: &StudyData) -> Resul
 /// The first difference.
 pub fn check_same(found: &Cells, row: &Cells) -> Result<()> {
     for ((name, found), (_, there)) in found.iter().zip(row) {
-        ensure!(found == there, "{name} comes out as {found}, and the row says {there}");
+        ensure!(found == there, "{name} comes out as {found}, but the row says {there}");
     }
     Ok(())
 }
@@ -304,7 +304,7 @@ pub fn localized(folder: &Path) -> Result<Watch> {
     let runs = runs.collect::<Result<Vec<_>>>()?;
     let rule = match is_rated {
         true => rule(&counted(files.len(), "run"), "of localize", files.len()),
-        false => "The first run: without a reference nobody knows which is best.".to_owned(),
+        false => "The first run: without a reference the runs cannot be ranked.".to_owned(),
     };
     let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
     Ok(Watch { title: format!("localize, {name}"), rule, runs })

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{OwnPart, PARTS, Saved};
+use mcl_study::store::parts::{OwnPart, PARTS, SavedTrial};
 use mcl_study::store::results::{MANIFEST, Manifest, STUDY};
 use mcl_study::study::definition::Study;
 use mcl_study::table::{Cells, Value};
@@ -97,7 +97,7 @@ fn plant(root: &TempDir, name: &str, text: &str, dataset: &str, with_rows: bool)
         };
         let identities = trial.identities(&study.measures).unwrap();
         let rows = identities.into_iter().zip(rows.into_iter().map(measured)).collect();
-        part.save(Ok(Saved::new(trial.map.to_string(), rows, Vec::new()))).unwrap();
+        part.save(Ok(SavedTrial::new(trial.map.to_string(), rows, Vec::new()))).unwrap();
     }
 }
 
@@ -165,7 +165,7 @@ fn text_markdown_and_json_hold_the_same_claims() {
 
 /// Fault: hundreds of lines, most of them of what was not tested.
 #[test]
-fn what_was_decided_fits_a_screen() {
+fn the_brief_summary_fits_a_screen() {
     let root = results();
     let [text, stderr] = output(&root, &["."], 0);
     assert!((10..=30).contains(&text.lines().count()), "{text}");

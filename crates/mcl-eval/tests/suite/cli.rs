@@ -33,7 +33,7 @@ fn assert_keys(value: &Value, keys: &str) {
 }
 
 #[test]
-fn inspect_tells_what_is_in_a_log() {
+fn inspect_describes_a_log() {
     let lab = lab();
     let found = json(&lab, &["inspect", "office.log", "--json"]);
     assert_keys(
@@ -55,10 +55,10 @@ fn inspect_tells_what_is_in_a_log() {
 }
 
 #[test]
-fn a_damaged_log_is_read_and_told() {
+fn a_damaged_log_is_read_with_a_warning() {
     let lab = lab();
     let text = fs::read_to_string(lab.path().join("office.log")).unwrap();
-    // A record of an unknown kind is no loss, half a record is.
+    // A record of an unknown kind is not a loss; half a record is.
     fs::write(lab.path().join("ignored.log"), format!("{text}NEFF 0.5\n")).unwrap();
     let found = json(&lab, &["inspect", "ignored.log", "--json"]);
     assert_eq!((&found["ignored_records"], &found["ignored"]["NEFF"]), (&1.into(), &1.into()));

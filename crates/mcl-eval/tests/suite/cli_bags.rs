@@ -112,7 +112,7 @@ fn bad_bags_are_refused_with_the_reason() {
             vec!["office.txt", ".mcap", ".db3", ".bag", ".csv"],
         ),
         (vec!["convert", "office.log", "no/a.mcap"], vec!["no folder"]),
-        (vec!["convert", "office.log", "a.csv"], vec!["a.csv is the ending of a map"]),
+        (vec!["convert", "office.log", "a.csv"], vec!["a.csv has the extension of a map"]),
         (vec!["convert", "nowhere.log", "a.mcap"], vec!["nowhere.log", "no such file"]),
     ] {
         let (stdout, stderr) = ends(&lab, &args, 1);
@@ -128,8 +128,8 @@ fn bad_bags_are_refused_with_the_reason() {
     ] {
         let (stdout, stderr) = ends(&lab, &[&["inspect", "office.mcap"], &options[..]].concat(), 3);
         for part in parts {
-            let told = format!("{stdout}{stderr}");
-            assert!(told.contains(part), "{options:?}: no {part:?} in {told}");
+            let printed = format!("{stdout}{stderr}");
+            assert!(printed.contains(part), "{options:?}: no {part:?} in {printed}");
         }
     }
 }

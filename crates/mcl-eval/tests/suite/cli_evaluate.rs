@@ -56,7 +56,7 @@ fn tum(count: usize, change: impl Fn(f64) -> (f64, f64, f64)) -> String {
 }
 
 fn near(value: &Value, expected: f64) {
-    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"));
     assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
 }
 
@@ -74,7 +74,7 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
         near(&row["heading"]["max"], 0.0);
     }
     // Odometry leaves the reference, less and less over shorter paths.
-    // It is in another frame than the reference, which is told.
+    // It is in another frame than the reference, which is reported.
     let odometry = lab.rows(&["--reference", "office.mcap", "office.mcap"], 3);
     let figure = |value: &Value| value["rmse"].as_f64().unwrap();
     let row = &odometry[0];
@@ -97,11 +97,15 @@ fn a_log_and_the_bag_made_of_it_are_the_same_trajectory() {
             "no topic /pose",
         ),
         (&["--reference", "office.mcap", "office.mcap", "--topic", "/scan"], 1, "LaserScan"),
-        (&["--reference", "office.log", "--reference-topic", "/odom", "office.log"], 2, "is none"),
+        (
+            &["--reference", "office.log", "--reference-topic", "/odom", "office.log"],
+            2,
+            "is not a bag",
+        ),
         (
             &["--reference", "office.log", "office.log", "--topic", "/odom"],
             2,
-            "--topic goes with bags",
+            "--topic applies to bags only",
         ),
         (&["--reference", "office.log", "office.log", "--plot", "a.gif"], 1, ".svg, .png or .pdf"),
         (&["--reference", "office.log", "absent.tum"], 1, "absent.tum"),
@@ -226,9 +230,9 @@ fn grid_maps_are_written_read_and_localized_on() {
         (
             &["convert", "points.csv", "a.ply", "--resolution", "0.1"][..],
             2,
-            "--resolution goes with",
+            "--resolution applies only to",
         ),
-        (&["convert", "points.csv", "a.ply", "--log", "office.log"], 2, "--log goes with"),
+        (&["convert", "points.csv", "a.ply", "--log", "office.log"], 2, "--log applies only to"),
         (
             &["convert", "points.csv", "a.yaml", "--resolution", "1e-7"],
             1,

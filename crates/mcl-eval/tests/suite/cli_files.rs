@@ -46,7 +46,7 @@ impl Lab {
         let Output { status, stdout, stderr } = self.command(args).output().unwrap();
         let stderr = String::from_utf8(stderr).unwrap();
         assert_eq!(status.code(), Some(code), "{args:?}\n{stderr}");
-        assert!(code == 0 || stdout.is_empty(), "{args:?} told a result");
+        assert!(code == 0 || stdout.is_empty(), "{args:?} printed a result");
         stderr
     }
 
@@ -141,13 +141,13 @@ fn no_command_writes_over_what_it_reads() {
     let before = lab.files();
     for call in calls {
         let stderr = lab.ends(&call, 1);
-        let is_told = stderr.contains("cannot write") && stderr.contains("input");
-        assert!(is_told && stderr.contains("another name"), "{call:?}: {stderr}");
+        let is_refused = stderr.contains("cannot write") && stderr.contains("input");
+        assert!(is_refused && stderr.contains("another name"), "{call:?}: {stderr}");
         assert_eq!(lab.files(), before, "{call:?}");
     }
     let stderr = lab.ends(&evaluate(&["--errors", "x.svg", "--plot", "./x.svg"]), 1);
     assert!(stderr.contains("would be written there, too"), "{stderr}");
-    // What is no input may be replaced, also by what was made of it.
+    // Files that are not inputs may be replaced, also by files made from them.
     lab.ends(&map("map.ply", "map.csv"), 0);
     lab.ends(&evaluate(&["--errors", "office.mcap"]), 0);
     lab.ends(&localize(&["-o", "out"]), 0);
@@ -247,7 +247,7 @@ fn operations(lab: &Lab, call: &[&str]) -> Vec<usize> {
     text.lines().map(|line| line.split(' ').nth(1).unwrap().parse().unwrap()).collect()
 }
 
-/// Files other than those that were there, as seen from the folder; the times of runs are told in the summary.
+/// Files other than those that were there, as seen from the folder; the times of runs are in the summary.
 fn written(lab: &Lab, before: &BTreeMap<PathBuf, Vec<u8>>) -> BTreeMap<String, Vec<u8>> {
     let is_new = |(path, bytes): &(PathBuf, Vec<u8>)| before.get(path) != Some(bytes);
     let named = |(path, bytes): (PathBuf, Vec<u8>)| {
@@ -261,7 +261,7 @@ fn written(lab: &Lab, before: &BTreeMap<PathBuf, Vec<u8>>) -> BTreeMap<String, V
 /// Killed between any two operations and within any write, a call leaves whole files or none, and the same call
 /// afterwards leaves what an undisturbed one does: once temporary files stayed for good.
 #[test]
-fn a_call_that_is_killed_anywhere_is_made_good_by_the_next() {
+fn a_call_killed_anywhere_is_repaired_by_the_next() {
     let lab = Lab::new();
     let mut kills = 0;
     for (call, outputs) in CALLS {
@@ -378,7 +378,7 @@ fn names_as_long_as_the_file_system_allows_can_be_written() {
 /// A hundred million runs once took 132 GB at once, before the first.
 #[cfg(target_os = "linux")]
 #[test]
-fn memory_for_runs_is_asked_for() {
+fn memory_for_runs_is_reserved_first() {
     let lab = Lab::new();
     let mut shell = Command::new("sh");
     let program = env!("CARGO_BIN_EXE_mcl-eval");

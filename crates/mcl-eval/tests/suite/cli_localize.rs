@@ -77,7 +77,7 @@ fn localize<'a>(more: &[&'a str]) -> Vec<&'a str> {
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
 fn has_figures(value: &Value) -> bool {
@@ -323,7 +323,7 @@ fn a_log_without_odometry_names_the_scan_and_what_to_do() {
 }
 
 #[test]
-fn scans_without_stamp_are_told_and_keep_their_rows() {
+fn scans_without_stamp_are_reported_and_keep_their_rows() {
     let lab = Lab::new();
     let mut scan = 0;
     let log = lab.edited("office.log", |line| {
@@ -375,7 +375,7 @@ fn stamps_that_step_back_in_time_match_themselves() {
 }
 
 #[test]
-fn what_is_asked_for_wrongly_is_wrong_usage() {
+fn invalid_arguments_are_wrong_usage() {
     let lab = Lab::new();
     let cases: [(&[&str], &str); 14] = [
         (&["--alpha", "0.1,0.2,0.3"], "expected 4 numbers"),
@@ -471,7 +471,7 @@ fn known_offsets_give_known_errors() {
 }
 
 #[test]
-fn poses_without_partner_are_told() {
+fn poses_without_partner_are_reported() {
     let lab = Lab(tempfile::tempdir().unwrap());
     lab.write("a.tum", &tum(|t| (t, t, 0.0, 0.0)));
     // Three of ten have no partner, on either side.

@@ -133,7 +133,7 @@ impl Message {
 }
 
 #[test]
-fn the_bag_tells_what_the_run_says() {
+fn the_bag_says_what_the_run_says() {
     let lab = Lab::new();
     let (stdout, _) = lab.localize(&["-o", "out", "--replay", "run.mcap"], 0);
     assert!(stdout.contains("run.mcap: run 0"), "{stdout}");
@@ -244,7 +244,7 @@ fn a_lost_robot_and_one_without_reference_are_recorded() {
 }
 
 #[test]
-fn the_time_of_logging_moves_on_where_stamps_do_not() {
+fn logging_times_advance_where_stamps_do_not() {
     let lab = Lab::new();
     // Scans 0 and 30 have no stamp, scan 10 that of scan 9, and scan 20 steps back by five seconds.
     let log = lab.read("office.log");
@@ -289,7 +289,7 @@ fn the_time_of_logging_moves_on_where_stamps_do_not() {
 }
 
 #[test]
-fn what_cannot_be_written_is_told_before_the_run() {
+fn an_unwritable_replay_is_reported_before_the_run() {
     let lab = Lab::new();
     for name in ["run.log", "run", "run.mcap.gz", ".mcap"] {
         let (stdout, stderr) = lab.localize(&["--replay", name], 2);

@@ -92,7 +92,7 @@ fn ate() -> f64 {
 }
 
 fn near(value: &Value, expected: f64, tolerance: f64) {
-    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    let found = value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"));
     assert!((found - expected).abs() < tolerance, "{found}, expected {expected}");
 }
 
@@ -194,8 +194,8 @@ fn two_sources_of_the_robots_poses_are_taken_as_they_stand() {
     );
     // A file that says nothing: the robot's, which is guessed where the bag has a laser elsewhere.
     near(&lab.row(&["--reference", "truth.mcap", "est.tum"], 3)["ate"]["rmse"], ate(), 1e-6);
-    let told = ["--reference", "truth.mcap", "est.tum", "--estimate-frame", "robot"];
-    near(&lab.row(&told, 0)["ate"]["rmse"], ate(), 1e-6);
+    let of_robot = ["--reference", "truth.mcap", "est.tum", "--estimate-frame", "robot"];
+    near(&lab.row(&of_robot, 0)["ate"]["rmse"], ate(), 1e-6);
     // Both moved to the laser, by the mount that one side knows.
     let laser = lab.row(&["--reference", "truth.mcap", "amcl.mcap", "--frame", "laser"], 0);
     let squares = times(10.0).map(|t| {
@@ -421,7 +421,7 @@ fn each_run_has_its_own_reference() {
 
 /// 08: the run that died early had the smaller error. 19: another rate looked like a run that stopped.
 #[test]
-fn coverage_tells_a_dead_run_from_another_rate() {
+fn coverage_distinguishes_a_dead_run_from_another_rate() {
     let lab = Lab::new();
     let drifting = |t: f64| Pose2 { y: truth(t).y + 0.004 * t, ..truth(t) };
     lab.write("ref.tum", &tum(times(100.0), truth));
@@ -685,7 +685,7 @@ fn the_frame_of_odometry_is_the_robots() {
     write("named.mcap", "robot1/odom", Some(["robot1/map", "robot1/odom"]));
     let row = lab.row(&["--reference", "ref.tum", "named.mcap", "--topic", "/fused"], 0);
     near(&row["ate"]["rmse"], ate(), 1e-6);
-    // And without transforms there, it is told.
+    // Without transforms there is a warning.
     write("alone.mcap", "robot1/odom", None);
     let (_, stderr) = lab.ends(&["--reference", "ref.tum", "alone.mcap", "--topic", "/fused"], 3);
     assert!(stderr.contains("\"robot1/odom\", which drifts"), "{stderr}");

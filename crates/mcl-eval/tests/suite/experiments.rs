@@ -184,8 +184,8 @@ fn rows_of_other_settings_are_not_mixed() {
     let ran = bench.run(&arguments);
     let message = String::from_utf8_lossy(&ran.stderr);
     assert!(message.contains("24 of 36 trials are there already"), "{message}");
-    let told: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
-    let count = |key: &str| told[key].as_u64();
+    let json: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let count = |key: &str| json[key].as_u64();
     assert_eq!([count("trials"), count("done"), count("failed")], [Some(36), Some(36), Some(0)]);
 
     // Of other readings they are refused, and --fresh removes them.
@@ -298,7 +298,7 @@ fn plan_and_list_take_a_built_in_study_and_the_script_names_it() {
     assert!(script.contains("mcl-eval run likelihood --dataset office.log"), "{script}");
 }
 
-/// A file comes first, whatever the program knows; a folder is no study.
+/// A file comes before built-in studies; a folder is not a study.
 #[test]
 fn a_file_hides_the_built_in_study_of_its_name() {
     let bench = bench();

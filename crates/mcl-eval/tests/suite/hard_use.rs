@@ -79,7 +79,7 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
     let expected = bench.path("undisturbed/three/whole");
     let folder = bench.path("limited/three/whole");
     // How much the program itself takes differs from machine to machine.
-    let mut told = Vec::new();
+    let mut messages = Vec::new();
     let failed = (100..=400).step_by(20).find_map(|megabytes| {
         drop(fs::remove_dir_all(&folder));
         let limits = format!("ulimit -v {}", 1024 * megabytes);
@@ -88,10 +88,10 @@ fn a_trial_without_memory_is_a_row_and_the_rest_go_on() {
             .env("MALLOC_ARENA_MAX", "1")
             .output()
             .unwrap();
-        told.push(format!("{megabytes} MB: {}\n{}", output.status, message(&output)));
+        messages.push(format!("{megabytes} MB: {}\n{}", output.status, message(&output)));
         (output.status.code() == Some(3)).then_some(output)
     });
-    let output = failed.unwrap_or_else(|| panic!("never exit 3:\n{}", told.join("\n")));
+    let output = failed.unwrap_or_else(|| panic!("never exit 3:\n{}", messages.join("\n")));
     let stdout = String::from_utf8_lossy(&output.stdout);
     assert!(stdout.contains("2 trials done, 1 failed"), "{stdout}");
     let failures = fs::read_to_string(folder.join("failures.csv")).unwrap();
@@ -139,9 +139,9 @@ fn figures_without_memory_are_an_error_that_says_which_and_how_much() {
             let message = message(&output);
             if message.contains("cannot render") {
                 assert_eq!(output.status.code(), Some(1), "{message}");
-                let is_told = message.contains(&format!("{experiment}/office/figures/"))
+                let is_named = message.contains(&format!("{experiment}/office/figures/"))
                     && message.contains("bytes for pixels of a ");
-                assert!(is_told && !message.contains("backend"), "{message}");
+                assert!(is_named && !message.contains("backend"), "{message}");
             }
             assert!(!message.contains("memory allocation of"), "{megabytes} MB: {message}");
             // Rows and summaries are as they were, and figures are whole or not there.
@@ -191,10 +191,10 @@ fn a_data_set_without_points_does_not_stop_the_others() {
     let output = bench.run(&[&run[..], &["--dataset", "office.log", "--json"]].concat());
     assert_eq!(output.status.code(), Some(3), "{}", message(&output));
     assert!(message(&output).contains("no reading is usable"), "{}", message(&output));
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&told["done"], &told["failed"]), (&36.into(), &0.into()));
-    assert_eq!(told["lost"][0]["dataset"], "blind.log");
-    assert!(told["lost"][0]["reason"].as_str().unwrap().contains("no reading is usable"));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["done"], &json["failed"]), (&36.into(), &0.into()));
+    assert_eq!(json["lost"][0]["dataset"], "blind.log");
+    assert!(json["lost"][0]["reason"].as_str().unwrap().contains("no reading is usable"));
     let expected = bench.study("localization", "expected", &[]);
     assert_same(&bench.path("results/localization/office"), &expected);
 
@@ -216,7 +216,7 @@ fn a_map_without_points_is_refused() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn nobody_who_listens_ends_no_run() {
+fn a_full_or_closed_stderr_ends_no_run() {
     let bench = bench();
     let expected = bench.study("localization", "expected", &[]);
     let run = |root| ["run", "localization.toml", "--dataset", "office.log", "-o", root];
@@ -233,7 +233,7 @@ fn nobody_who_listens_ends_no_run() {
     let output = bench.command(&["inspect", "no.log"]).stderr(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
 
-    // The result is what was asked for: it cannot be told, but what was saved stays.
+    // The result is what was asked for: it cannot be printed, but what was saved stays.
     let output = bench.command(&run("stdout")).stdout(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     let message = self::message(&output);
@@ -245,7 +245,7 @@ fn nobody_who_listens_ends_no_run() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
         assert!(message.contains("cannot write to standard output"), "{message}");
     }
-    // What plot tells are notes.
+    // What plot prints are notes.
     let output = bench.command(&["plot", "stdout"]).stdout(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
 }
@@ -338,7 +338,7 @@ fn assert_whole(folder: &Path, expected: &Path) {
 }
 
 #[test]
-fn a_results_folder_that_is_none_is_told() {
+fn a_results_path_that_is_a_file_is_refused() {
     let bench = bench();
     File::create(bench.path("taken")).unwrap();
     for root in ["taken", "taken/below"] {

@@ -99,7 +99,7 @@ fn two_runs_into_one_folder_end_as_one() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupt_says_how_to_go_on() {
+fn an_interrupt_says_how_to_continue() {
     // So many runs that nobody has to hurry.
     let bench = Bench::new(&[("localization", &LOCALIZATION.replace("runs = 2", "runs = 200"))]);
     let child = start_and_wait(&bench, "out");
@@ -108,7 +108,7 @@ fn an_interrupt_says_how_to_go_on() {
     let output = child.wait_with_output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{message}");
-    assert!(message.contains("the same command goes on"), "{message}");
+    assert!(message.contains("the same command continues"), "{message}");
     let saved = saved(&bench, "out");
     assert!(saved.ends_with('\n') && saved.lines().count() > 1, "{saved}");
 }
@@ -129,7 +129,7 @@ fn trials_that_fail_are_rows_with_the_reason() {
     assert_eq!(output.status.code(), Some(1), "{message}");
     // That which the picture shows is one of them.
     assert!(message.contains("36 of 36 trials failed"), "{message}");
-    // The same reason is told once: of either split the number of steps differs.
+    // The same reason is printed once: of either split the number of steps differs.
     assert_eq!(message.matches("has no odometry increment").count(), 2, "{message}");
     let failures = rows(&bench.path("results/localization/gap/failures.csv"));
     assert_eq!(failures.len(), 36);
@@ -141,7 +141,7 @@ fn trials_that_fail_are_rows_with_the_reason() {
     fs::write(bench.path("localization.toml"), maps).unwrap();
     let output = bench.run(&["run", "localization.toml", "--dataset", "gap.log", "--json"]);
     assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((told["trials"].as_u64(), told["done"].as_u64()), (Some(37), Some(1)));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["trials"].as_u64(), json["done"].as_u64()), (Some(37), Some(1)));
     assert_eq!(rows(&bench.path("results/localization/gap/trials.csv")).len(), 1);
 }

@@ -207,7 +207,7 @@ fn programs_that_misbehave_are_rows_with_their_reasons() {
 /// A process that leaves the group of its program is found by its environment.
 #[cfg(target_os = "linux")]
 #[test]
-fn what_leaves_the_group_and_what_grows_is_ended() {
+fn processes_that_leave_the_group_or_grow_are_ended() {
     let escapes = format!("setsid sleep 1000 &\necho $! >> $PIDS\n{STILL}");
     let grows = "awk 'BEGIN { for (i = 0; ; i++) a[i] = i }'\n";
     let limits = ["time_limit = 60", "time_limit = 60\nmemory_limit = 60"];
@@ -388,7 +388,7 @@ fn exported_runs_hold_no_truth_and_can_be_evaluated() {
         .env("PIDS", bench.path("pids"))
         .status();
     assert!(status.unwrap().success());
-    let told = bench.mcl_eval(&[
+    let printed = bench.mcl_eval(&[
         "evaluate",
         "--reference",
         "ex/run-2.tum",
@@ -397,10 +397,10 @@ fn exported_runs_hold_no_truth_and_can_be_evaluated() {
         "robot",
         "--json",
     ]);
-    let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let row = &by_localizer(&bench.study("some", "out", &[]))["still"];
     let of_study: f64 = row["weighted"].parse().unwrap();
-    let elsewhere = told["estimates"][0]["weighted"]["mean"].as_f64().unwrap();
+    let elsewhere = json["estimates"][0]["weighted"]["mean"].as_f64().unwrap();
     assert!((of_study - elsewhere).abs() < 1e-9, "{of_study} {elsewhere}");
     // Nothing is written over.
     let again = bench.run(&[&export[..], &["--run", "2", "-o", "ex"]].concat());

@@ -100,9 +100,9 @@ fn parts_and_a_merge_make_the_files_of_one_run() {
     for part in ["1/3", "3/3"] {
         lab.run("lost", &["--part", part, "-q"], 0);
     }
-    let told = lab.run("lost", &["--merge"], 3);
-    assert!(told.contains("of 16 trials have rows; missing: "), "{told}");
-    assert!(told.contains("run parts again, and merge"), "{told}");
+    let stderr = lab.run("lost", &["--merge"], 3);
+    assert!(stderr.contains("of 16 trials have rows; missing: "), "{stderr}");
+    assert!(stderr.contains("run parts again, and merge"), "{stderr}");
     let svg = fs::read_to_string(lab.folder("lost").join("figures/chart.svg")).unwrap();
     assert!(svg.contains("Incomplete: "), "the caption says so");
     let done: usize = {
@@ -147,16 +147,16 @@ fn parts_of_array_jobs() {
         ended(output, 0);
     }
     lab.run("array", &["--merge"], 0);
-    let told = lab.run("array", &["--part", "array/2"], 1);
-    assert!(told.contains("none of SLURM_ARRAY_TASK_ID"), "{told}");
+    let stderr = lab.run("array", &["--part", "array/2"], 1);
+    assert!(stderr.contains("none of SLURM_ARRAY_TASK_ID"), "{stderr}");
     for wrong in
         [&["--part", "3/2"][..], &["--part", "1/2", "--merge"], &["--part", "1/2", "--fresh"]]
     {
         lab.run("array", wrong, 2);
     }
     // Nothing is there to be merged.
-    let told = lab.run("empty", &["--merge"], 1);
-    assert!(told.contains("nothing to summarize"), "{told}");
+    let stderr = lab.run("empty", &["--merge"], 1);
+    assert!(stderr.contains("nothing to summarize"), "{stderr}");
 }
 
 #[test]
@@ -206,12 +206,12 @@ fn a_merge_while_parts_run_takes_what_is_there() {
     let mut codes = Vec::new();
     while children.iter_mut().any(|child| child.try_wait().unwrap().is_none()) {
         let output = lab.command("parts", &["--merge", "-q"]).output().unwrap();
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         match output.status.code() {
             Some(0) => {}
-            Some(1) => assert!(told.contains("nothing to summarize"), "{told}"),
-            Some(3) => assert!(told.contains("of 16 trials have rows; missing: "), "{told}"),
-            code => panic!("{code:?}: {told}"),
+            Some(1) => assert!(stderr.contains("nothing to summarize"), "{stderr}"),
+            Some(3) => assert!(stderr.contains("of 16 trials have rows; missing: "), "{stderr}"),
+            code => panic!("{code:?}: {stderr}"),
         }
         codes.push(output.status.code());
     }
@@ -233,10 +233,10 @@ fn a_part_of_another_build_is_refused() {
     let first = seal(&serde_json::to_vec(&identity).unwrap());
     fs::write(&rows, [&first, &b"\n"[..], rest.as_bytes()].concat()).unwrap();
     for share in [&["--part", "2/2"][..], &["--merge"]] {
-        let told = lab.run("parts", share, 1);
+        let stderr = lab.run("parts", share, 1);
         assert!(
-            told.contains("were computed by build") && told.contains("0123456789abcdef"),
-            "{told}"
+            stderr.contains("were computed by build") && stderr.contains("0123456789abcdef"),
+            "{stderr}"
         );
     }
     assert_eq!(fs::read(&rows).unwrap(), [&first, &b"\n"[..], rest.as_bytes()].concat());
@@ -256,8 +256,8 @@ fn a_part_of_other_data_is_refused() {
     fs::remove_file(lab.path("log.log")).unwrap();
     simulate("2");
     for share in [&["--part", "2/2"][..], &["--merge"]] {
-        let told = lab.run("parts", &[share, &log].concat(), 1);
-        assert!(told.contains("the rows there were computed from"), "{told}");
+        let stderr = lab.run("parts", &[share, &log].concat(), 1);
+        assert!(stderr.contains("the rows there were computed from"), "{stderr}");
     }
 }
 
@@ -277,10 +277,10 @@ fn a_part_on_a_full_disk_goes_on_when_there_is_room() {
         env!("CARGO_BIN_EXE_mcl-eval"),
     ]);
     command.args(["run", "study.toml", "-o", "parts", "--part", "1/2", "--threads", "1", "-q"]);
-    let told = ended(command.output().unwrap(), 1);
-    assert!(told.contains("cannot write rows in"), "{told}");
-    let told = lab.run("parts", &["--merge"], 3);
-    assert!(told.contains("of 16 trials have rows; missing: "), "{told}");
+    let stderr = ended(command.output().unwrap(), 1);
+    assert!(stderr.contains("cannot write rows in"), "{stderr}");
+    let stderr = lab.run("parts", &["--merge"], 3);
+    assert!(stderr.contains("of 16 trials have rows; missing: "), "{stderr}");
     lab.run("parts", &["--part", "1/2", "-q"], 0);
     lab.run("parts", &["--merge"], 0);
     assert_same(&lab.folder("parts"), &lab.folder("whole"));
@@ -309,8 +309,8 @@ fn a_part_that_is_stopped_and_ended_goes_on() {
     std::thread::sleep(std::time::Duration::from_millis(300));
     kill_process(process, Signal::CONT).unwrap();
     kill_process(process, Signal::TERM).unwrap();
-    let told = ended(child.wait_with_output().unwrap(), 143);
-    assert!(told.contains("the same command goes on"), "{told}");
+    let stderr = ended(child.wait_with_output().unwrap(), 143);
+    assert!(stderr.contains("the same command continues"), "{stderr}");
     let saved = fs::read_to_string(rows_of(&lab.folder("parts"))).unwrap();
     assert!(saved.ends_with('\n'), "ended between two rows");
     // What is there is not run again, and the rest is as if nothing had been.

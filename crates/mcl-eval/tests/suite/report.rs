@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use mcl_study::data::facts::DataFacts;
 use mcl_study::store::identity::{Build, Identity};
-use mcl_study::store::parts::{OwnPart, PARTS, Saved};
+use mcl_study::store::parts::{OwnPart, PARTS, SavedTrial};
 use mcl_study::store::results::{MANIFEST, Manifest, STUDY, TRIALS};
 use mcl_study::study::definition::Study;
 use mcl_study::table::{Cells, Value};
@@ -73,7 +73,7 @@ fn plant(root: &Path, name: &str, text: &str, data: DataFacts, trials: usize) ->
             cells
         };
         let rows = identities.into_iter().map(|identity| (identity, measured(trial.map.cells())));
-        part.save(Ok(Saved::new(trial.to_string(), rows.collect(), Vec::new()))).unwrap();
+        part.save(Ok(SavedTrial::new(trial.to_string(), rows.collect(), Vec::new()))).unwrap();
     }
     folder
 }
@@ -106,12 +106,12 @@ fn the_page_answers_in_order_and_from_the_numbers() {
     let page = root.path().join("page.html");
     let output = report(&[root.path()], &page);
     assert_eq!(code(&output), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let told: Json = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Json = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(
-        (&told["folders"], &told["damaged"], &told["without_rows"]),
+        (&json["folders"], &json["damaged"], &json["without_rows"]),
         (&1.into(), &0.into(), &0.into())
     );
-    assert_eq!(told["bytes"].as_u64().unwrap(), fs::metadata(&page).unwrap().len());
+    assert_eq!(json["bytes"].as_u64().unwrap(), fs::metadata(&page).unwrap().len());
     let text = text_of(&page);
     let places: Vec<usize> =
         [r#"id="run""#, r#"id="answer""#, r#"id="claims""#, r#"class="study""#]
@@ -138,7 +138,7 @@ fn the_page_answers_in_order_and_from_the_numbers() {
 
 /// What would load something, and what may: places on the page, and data that it carries.
 #[test]
-fn nothing_is_loaded_from_anywhere() {
+fn the_page_loads_nothing_from_elsewhere() {
     let root = tempfile::tempdir().unwrap();
     plant(root.path(), "likelihood", LIKELIHOOD, facts("office", "A building"), usize::MAX);
     let path = root.path().join("page.html");
@@ -226,7 +226,7 @@ fn folders_without_rows_are_shown_from_their_tables() {
 }
 
 #[test]
-fn what_is_missing_or_damaged_is_said() {
+fn missing_and_damaged_results_are_reported() {
     let root = tempfile::tempdir().unwrap();
     plant(root.path(), "likelihood", LIKELIHOOD, facts("office", "A building"), 5);
     let broken = plant(root.path(), "broken", LIKELIHOOD, facts("office", "A building"), 5);
@@ -236,8 +236,8 @@ fn what_is_missing_or_damaged_is_said() {
     assert_eq!(code(&output), Some(3));
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(stderr.contains("leaving out") && stderr.contains("broken"), "{stderr}");
-    let told: Json = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&told["damaged"], &told["incomplete"]), (&1.into(), &1.into()));
+    let json: Json = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["damaged"], &json["incomplete"]), (&1.into(), &1.into()));
     let text = text_of(&page);
     assert!(text.contains("likelihood on office: 5 of 24 trials have rows."), "{text}");
     assert!(text.contains("could not be read:"));

@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::office::{Bench, number, rows};
 use mcl_eval::report::exhibits::{
-    Exhibits, Room, Shown, Wanted, localized, recorded_folders, repeat,
+    ExhibitRequest, Exhibits, PageBudget, PageExhibit, localized, recorded_folders, repeat,
 };
 use mcl_eval::report::record::{MOST_FRAMES, RecordedRun};
 use mcl_eval::report::watch::{self, Watch};
@@ -61,15 +61,16 @@ fn small() -> (Bench, Vec<Results>) {
 }
 
 fn shown(results: &[Results], logs: &[String]) -> Vec<Exhibits> {
-    let wanted: Vec<Wanted> = results.iter().map(|results| Wanted::of(results).unwrap()).collect();
-    repeat(&wanted, logs, &mut Room::default(), true)
+    let wanted: Vec<ExhibitRequest> =
+        results.iter().map(|results| ExhibitRequest::of(results).unwrap()).collect();
+    repeat(&wanted, logs, &mut PageBudget::default(), true)
 }
 
 /// Of the one folder below a root where runs were recorded.
-fn recorded_in(bench: &Bench, root: &str) -> Result<Shown<Watch>, String> {
+fn recorded_in(bench: &Bench, root: &str) -> Result<PageExhibit<Watch>, String> {
     let folders = recorded_folders(&bench.path(root));
     assert_eq!(folders, [bench.path("root/inside/out")], "{root}");
-    localized(&folders[0], &mut Room::default()).map_err(|error| format!("{error:#}"))
+    localized(&folders[0], &mut PageBudget::default()).map_err(|error| format!("{error:#}"))
 }
 
 #[test]
@@ -131,7 +132,7 @@ fn a_run_that_comes_out_otherwise_is_not_shown() {
 }
 
 #[test]
-fn a_log_that_is_not_at_hand_or_another_one_is_said() {
+fn a_missing_or_different_log_is_reported() {
     let (bench, results) = small();
     let found = shown(&results, &[]);
     let reason = found[0].runs.as_ref().unwrap().as_ref().unwrap_err();
@@ -198,7 +199,7 @@ fn a_whole_log_fits_the_page_and_its_maps_are_those_of_the_rows() {
 }
 
 #[test]
-fn runs_that_localize_recorded_are_shown_and_damaged_ones_are_said() {
+fn runs_that_localize_recorded_are_shown_and_damaged_ones_reported() {
     let bench = Bench::new(&[]);
     bench.mcl_eval(&["map", "office.log", "--init", "grid", "--size", "5%", "-o", "map.csv", "-q"]);
     let localize = ["localize", "office.log", "--map", "map.csv", "--particles", "60"];
@@ -227,7 +228,7 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_are_said() {
     for (key, value, expected) in [
         ("frames", (frames + 1).into(), "data holds"),
         ("frames", 1_000_000.into(), "frames is 1000000"),
-        ("data", "no base64!".into(), "no base64"),
+        ("data", "no base64!".into(), "not base64"),
         ("format", "other".into(), "format is \"other\""),
         ("origin", serde_json::json!([1e300, "<script>"]), "invalid type"),
     ] {
@@ -281,7 +282,7 @@ fn runs_of_programs_alone_are_not_shown() {
     results[0].plan = results[0].study.plan(&results[0].facts.name).unwrap();
     let choose = |results: &Results| watch::choose(results, &results.plan);
     let reason = choose(&results[0]).unwrap_err().to_string();
-    assert!(reason.contains("programs of others"), "{reason}");
+    assert!(reason.contains("external programs"), "{reason}");
     // With the own filter beside them, its runs are shown.
     let (_bench, results) = small();
     assert_eq!(choose(&results[0]).unwrap().runs.len(), 3);

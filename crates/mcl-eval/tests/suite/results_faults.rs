@@ -102,8 +102,8 @@ fn compare_follows_no_loops_and_needs_something_to_compare() {
     for link in ["a", "b"] {
         std::os::unix::fs::symlink(".", bench.path("results").join(link)).unwrap();
     }
-    let told = bench.mcl_eval(&["compare", "results", "results"]);
-    assert!(told.ends_with("files agree\n"), "{told}");
+    let printed = bench.mcl_eval(&["compare", "results", "results"]);
+    assert!(printed.ends_with("files agree\n"), "{printed}");
     fs::create_dir_all(bench.path("empty/maps/office")).unwrap();
     // Times are no results.
     fs::copy(
@@ -132,7 +132,7 @@ fn compare_follows_no_loops_and_needs_something_to_compare() {
 
 /// A mistake in a line of 100 MB put 100 MB on the terminal.
 #[test]
-fn a_huge_study_is_refused_with_few_words() {
+fn a_huge_study_is_refused_with_a_short_message() {
     let bench = bench();
     let huge = format!("seed = 1\nmeasures = [\"{}\"]\n", "x".repeat(100 << 20));
     fs::write(bench.path("huge.toml"), &huge).unwrap();
@@ -161,7 +161,7 @@ fn a_huge_study_is_refused_with_few_words() {
 
 /// 10,000 threads took 75 s until the system refused them, without a word of what.
 #[test]
-fn so_many_threads_are_refused() {
+fn too_many_threads_are_refused() {
     let bench = bench();
     for threads in ["1025", "10000", "18446744073709551615", "-1"] {
         let threads = format!("--threads={threads}");
@@ -179,7 +179,7 @@ fn so_many_threads_are_refused() {
 
 /// Field case `escape-codes`: names act on terminals, in spreadsheets and in pages.
 #[test]
-fn names_are_shown_and_not_carried_out() {
+fn names_are_shown_and_not_executed() {
     let bench = bench();
     let names = ["a\nb", "\u{1b}[31mred", "=1+1", "<script>", "büro,\"x\"", "a\u{202e}b", "-o"];
     for name in names {
@@ -216,7 +216,7 @@ fn names_are_shown_and_not_carried_out() {
 /// Folders whose name is no UTF-8 hold results as others do; an input of such a name is refused in words.
 #[cfg(target_os = "linux")]
 #[test]
-fn names_that_are_no_utf_8() {
+fn names_that_are_not_utf_8() {
     use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
     let bench = bench();
@@ -241,7 +241,7 @@ fn names_that_are_no_utf_8() {
     assert!(message(&output).contains("UTF-8"), "{}", message(&output));
 }
 
-/// Two logs of one name are told before the first is computed.
+/// Two logs of one name are reported before the first is computed.
 #[test]
 fn data_listed_twice_is_refused_before_anything_is_run() {
     let bench = bench();

@@ -231,8 +231,8 @@ fn point_clouds_are_refined_on_all_their_points() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(3), "{stderr}");
     assert!(stderr.contains("hills is a point cloud: it has no scans"), "{stderr}");
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let count = |key: &str| told[key].as_u64();
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let count = |key: &str| json[key].as_u64();
     assert_eq!([count("trials"), count("done"), count("failed")], [Some(56), Some(28), Some(28)]);
 }
 

@@ -104,14 +104,14 @@ def run(
     for loss in losses + (errors if code == 3 else []):
         warnings.warn(loss, DataWarning, stacklevel=2)
     if code not in (0, 3):
-        told = "; ".join(errors) or f"the command ended with exit code {code}"
-        raise (FileNotFoundError if _is_missing(study, told) else Error)(told)
+        message = "; ".join(errors) or f"the command ended with exit code {code}"
+        raise (FileNotFoundError if _is_missing(study, message) else Error)(message)
     result = json.loads(found)
     folders = [Path(folder) for folder in result["folders"]]
     return StudyRun(result["trials"], result["done"], result["failed"], folders)
 
 
-def _is_missing(study: Name, told: str) -> bool:
+def _is_missing(study: Name, message: str) -> bool:
     """Whether an error is that the file of the study is not there."""
     name = os.fspath(study)
-    return name.endswith(".toml") and not os.path.exists(name) and name in told
+    return name.endswith(".toml") and not os.path.exists(name) and name in message

@@ -11,8 +11,9 @@ import numpy as np
 from . import _native
 
 if TYPE_CHECKING:
-    import pandas
-    import pyarrow
+    # Neither has types of its own.
+    import pandas  # type: ignore[import-untyped, unused-ignore]
+    import pyarrow  # type: ignore[import-untyped, unused-ignore]
 
 
 class Table(Mapping[str, "np.ndarray[Any, Any]"]):

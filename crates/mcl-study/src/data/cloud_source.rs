@@ -75,7 +75,7 @@ pub struct CloudSource {
 
 /// Points in space as returned by a reader.
 #[derive(Default)]
-struct Read {
+struct ReadCloud {
     points: Vec<Point<3>>,
     /// The dimension they have.
     dimensions: usize,
@@ -117,7 +117,14 @@ impl CloudSource {
                 let points = simulate_cloud(&OfficeSettings::default(), &lidar, Seed::new(*seed))?;
                 let readings = points.len();
                 let kind = "simulation";
-                Read { points, dimensions: 3, kind, clouds: 1, readings, ..Read::default() }
+                ReadCloud {
+                    points,
+                    dimensions: 3,
+                    kind,
+                    clouds: 1,
+                    readings,
+                    ..ReadCloud::default()
+                }
             }
         };
         let (name, title) = (dataset.name.clone(), dataset.title.clone());
@@ -127,12 +134,21 @@ impl CloudSource {
     fn new(
         name: String,
         title: String,
-        read: Read,
+        read: ReadCloud,
         max_range: Option<f64>,
         dimensions: Option<usize>,
     ) -> Result<Self> {
-        let Read { points, kind, clouds, readings, not_finite, report, notes, assumptions, .. } =
-            read;
+        let ReadCloud {
+            points,
+            kind,
+            clouds,
+            readings,
+            not_finite,
+            report,
+            notes,
+            assumptions,
+            ..
+        } = read;
         if points.is_empty() {
             let range = max_range.map_or(String::new(), |m| format!(" with 0 < r ≤ {m} m"));
             bail!("{name}: no point is usable: none of {readings} is finite{range}");
@@ -178,7 +194,7 @@ impl CloudSource {
     }
 }
 
-fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<Read> {
+fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<ReadCloud> {
     if is_bag_folder(path) || is_bag(path)? {
         let cloud = CloudOptions {
             topic: options.cloud_topic.clone(),
@@ -186,7 +202,7 @@ fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<
             max_range,
         };
         let found = read_clouds(path, &cloud)?;
-        return Ok(Read {
+        return Ok(ReadCloud {
             dimensions: dimensions(&found.points),
             kind: "ROS 2 bag, point clouds",
             clouds: found.clouds,
@@ -212,7 +228,15 @@ fn read(path: &Path, max_range: Option<f64>, options: &SourceOptions) -> Result<
         points.retain(|point| is_in_range(point, max_range));
     }
     let kind = "point cloud";
-    Ok(Read { points, dimensions, kind, clouds: 1, readings, not_finite, ..Read::default() })
+    Ok(ReadCloud {
+        points,
+        dimensions,
+        kind,
+        clouds: 1,
+        readings,
+        not_finite,
+        ..ReadCloud::default()
+    })
 }
 
 /// 3 when the points differ in height, else 2.
@@ -225,7 +249,8 @@ pub fn refuse_cloud<T>(name: &str) -> Result<T> {
     None.with_context(|| {
         format!(
             "{name} is a point cloud: it has no scans, poses or odometry; expected a laser log (CARMEN, or a ROS 2 \
-             bag with LaserScan messages). inspect, map, likelihood and experiments of that kind take point clouds"
+             bag with LaserScan messages). Point clouds are accepted by inspect, map, likelihood and \
+             studies without runs of the filter"
         )
     })
 }

@@ -57,14 +57,14 @@ fn in_space(path: &Path) -> Result<impl Iterator<Item = PoseInSpace>> {
 /// # Errors
 /// When it cannot be read, has no poses, or a topic is requested of a file that is not a bag.
 pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
-    let told = path.display();
+    let file = path.display();
     if is_bag(path)? {
         let found =
             read_poses(path, &PoseRequest { topic, ..PoseRequest::of(PoseRole::Reference) })?;
         if found.trajectory.is_empty() {
-            bail!("{told}: {} has no message that could be read", found.name);
+            bail!("{file}: {} has no message that could be read", found.name);
         }
-        let name = format!("{told} {}", found.name);
+        let name = format!("{file} {}", found.name);
         let doubt = found.out_of_plane;
         return Ok(ReferenceTrack {
             name,
@@ -74,9 +74,9 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
         });
     }
     if topic.is_some() {
-        bail!("--reference-topic goes with a bag, and {told} is none");
+        bail!("--reference-topic applies to bags only, and {file} is not a bag");
     }
-    let is_ours = is_trajectory_file(path).with_context(|| format!("cannot read {told}"))?;
+    let is_ours = is_trajectory_file(path).with_context(|| format!("cannot read {file}"))?;
     if is_ours {
         let read = |non_planar| {
             trajectory_file::read_file(
@@ -91,11 +91,11 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
             found => (found?, "", None),
         };
         if !found.has_headings {
-            bail!("{told}: it holds positions only, and a reference needs headings");
+            bail!("{file}: it holds positions only, and a reference needs headings");
         }
         let frame = mount_of_run(path).map(|_| LASER.to_owned());
         return Ok(ReferenceTrack {
-            name: format!("{told}{note}"),
+            name: format!("{file}{note}"),
             trajectory: found.trajectory,
             doubt,
             frame,
@@ -103,10 +103,10 @@ pub(crate) fn read(path: &Path, topic: Option<&str>) -> Result<ReferenceTrack> {
     }
     let trajectory: Trajectory = read_log(path)?.recording.stamped_reference();
     if trajectory.is_empty() {
-        bail!("{told}: no reference poses with a stamp in it");
+        bail!("{file}: no reference poses with a stamp in it");
     }
     Ok(ReferenceTrack {
-        name: told.to_string(),
+        name: file.to_string(),
         trajectory,
         doubt: None,
         frame: Some(LASER.to_owned()),

@@ -87,7 +87,7 @@ impl DataSource {
         }
         if cloud {
             bail!(
-                "{name_or_path} has scans, in the plane; --cloud-topic and --dimensions 3 go with point clouds"
+                "{name_or_path} has planar scans; --cloud-topic and --dimensions 3 apply to point clouds only"
             );
         }
         match LogSource::open_whole(name_or_path, options) {
@@ -286,17 +286,17 @@ impl LogSource {
         self.recording.scans.drain(..start);
         self.recording.scans[0].odometry = None;
         let s = if left_out == 1 { " is" } else { "s are" };
-        self.assumptions.push(format!("{left_out} scan{s} left out for that"));
+        self.assumptions.push(format!("{left_out} scan{s} therefore left out"));
         self
     }
 
     /// The reader's remarks on the odometry or the reference, to be appended to a sentence that there is
     /// none.
     pub fn reasons(&self, what: &str) -> String {
-        let said = self.report.doubts.iter().chain(&self.assumptions);
-        let told: Vec<&str> =
-            said.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
-        if told.is_empty() { String::new() } else { format!(" ({})", told.join("; ")) }
+        let remarks = self.report.doubts.iter().chain(&self.assumptions);
+        let reasons: Vec<&str> =
+            remarks.filter(|text| text.contains(what)).map(String::as_str).take(5).collect();
+        if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) }
     }
 
     /// The log, truncated after this many scans.
@@ -319,7 +319,8 @@ impl LogSource {
             let reasons = self.reasons("reference");
             let Some(survey) = &self.survey else {
                 return format!(
-                    "{name}: this looks like a raw log{reasons}; if its laser poses are ground truth all the same, say --reference recorded; --reference FILE takes them from elsewhere"
+                    "{name}: this looks like a raw log{reasons}; if its laser poses are ground truth \
+                     nevertheless, give --reference recorded; --reference FILE reads them from another file"
                 );
             };
             let of_reference = survey.choices.iter().find(|choice| choice.what == "reference");
@@ -329,13 +330,15 @@ impl LogSource {
             };
             match (taken, others.is_empty()) {
                 (Some(taken), _) => format!(
-                    "{name}: no scan has a pose by {taken}{reasons}; --reference FILE takes them from elsewhere"
+                    "{name}: no scan has a pose from {taken}{reasons}; --reference FILE reads poses from another file"
                 ),
                 (None, true) => format!(
-                    "{name}: the bag has no poses that could be the reference{reasons}; --reference FILE takes them from elsewhere"
+                    "{name}: the bag has no poses that could be the reference{reasons}; --reference FILE \
+                     reads them from another file"
                 ),
                 (None, false) => format!(
-                    "{name}: nothing says which poses are ground truth{reasons}; --reference-topic could take {others}, and --reference FILE takes them from elsewhere"
+                    "{name}: nothing says which poses are ground truth{reasons}; --reference-topic could \
+                     take {others}, and --reference FILE reads them from another file"
                 ),
             }
         })?;

@@ -72,7 +72,7 @@ pub struct Files {
 
 /// The content of `run.json`.
 #[derive(Serialize)]
-struct Described<'a> {
+struct RunDescription<'a> {
     dataset: &'a str,
     run: u32,
     seed: u32,
@@ -204,7 +204,7 @@ impl Input {
         };
         let name = |path: &'_ PathBuf| PathBuf::from(path.file_name().unwrap_or_default());
         let [log_name, map_name, output] = [&files.log, &files.map, &files.output].map(name);
-        let described = Described {
+        let described = RunDescription {
             dataset: &self.dataset,
             run: self.run,
             seed: self.seed,

@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn half_lines_count_only_of_programs_that_were_stopped() {
+    fn incomplete_lines_are_ignored_only_of_stopped_programs() {
         let text = "1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n3 1 0";
         assert_eq!(tried(text, false).unwrap().trajectory.len(), 2);
         let Err(Missing::Malformed(reason)) = tried(text, true) else { panic!("accepted") };
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_out_of_order_is_named() {
+    fn malformed_poses_are_named() {
         for (text, named) in [
             ("1 nan 0 0 0 0 0 1\n", "line 1, field x"),
             ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "pose 2: its stamp 1.000000000 is before 2.0"),

@@ -47,7 +47,7 @@ impl fmt::Display for Ended {
 
 /// The result of a program that ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Finished {
+pub struct FinishedProgram {
     /// How it ended; [`Ended::Ok`] whatever its output.
     pub ended: Ended,
     /// Processor time of it and of the processes that it waited for (s).
@@ -82,8 +82,8 @@ mod on_unix {
     };
     use wait4::Wait4;
 
-    use super::{Ended, Finished, GRACE};
-    use crate::localizer::tail::Tail;
+    use super::{Ended, FinishedProgram, GRACE};
+    use crate::localizer::tail::OutputTail;
     use crate::recipe::localizer::Limits;
 
     /// Environment variables that are passed on to programs.
@@ -126,12 +126,12 @@ mod on_unix {
         environment: &[(String, String)],
         folder: &Path,
         limits: &Limits,
-    ) -> Result<Finished> {
+    ) -> Result<FinishedProgram> {
         let Some((program, arguments)) = command.split_first() else {
             bail!("there is no command")
         };
         if limits.memory_limit.is_some() && cfg!(not(target_os = "linux")) {
-            bail!("memory_limit is watched on Linux only");
+            bail!("memory_limit is supported on Linux only");
         }
         let mark = format!("{MARK}={}", folder.display());
         let before = size_of(folder);
@@ -172,7 +172,7 @@ mod on_unix {
         // The system includes the memory of the process before it became the program: that of this process.
         let by_system = used.rusage.maxrss / 1024;
         let peak_kb = if by_system > own_peak_kb() { peak_kb.max(by_system) } else { peak_kb };
-        Ok(Finished {
+        Ok(FinishedProgram {
             ended,
             processor_s: time.as_secs_f64(),
             peak_memory_mb: (peak_kb > 0).then(|| peak_kb as f64 * 1024.0 / MEGABYTE),
@@ -188,12 +188,12 @@ mod on_unix {
         (folder, before): (&Path, u64),
         limits: &Limits,
         mark: &str,
-    ) -> Result<(Option<Ended>, u64, [Tail; 2])> {
+    ) -> Result<(Option<Ended>, u64, [OutputTail; 2])> {
         let group = child.id() as i32;
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let tails = [
-            Tail::of(stdout.context("a program without stdout")?)?,
-            Tail::of(stderr.context("a program without stderr")?)?,
+            OutputTail::of(stdout.context("a program without stdout")?)?,
+            OutputTail::of(stderr.context("a program without stderr")?)?,
         ];
         let pid = Pid::from_child(child);
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
@@ -347,6 +347,6 @@ pub fn run(
     _: &[(String, String)],
     _: &std::path::Path,
     _: &crate::recipe::localizer::Limits,
-) -> anyhow::Result<Finished> {
-    anyhow::bail!("programs of others are run on Unix only")
+) -> anyhow::Result<FinishedProgram> {
+    anyhow::bail!("external programs are run on Unix only")
 }

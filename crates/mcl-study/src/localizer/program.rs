@@ -14,7 +14,7 @@ use tempfile::{Builder, NamedTempFile};
 use crate::data::source::LogSource;
 use crate::localizer::input::{Files, Input};
 use crate::localizer::output::{Missing, read};
-use crate::localizer::process::{self, Ended, Finished};
+use crate::localizer::process::{self, Ended, FinishedProgram};
 use crate::recipe::localizer::{Program, filled};
 use crate::trial::division::Division;
 use crate::trial::map::StudyMap;
@@ -86,11 +86,11 @@ impl Programs {
         let Program { name, formats, poses, limits, .. } = program;
         let study = self.study.as_deref().with_context(|| {
             format!(
-                "localizer {name}: programs are run for studies that were read from a file only"
+                "localizer {name}: external programs are run only for studies that were read from a file"
             )
         })?;
         if let Some(unknown) = program.files.iter().find(|(_, digest)| digest.is_empty()) {
-            return Err(anyhow!("localizer {name}: nobody has looked at {}", unknown.0));
+            return Err(anyhow!("localizer {name}: the digest of {} is unknown", unknown.0));
         }
         let place = self.results.join(RUNNING);
         let cannot = || format!("cannot make a folder in {}", place.display());
@@ -129,7 +129,7 @@ impl Programs {
         if ended != Ended::Ok {
             self.keep(identity, program, &ended, &finished)?;
         }
-        let Finished { processor_s, peak_memory_mb, .. } = finished;
+        let FinishedProgram { processor_s, peak_memory_mb, .. } = finished;
         Ok(ProgramRun { ended, map_from_laser, processor_s, peak_memory_mb })
     }
 
@@ -139,15 +139,15 @@ impl Programs {
         identity: &str,
         program: &Program,
         ended: &Ended,
-        finished: &Finished,
+        finished: &FinishedProgram,
     ) -> Result<()> {
         let folder = self.results.join(FAILED_RUNS);
         let path = folder.join(failed_run(identity));
         let mut text = format!("command: {}\nended: {ended}\n", program.command.join(" "));
         for (name, bytes) in [("stderr", &finished.stderr), ("stdout", &finished.stdout)] {
-            let said = String::from_utf8_lossy(bytes);
+            let printed = String::from_utf8_lossy(bytes);
             // Writing to a string cannot fail.
-            let _ = write!(text, "\n--- end of {name}, {} bytes\n{said}", bytes.len());
+            let _ = write!(text, "\n--- end of {name}, {} bytes\n{printed}", bytes.len());
         }
         let cannot = || format!("cannot write {}", path.display());
         create_folder(&folder).with_context(cannot)?;

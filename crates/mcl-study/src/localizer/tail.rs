@@ -12,12 +12,12 @@ const KEPT_BYTES: usize = 64 << 10;
 const LINGER: Duration = Duration::from_millis(500);
 
 /// The last part of a stream, read by another thread.
-pub struct Tail {
+pub struct OutputTail {
     kept: Arc<Mutex<VecDeque<u8>>>,
     reader: Option<JoinHandle<()>>,
 }
 
-impl Tail {
+impl OutputTail {
     /// Starts to read a stream to its end.
     ///
     /// # Errors
@@ -41,7 +41,7 @@ impl Tail {
             }
         };
         let reader = Some(std::thread::Builder::new().spawn(read)?);
-        Ok(Tail { kept, reader })
+        Ok(OutputTail { kept, reader })
     }
 
     /// The part kept when the stream has ended. A stream held open by an unknown process is abandoned.

@@ -60,6 +60,6 @@ impl FromStr for Criterion {
         Criterion::ALL
             .into_iter()
             .find(|criterion| criterion.name() == text)
-            .ok_or_else(|| format!("{text:?} is no criterion, expected one of {}", names()))
+            .ok_or_else(|| format!("{text:?} is not a criterion, expected one of {}", names()))
     }
 }

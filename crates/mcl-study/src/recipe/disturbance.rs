@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn what_changes_nothing_is_none() {
+    fn disturbances_of_size_zero_are_none() {
         let none =
             r#"{"people": {"share": 0}, "lost_beams": 0, "slip": {"share": 0.5, "factor": 1}}"#;
         let none = parsed(none).unwrap();

@@ -90,7 +90,7 @@ impl NamedKind {
                     .find(|known| known.name() == builder)
                     .ok_or_else(|| {
                         format!(
-                            "{name:?} is no kind of map, expected all, gbs, rnd, gbs+REFINEMENT, \
+                            "{name:?} is not a kind of map, expected all, gbs, rnd, gbs+REFINEMENT, \
                              rnd+REFINEMENT, occupancy, ndt, ndt+sigma or segments"
                         )
                     })?;
@@ -100,7 +100,7 @@ impl NamedKind {
                     own.or_else(|| Some(built_in()?.1)).ok_or_else(|| {
                         let known: Vec<&str> = refinement_names().map(|(name, _)| name).collect();
                         format!(
-                            "{wanted:?} in {name:?} is no refinement, expected {} or one of [refinement]",
+                            "{wanted:?} in {name:?} is not a refinement, expected {} or one of [refinement]",
                             known.join(", ")
                         )
                     })
@@ -148,7 +148,7 @@ mod tests {
         ] {
             assert_eq!(NamedKind::parse(name, &own).unwrap().kind, kind, "{name}");
         }
-        for (name, expected) in [("grid", "no kind of map"), ("gbs+fkm", "no refinement")] {
+        for (name, expected) in [("grid", "not a kind of map"), ("gbs+fkm", "not a refinement")] {
             let message = NamedKind::parse(name, &own).unwrap_err();
             assert!(message.contains(expected) && message.contains(name), "{message}");
         }

@@ -227,7 +227,7 @@ impl ProgramTable {
         };
         let resolution = optional(&self.resolution, "resolution")?;
         if let (Some(given), true) = (&self.resolution, self.map != MapFormat::Grid) {
-            return Err((given.span(), "resolution", "goes with map = \"grid\"".into()));
+            return Err((given.span(), "resolution", "applies only to map = \"grid\"".into()));
         }
         let limits = Limits {
             time_limit: positive(&self.time_limit, "time_limit")?,
@@ -270,16 +270,19 @@ pub fn filled(text: &str, value: impl Fn(&str) -> Option<String>) -> Result<Stri
         }
         let name = rest.split_once('}').filter(|_| brace == "{");
         let Some((name, behind)) = name else {
-            return Err(format!("{text:?} has a {brace} of its own, expected {brace}{brace}"));
+            return Err(format!(
+                "{text:?} has an unpaired {brace}, expected {brace}{brace} for a literal brace"
+            ));
         };
-        let unknown = || format!("{{{name}}} is unknown, expected one of: {}", told_placeholders());
+        let unknown =
+            || format!("{{{name}}} is unknown, expected one of: {}", known_placeholders());
         filled.push_str(&value(name).ok_or_else(unknown)?);
         rest = behind;
     }
     Ok(filled + rest)
 }
 
-fn told_placeholders() -> String {
+fn known_placeholders() -> String {
     PLACEHOLDERS.map(|name| format!("{{{name}}}")).join(", ")
 }
 

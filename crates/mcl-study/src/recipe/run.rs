@@ -331,7 +331,7 @@ mod tests {
 
     /// Rows of studies without disturbances are unchanged.
     #[test]
-    fn what_is_not_disturbed_keeps_its_identity() {
+    fn undisturbed_runs_keep_their_identity() {
         let mut run = plain();
         let names = |run: &RunRecipe| -> Vec<String> {
             run.to_json().unwrap().as_object().unwrap().keys().cloned().collect()

@@ -79,9 +79,13 @@ impl Identity {
             );
         }
         if limit(data) != limit(&other.data) {
-            let told =
+            let described =
                 |data: &DataFacts| data.max_range.map_or("none".into(), |m| format!("{m} m"));
-            bail!("were computed with max_range {}, this is {}", told(&other.data), told(data));
+            bail!(
+                "were computed with max_range {}, this is {}",
+                described(&other.data),
+                described(data)
+            );
         }
         Ok(())
     }

@@ -87,7 +87,7 @@ impl Glance<'_> {
 
 /// Rows of a trial that ended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Saved {
+pub struct SavedTrial {
     /// The trial in words.
     pub trial: String,
     /// The columns of the rows.
@@ -119,7 +119,7 @@ pub struct FailedTrial {
     pub reason: String,
 }
 
-impl Saved {
+impl SavedTrial {
     /// From rows that share their columns.
     pub fn new(trial: String, rows: Vec<(String, Cells)>, seconds: Vec<(String, f64)>) -> Self {
         let columns = rows.first().map_or(Vec::new(), |(_, cells)| {
@@ -127,7 +127,7 @@ impl Saved {
         });
         let values = |cells: Cells| cells.into_iter().map(|(_, value)| value).collect();
         let rows = rows.into_iter().map(|(identity, cells)| (identity, values(cells))).collect();
-        Saved { trial, columns, rows, seconds }
+        SavedTrial { trial, columns, rows, seconds }
     }
 }
 
@@ -148,8 +148,8 @@ impl<'a> OwnPart<'a> {
     ///
     /// # Errors
     /// When they cannot be written, or the folder was removed or replaced.
-    pub fn save(&mut self, ended: Result<Saved, FailedTrial>) -> Result<()> {
-        let line = ended.map_or_else(Line::Failed, Line::<Saved>::Trial);
+    pub fn save(&mut self, ended: Result<SavedTrial, FailedTrial>) -> Result<()> {
+        let line = ended.map_or_else(Line::Failed, Line::<SavedTrial>::Trial);
         let parts = self.folder.join(PARTS);
         let cannot = || format!("cannot write rows in {}", parts.display());
         let journal = match &mut self.journal {
@@ -157,8 +157,9 @@ impl<'a> OwnPart<'a> {
             None => {
                 create_folder(&parts).with_context(cannot)?;
                 let mut journal = Journal::create(&parts, PREFIX).with_context(cannot)?;
-                let first =
-                    serde_json::to_vec(&Line::<Saved>::Identity(Box::new(self.identity.clone())))?;
+                let first = serde_json::to_vec(&Line::<SavedTrial>::Identity(Box::new(
+                    self.identity.clone(),
+                )))?;
                 journal.append(&seal(&first)).with_context(cannot)?;
                 self.journal.insert(journal)
             }
@@ -256,15 +257,14 @@ impl Parts {
                 (Some(Line::Failed(failed)), Some(Ok(()))) => self.failed.push(failed),
                 (Some(Line::Trial(_)), Some(Err(difference))) => {
                     bail!(
-                        "the rows there {difference}; --fresh removes them and starts anew, -o \
-                         writes elsewhere"
+                        "the rows there {difference}; --fresh removes them and starts over, -o writes elsewhere"
                     );
                 }
                 (Some(Line::Failed(_)), Some(Err(_))) => {}
                 (_, None) => {
                     // The owner of these rows cannot be known.
                     self.damage.push(damaged(
-                        "damaged, and with it what says whose rows follow; they are left out",
+                        "damaged; it identified the build and data of the rows that follow, which are left out",
                     ));
                     break;
                 }
@@ -319,7 +319,7 @@ impl Parts {
                     bail!(
                         "line {line} and {} line {} hold the same row of trial {trial} with \
                          different values: {column} is {b:?} and {a:?}; one of the files is damaged: \
-                         remove it, or start anew with --fresh",
+                         remove it, or start over with --fresh",
                         kept.place.0.display(),
                         kept.place.1
                     );

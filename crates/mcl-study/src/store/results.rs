@@ -160,7 +160,7 @@ impl Manifest {
         let path = folder.join(MANIFEST);
         let Some(text) = read_text(&path)? else { return Ok(None) };
         let manifest = Self::parse(&text).with_context(|| {
-            format!("{}: no manifest of this version; --fresh starts anew", path.display())
+            format!("{}: no manifest of this version; --fresh starts over", path.display())
         })?;
         Ok(Some(manifest))
     }
@@ -211,7 +211,7 @@ impl Results {
         let Some(Manifest { study: name, identity }) =
             Manifest::read(folder).with_context(in_folder)?
         else {
-            bail!("{} has rows but no {MANIFEST}; --fresh starts anew", folder.display());
+            bail!("{} has rows but no {MANIFEST}; --fresh starts over", folder.display());
         };
         let path = folder.join(STUDY);
         let Some(text) = read_text(&path)? else {
@@ -289,18 +289,18 @@ fn pictured(
     dataset: &str,
     parts: &Parts,
 ) -> Result<Vec<Vec<Option<Pictured>>>> {
-    let of_map = |shown: Shown| {
+    let of_map = |shown: ShownMap| {
         let row = parts.row(&shown.identity).filter(|_| shown.is_there())?;
         let cells = row.map(|(column, value)| (column.to_owned(), value.clone())).collect();
         Some(Pictured { cells, map: shown.map, paths: shown.paths })
     };
-    let shown = Shown::all(study, folder, dataset)?.into_iter();
+    let shown = ShownMap::all(study, folder, dataset)?.into_iter();
     Ok(shown.map(|maps| maps.into_iter().map(of_map).collect()).collect())
 }
 
 /// A map of a picture, and the paths of its files: they are named after the identity of its row, so that a
 /// picture never shows another map than it names.
-pub struct Shown {
+pub struct ShownMap {
     /// The map, with the run on it where one is shown.
     pub trial: Trial,
     /// The identity of its row.
@@ -314,7 +314,7 @@ pub struct Shown {
 /// Endings of the names of the files after the identity.
 const SHOWN_ENDS: [&str; 4] = [".ply", "-reference.tum", "-estimate.tum", "-odometry.tum"];
 
-impl Shown {
+impl ShownMap {
     /// All, by picture and map, as listed in the study.
     ///
     /// # Errors
@@ -327,7 +327,7 @@ impl Shown {
             let [map, reference, estimate, odometry] =
                 SHOWN_ENDS.map(|end| folder.join(SHOWN).join(format!("{identity}{end}")));
             let paths = run.map(|_| Paths { reference, estimate, odometry });
-            Ok(Shown { trial, identity, map, paths })
+            Ok(ShownMap { trial, identity, map, paths })
         };
         let pictures = study.views.pictures.iter();
         pictures
@@ -382,7 +382,7 @@ pub fn save_table(path: &Path, table: &Table) -> Result<()> {
 
 /// The content of a root of results.
 #[derive(Default)]
-pub struct Found {
+pub struct FoundResults {
     /// Folders with rows.
     pub results: Vec<Results>,
     /// Result folders without rows, such as those that are committed.
@@ -396,8 +396,8 @@ pub struct Found {
 ///
 /// # Errors
 /// When the root cannot be read, or holds no result folder.
-pub fn read_all(root: &Path) -> Result<Found> {
-    let mut found = Found::default();
+pub fn read_all(root: &Path) -> Result<FoundResults> {
+    let mut found = FoundResults::default();
     let studies = Studies::default();
     for folder in folders(root)? {
         match Results::read_of(&folder, &studies) {

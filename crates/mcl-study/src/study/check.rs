@@ -17,7 +17,7 @@ use crate::table::{Row, Table, Value};
 const MOST_COLUMNS: usize = 4;
 
 /// What views can refer to: everything in the plans of all data sets.
-pub struct Known<'a> {
+pub struct KnownNames<'a> {
     text: &'a str,
     plans: &'a [Plan],
     measured: Vec<String>,
@@ -25,7 +25,7 @@ pub struct Known<'a> {
     entries: BTreeSet<String>,
 }
 
-impl<'a> Known<'a> {
+impl<'a> KnownNames<'a> {
     /// Collects it from the plans of all data sets; `text` is the study's file.
     ///
     /// # Errors
@@ -47,7 +47,7 @@ impl<'a> Known<'a> {
             }
         }
         let entries = plans.iter().flat_map(Plan::entry_names).map(str::to_owned).collect();
-        Ok(Known { text, plans, measured, settings: known, entries })
+        Ok(KnownNames { text, plans, measured, settings: known, entries })
     }
 
     /// Values of a setting in all trials, as text.
@@ -115,7 +115,7 @@ impl<'a> Known<'a> {
 ///
 /// # Errors
 /// The first mistake, with its line; or when a recipe cannot be written as JSON.
-pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
+pub fn check(views: &Views, known: &KnownNames<'_>) -> Result<()> {
     for (key, columns) in [("columns", &views.summary.columns), ("kept", &views.summary.kept)] {
         let path = format!("views.summary.{key}");
         columns.iter().try_for_each(|name| known.measured(&path, name, &[]))?;
@@ -151,7 +151,7 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
     let mut files = BTreeSet::new();
     let mut file = |path: &str, name: &str, shown: &str| {
         if !is_plain_name(shown) {
-            return Err(known.mistake(path, &format!("{name:?} is no name of a file")));
+            return Err(known.mistake(path, &format!("{name:?} is not a file name")));
         }
         match files.insert(name.to_owned()) {
             true => Ok(()),
@@ -200,7 +200,7 @@ pub fn check(views: &Views, known: &Known<'_>) -> Result<()> {
 
 /// Whether the statements can be decided from the trials of a region: there are runs on all kinds of map, and
 /// nothing else varies. The error is a message.
-fn check_trials(region: &Region, table: &Table, known: &Known<'_>) -> Result<(), String> {
+fn check_trials(region: &Region, table: &Table, known: &KnownNames<'_>) -> Result<(), String> {
     let Region { of, x, y, .. } = region;
     let is_own = |row: &Row<'_>| row.text(ENTRIES).split(' ').any(|name| name == of);
     let rows: Vec<Row<'_>> = table.rows().filter(is_own).collect();
@@ -245,7 +245,7 @@ fn check_chart(
     chart: &Chart,
     path: &impl Fn(&str) -> String,
     factors: &[&str],
-    known: &Known<'_>,
+    known: &KnownNames<'_>,
 ) -> Result<()> {
     known.entries(&path("of"), &chart.of)?;
     for (key, axis) in [("x.column", chart.x.as_ref()), ("y.column", Some(&chart.y))] {
@@ -397,7 +397,7 @@ y = "sigma_hit"
             ("\"beam_floor\"", "\"beam_flor\"", 15, "no setting \"beam_flor\""),
             ("\"beam_floor\"", "\"map\"", 15, "a setting that maps of all kinds have"),
             ("\"beam_floor\"", "\"sigma_hit\"", 16, "another setting than x"),
-            ("\"floor\"", "\"a/b\"", 13, "no name of a file"),
+            ("\"floor\"", "\"a/b\"", 13, "not a file name"),
             ("draws", "max_distance = [1, 2]\ndraws", 15, "vary max_distance, too (1 and 2)"),
             ("draws", "split = [\"same\", \"alternate\"]\ndraws", 15, "vary split, too"),
             (", \"rnd\"", "", 14, "no runs on maps rnd of sizes in percent"),

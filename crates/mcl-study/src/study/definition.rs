@@ -21,7 +21,7 @@ use crate::recipe::localizer::{LOCALIZER, OWN, Program, ProgramTable};
 use crate::recipe::map::MapRecipe;
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
-use crate::study::check::{Known, check, line_at, line_of};
+use crate::study::check::{KnownNames, check, line_at, line_of};
 use crate::study::factors::{Definitions, Draft, is_factor, is_list};
 use crate::study::plan::Plan;
 use crate::study::views::Views;
@@ -293,8 +293,8 @@ impl Study {
             if rows > MAX_ROWS {
                 let line = entry.line;
                 bail!(
-                    "line {line}: trials: {rows} rows, expected at most {MAX_ROWS}; expected fewer \
-                     sizes, draws, runs or settings"
+                    "line {line}: trials: {rows} rows, expected at most {MAX_ROWS}; use fewer sizes, \
+                     draws, runs or settings"
                 );
             }
             let draft = self.draft(dataset)?;
@@ -365,7 +365,7 @@ impl Study {
     }
 
     fn check_views(&self, datasets: &[&str], plans: &[Plan]) -> Result<()> {
-        check(&self.views, &Known::of(&self.text, plans, &self.measures)?)?;
+        check(&self.views, &KnownNames::of(&self.text, plans, &self.measures)?)?;
         for (place, picture) in self.views.pictures.iter().enumerate() {
             for (map, factors) in picture.maps.iter().enumerate() {
                 let path = format!("views.pictures.{place}.maps.{map}");

@@ -225,7 +225,9 @@ impl Draft {
         self.run.filter = self.run.preset.settings();
         let is_set = |setting: &str| self.settings.iter().any(|(name, _)| name == setting);
         if is_set("z_rand") && is_set("beam_floor") {
-            return Err("z_rand and beam_floor say the same, expected one of them".to_owned());
+            return Err(
+                "z_rand and beam_floor set the same property, expected one of them".to_owned()
+            );
         }
         for (setting, value) in &self.settings {
             self.run.set(setting, value).map_err(|error| error.to_string())?;
@@ -306,6 +308,6 @@ fn criterion(name: &str, decides: fn(Criterion) -> bool, what: &str) -> Result<C
     let criterion: Criterion = name.parse()?;
     match decides(criterion) {
         true => Ok(criterion),
-        false => Err(format!("{criterion} decides no {what}")),
+        false => Err(format!("{criterion} cannot choose the {what}")),
     }
 }

@@ -16,7 +16,7 @@ pub struct Plan {
     /// The trials.
     pub trials: Vec<Trial>,
     /// The identities of the rows of each trial, and the entries that ask for them.
-    asked: Vec<Asked>,
+    asked: Vec<TrialRows>,
     /// Index of a map's trial, by the map's identity, its name and draw.
     places: HashMap<(String, String, u32), usize>,
     names: Vec<String>,
@@ -26,7 +26,7 @@ pub struct Plan {
 
 /// The rows of a trial.
 #[derive(Debug, Clone, Default)]
-struct Asked {
+struct TrialRows {
     /// The identity of the map.
     map: String,
     /// The trial's runs in their order, and the entries that ask for each.
@@ -50,7 +50,7 @@ impl Plan {
             None => {
                 self.places.insert(key, self.trials.len());
                 self.trials.push(Trial { map: trial.map, runs: Vec::new() });
-                self.asked.push(Asked { map, ..Asked::default() });
+                self.asked.push(TrialRows { map, ..TrialRows::default() });
                 self.trials.len() - 1
             }
         };
@@ -60,7 +60,7 @@ impl Plan {
                 self.names.len() - 1
             })
         });
-        let Asked { runs: known, alone, .. } = &mut self.asked[place];
+        let TrialRows { runs: known, alone, .. } = &mut self.asked[place];
         let ask = |asking: &mut Vec<usize>| {
             asking.extend(name.filter(|name| !asking.contains(name)));
         };
@@ -141,7 +141,7 @@ impl Plan {
 
     /// The names of the entries that ask for each row of a trial.
     fn entries_of(&self, place: usize) -> impl Iterator<Item = String> {
-        let Asked { runs, alone, .. } = &self.asked[place];
+        let TrialRows { runs, alone, .. } = &self.asked[place];
         let alone = runs.is_empty().then_some(alone);
         runs.iter().map(|(_, asking)| asking).chain(alone).map(|asking| {
             asking.iter().map(|&name| self.names[name].as_str()).collect::<Vec<_>>().join(" ")

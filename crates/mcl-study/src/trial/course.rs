@@ -181,8 +181,8 @@ fn carried_to(
     let places: Vec<usize> = (0..=reference.len() - rest).filter(is_far).collect();
     if places.is_empty() {
         bail!(
-            "kidnapped.distance is {} m, and no place of the log is that far away and has {rest} scans to go \
-             on; expected a smaller distance or shorter runs",
+            "kidnapped.distance is {} m, and no place of the log is that far away and has {rest} scans \
+             left; expected a smaller distance or shorter runs",
             kidnapped.distance
         );
     }

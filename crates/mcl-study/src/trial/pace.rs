@@ -91,7 +91,7 @@ mod tests {
     /// Ends a tenth of the trials, the longest first, on a machine that takes `of_map` and `of_runs` times as
     /// long as estimated and gives this program every `cores`-th part of its time; returns the ratio of the
     /// reported time left to the true one.
-    fn told_over_true(of_map: f64, of_runs: f64, cores: f64) -> f64 {
+    fn reported_over_true(of_map: f64, of_runs: f64, cores: f64) -> f64 {
         let mut trials: Vec<[f64; 2]> =
             (0..100).flat_map(|n| [[f64::from(n % 10), 0.5], [0.0, 0.5]]).collect();
         trials.sort_by(|a, b| (b[0] + b[1]).total_cmp(&(a[0] + a[1])));
@@ -119,13 +119,13 @@ mod tests {
         for (of_map, of_runs, cores) in
             [(1.0, 1.0, 1.0), (0.3, 1.0, 1.0), (3.0, 1.0, 1.0), (1.0, 0.4, 1.0), (2.0, 2.0, 3.0)]
         {
-            let ratio = told_over_true(of_map, of_runs, cores);
+            let ratio = reported_over_true(of_map, of_runs, cores);
             assert!((0.75..1.33).contains(&ratio), "{of_map} {of_runs} {cores}: {ratio}");
         }
     }
 
     #[test]
-    fn what_failed_and_what_costs_nothing_is_not_waited_for() {
+    fn failed_and_free_trials_leave_no_time() {
         let mut pace = Pace::new([[1.0, 2.0], [1.0, 2.0]].into_iter(), 1);
         assert_eq!(pace.left(), Duration::from_secs(6));
         assert_eq!(pace.share(), 0.0);

@@ -64,7 +64,7 @@ pub fn surround(
         }
     }
     bail!(
-        "people.share is {}, but {MOST} people stop only {:.2} of the readings; expected less",
+        "people.share is {}, but {MOST} people block only {:.2} of the readings; expected a smaller share",
         people.share,
         hits as f64 / usable as f64
     )

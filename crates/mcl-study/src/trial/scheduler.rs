@@ -45,7 +45,7 @@ pub fn run_trials<T: Sync, R: Send>(
                     let unwinding = || pool.install(|| run(&trials[index]));
                     let result =
                         catch_unwind(AssertUnwindSafe(unwinding)).unwrap_or_else(|panic| {
-                            Err(anyhow!("the program's own error: {}", message(panic.as_ref())))
+                            Err(anyhow!("internal error: {}", message(panic.as_ref())))
                         });
                     if sender.send((index, result)).is_err() {
                         break;

@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_work_counts() {
+    fn only_processor_time_counts() {
         const SLEEP: Duration = Duration::from_millis(200);
         let start = now();
         std::thread::sleep(SLEEP);

@@ -77,9 +77,9 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     let replay = Replay { recording: &log.recording, increments: &increments, scans: &scans };
     Bridge::over(&replay).with_context(|| {
         let advice = match log.survey {
-            Some(_) => "what could be the odometry, inspect says",
+            Some(_) => "mcl-eval inspect lists what could be the odometry",
             None => {
-                "if the log's laser poses are odometry, take them so with --reference none --initial-pose X,Y,THETA"
+                "if the log's laser poses are odometry, use them with --reference none --initial-pose X,Y,THETA"
             }
         };
         format!("{}: localization needs odometry{}; {advice}", log.name, log.reasons("odometry"))

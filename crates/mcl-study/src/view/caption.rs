@@ -13,7 +13,7 @@ use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings listed in captions where they do not vary.
-const TOLD: [&str; 18] = [
+const CAPTIONED: [&str; 18] = [
     PRESET,
     "particles",
     "proposal",
@@ -35,7 +35,7 @@ const TOLD: [&str; 18] = [
 ];
 
 /// Settings listed in captions by preset, where presets differ in them.
-const SAID: [&str; 2] = ["proposal", "beams"];
+const CAPTIONED_BY_PRESET: [&str; 2] = ["proposal", "beams"];
 
 /// A description of the data; missing trials; `of_what`, the content of the chart; and settings that do not
 /// vary. `of_runs`: whether runs are shown, not only maps.
@@ -44,9 +44,9 @@ pub fn caption(groups: &Groups<'_>, shown: &[&Group<'_>], of_what: &str, of_runs
     sentences.extend(groups.results.missing().map(|missing| format!("Incomplete: {missing}")));
     sentences.extend(scans(groups, shown, of_runs));
     sentences.push(of_what.to_owned());
-    let told = TOLD.iter().filter_map(|name| groups.place(name));
-    let told = told.filter(|&place| of_runs || groups.settings[place].of_map);
-    let settings: Vec<String> = told
+    let captioned = CAPTIONED.iter().filter_map(|name| groups.place(name));
+    let captioned = captioned.filter(|&place| of_runs || groups.settings[place].of_map);
+    let settings: Vec<String> = captioned
         .filter_map(|place| {
             setting(groups, shown, place).or_else(|| by_preset(groups, shown, place))
         })
@@ -76,9 +76,9 @@ pub fn vocabulary<'l>(names: impl Iterator<Item = &'l str>) -> String {
     ];
     let names: Vec<&str> = names.flat_map(|name| name.split(|c: char| ", +".contains(c))).collect();
     let is_used = |(word, _): &&(&str, &str)| names.contains(word);
-    let told: Vec<String> =
+    let meanings: Vec<String> =
         WORDS.iter().filter(is_used).map(|(word, meaning)| format!("{word}: {meaning}")).collect();
-    if told.is_empty() { String::new() } else { format!(" {}.", told.join(", ")) }
+    if meanings.is_empty() { String::new() } else { format!(" {}.", meanings.join(", ")) }
 }
 
 /// Which scans build maps, if that is the same in the whole chart.
@@ -139,7 +139,7 @@ fn by_preset(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<
         return None;
     }
     let pairs = groups.combinations(shown, &[place, preset]);
-    let (mut values, mut told): (Vec<&[Value]>, Vec<String>) = Default::default();
+    let (mut values, mut texts): (Vec<&[Value]>, Vec<String>) = Default::default();
     for pair in &pairs {
         let [own, of] = &pair[..] else { return None };
         if own.iter().chain(of).any(Value::is_empty) {
@@ -148,11 +148,11 @@ fn by_preset(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<
         if !values.contains(&&own[..]) {
             values.push(own);
         }
-        told.push(format!("{} ({})", text_of(own), text_of(of)));
+        texts.push(format!("{} ({})", text_of(own), text_of(of)));
     }
     let name = &groups.settings[place].name;
-    (values.len() > 1 && SAID.contains(&name.as_str()))
-        .then(|| format!("{} {}", name_and_unit(name).0, told.join(", ")))
+    (values.len() > 1 && CAPTIONED_BY_PRESET.contains(&name.as_str()))
+        .then(|| format!("{} {}", name_and_unit(name).0, texts.join(", ")))
 }
 
 fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<String> {

@@ -98,18 +98,18 @@ impl Drawing<'_, '_> {
         let points: Vec<&Point> = panels.iter().flat_map(|panel| &panel.points).collect();
         let Estimates { groups, .. } = self.estimates;
         let of_runs = self.of_runs();
-        let mut told = caption(groups, &self.shown, &means(&points, of_runs), of_runs);
+        let mut described = caption(groups, &self.shown, &means(&points, of_runs), of_runs);
         for (panel, mean, interval) in &on_all_points {
-            told += &format!(" {}.", of_all_points(panel, *mean, *interval));
+            described += &format!(" {}.", of_all_points(panel, *mean, *interval));
         }
         let is_open = |point: &&Point| point.mark.as_deref() == Some("");
         if points.iter().any(is_open) {
-            told += " Open symbols: some runs were lost, and the error is that of the others.";
+            described += " Open symbols: some runs were lost, and the error is that of the others.";
         }
         let labels = panels.iter().flat_map(|panel| &panel.labels);
-        told += &vocabulary(labels.map(String::as_str));
+        described += &vocabulary(labels.map(String::as_str));
         let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
-        let caption = own.into_iter().chain([told]).collect();
+        let caption = own.into_iter().chain([described]).collect();
         let columns = self.chart.columns.unwrap_or(1);
         Ok(ChartData { name, kind: self.chart.kind, panels, columns, caption })
     }
@@ -156,14 +156,14 @@ impl Drawing<'_, '_> {
                             continue;
                         }
                         let interval = estimate.interval.map(|i| [i.low, i.high]);
-                        let mut told = vec![of_panel.clone()];
+                        let mut entry = vec![of_panel.clone()];
                         if self.chart.y.column.len() > 1 {
-                            told.push(name_and_unit(y).0);
+                            entry.push(name_and_unit(y).0);
                         }
-                        told.retain(|part| !part.is_empty());
-                        let told = (told.join(", "), estimate.mean, interval);
-                        if !on_all_points.contains(&told) {
-                            on_all_points.push(told);
+                        entry.retain(|part| !part.is_empty());
+                        let entry = (entry.join(", "), estimate.mean, interval);
+                        if !on_all_points.contains(&entry) {
+                            on_all_points.push(entry);
                         }
                         continue;
                     }

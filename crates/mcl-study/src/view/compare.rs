@@ -277,7 +277,7 @@ runs = 2
     }
 
     #[test]
-    fn what_differs_in_nothing_else_is_compared() {
+    fn rows_that_differ_in_nothing_else_are_compared() {
         let table = tests(&results(PAIRED)).unwrap();
         let found: Vec<(String, String, Option<f64>)> = table
             .rows()

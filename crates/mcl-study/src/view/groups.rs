@@ -175,7 +175,7 @@ impl<'r> Groups<'r> {
     }
 
     /// Whether two groups differ only in the given settings, so that they can be compared. A setting that
-    /// does not apply to one of them is no difference.
+    /// does not apply to one of them is not a difference.
     pub fn differ_only_in(&self, a: &Group<'_>, b: &Group<'_>, settings: &[usize]) -> bool {
         (0..self.settings.len()).all(|place| settings.contains(&place) || !self.differ(a, b, place))
     }
@@ -465,8 +465,8 @@ y = "weighted"
         let [panel] = &charts[0].panels[..] else { panic!("{:?}", charts[0]) };
         assert_eq!(panel.labels, ["gbs, carmen", "gbs, book"]);
         let captions = charts.iter().map(|chart| chart.caption.concat());
-        let told = ["500 particles", "Preset carmen, 500", "Preset book, 500"];
-        assert!(captions.zip(told).all(|(caption, told)| caption.contains(told)), "{charts:?}");
+        let expected = ["500 particles", "Preset carmen, 500", "Preset book, 500"];
+        assert!(captions.zip(expected).all(|(caption, part)| caption.contains(part)), "{charts:?}");
         let beams = "proposal motion, beams all (book), 3deg (carmen)";
         assert!(charts[0].caption.concat().contains(beams), "{charts:?}");
     }
@@ -490,7 +490,7 @@ y = "weighted"
     }
 
     #[test]
-    fn what_varies_under_a_preset_is_a_setting_of_its_own() {
+    fn a_setting_varied_under_a_preset_stays_separate() {
         let varied = STUDY.replace("draws", "sigma_hit = [0.2, 0.3]\ndraws");
         let more = "[[trials]]\nmap = \"gbs\"\nsize = 1\npreset = \"book\"\nz_rand = 0.2\n\
                     odometry_noise = { xy = 0.1, theta = 0.1 }\ndraws = 3\nruns = 1\n";

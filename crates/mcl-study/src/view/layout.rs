@@ -57,12 +57,12 @@ impl Layout {
             }
         };
         let covered = x.iter().flat_map(|x| covered_by(groups, x));
-        let mut told: Vec<usize> = covered.chain(mark).collect();
-        told.extend([&figures[..], &curves, &panels].concat());
+        let mut visible: Vec<usize> = covered.chain(mark).collect();
+        visible.extend([&figures[..], &curves, &panels].concat());
         // Settings that are left would be drawn over each other.
-        while let Some(place) = overlaid(groups, shown, &told) {
+        while let Some(place) = overlaid(groups, shown, &visible) {
             panels.push(place);
-            told.push(place);
+            visible.push(place);
         }
         let x_scale = match x.iter().find_map(|x| groups.place(x)) {
             Some(place) => scale_of(place, shown, x_scale),
@@ -107,9 +107,9 @@ fn automatic(
 }
 
 /// A setting in which two groups differ that agree in all settings shown.
-fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], told: &[usize]) -> Option<usize> {
+fn overlaid(groups: &Groups<'_>, shown: &[&Group<'_>], visible: &[usize]) -> Option<usize> {
     let key = |group: &Group<'_>| -> Vec<Vec<Value>> {
-        told.iter().map(|&place| group.values(place).to_vec()).collect()
+        visible.iter().map(|&place| group.values(place).to_vec()).collect()
     };
     let mut keyed: Vec<(Vec<Vec<Value>>, &Group<'_>)> =
         shown.iter().map(|g| (key(g), *g)).collect();

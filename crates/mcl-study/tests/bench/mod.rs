@@ -12,7 +12,7 @@ use anyhow::Result;
 use mcl_core::{LaserScan, Recording, ScanGeometry, Seed};
 use mcl_datasets::simulator::{OfficeSettings, simulate};
 use mcl_study::data::source::{DataSource, LogSource};
-use mcl_study::run::{Ran, run_study};
+use mcl_study::run::{RunResult, run_study};
 use mcl_study::share::Share;
 use mcl_study::store::results::Results;
 use mcl_study::study::definition::Study;
@@ -53,7 +53,7 @@ pub fn folder() -> TempDir {
 }
 
 /// Runs a study on a log into a folder.
-pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<Ran> {
+pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<RunResult> {
     let study = Study::parse(text)?;
     let data = StudyData::new(DataSource::Log(log));
     run_study(&study, "study", &data, folder, Share::Whole { fresh: false }, |_| {})
@@ -62,7 +62,7 @@ pub fn run(text: &str, log: LogSource, folder: &Path) -> Result<Ran> {
 /// What an undisturbed run of a study on a log leaves.
 #[track_caller]
 /// The tables of a run that made them.
-pub fn tables(ran: &Ran) -> &Results {
+pub fn tables(ran: &RunResult) -> &Results {
     ran.results.as_ref().unwrap()
 }
 

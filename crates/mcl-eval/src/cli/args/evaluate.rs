@@ -68,7 +68,7 @@ pub enum RpePairs {
 pub enum RpePath {
     /// The same distances for all estimates.
     Reference,
-    /// As evo does unless told otherwise.
+    /// As evo does by default.
     Estimate,
 }
 
@@ -76,7 +76,7 @@ pub enum RpePath {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeOffset {
     Seconds(f64),
-    /// Whatever brings the positions nearest.
+    /// The offset that brings the positions closest to the reference.
     Auto,
 }
 
@@ -125,7 +125,7 @@ fn delta(text: &str) -> Result<Delta, String> {
             Ok(frames) if frames > 0 => Ok(Delta::Frames(frames)),
             _ => Err("expected a number of frames, at least 1".to_owned()),
         },
-        unit => Err(format!("{unit:?} is no unit, expected m, s, f (frames), deg or rad")),
+        unit => Err(format!("{unit:?} is not a unit, expected m, s, f (frames), deg or rad")),
     }
 }
 
@@ -136,23 +136,23 @@ fn angle(digits: &str, unit: f64) -> Result<Delta, String> {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Errors are those of pairs of poses of one time. What of the reference's time and path an \
-    estimate covers is a figure of its own: if it is less than 99 %, or anything had to be guessed, stderr says so \
-    and the exit code is 3. An estimate that cannot be evaluated is a row with the reason, and the others are \
-    evaluated.\n\n\
+    after_help = "Errors are those of pairs of poses at the same time. The share of the reference's time \
+    and path that an estimate covers is a figure of its own: if it is below 99 %, or anything had to be \
+    guessed, stderr says so and the exit code is 3. An estimate that cannot be evaluated is a row with \
+    the reason, and the other estimates are evaluated.\n\n\
     A run of a group counts as failed if it cannot be evaluated, if it ends lost (its last 50 poses are off by more \
     than 1 m on average), or if it covers less than 90 % of the reference's path."
 )]
 pub struct EvaluateArgs {
     /// Reference trajectory: TUM, KITTI, EuRoC or CSV file, the reference poses of a CARMEN log, a topic of a bag, or the
-    /// name of a data set. Each estimate has its own where {run} (name of the estimate's file, without its ending)
+    /// name of a data set. Each estimate has its own where {run} (name of the estimate's file, without its extension)
     /// or {file} (its path) is part of it.
     #[arg(long, value_name = "REF")]
     pub reference: String,
     /// Estimated trajectories: files as the reference, also raw odometry of CARMEN logs.
     #[arg(value_name = "EST", required_unless_present = "groups")]
     pub estimates: Vec<String>,
-    /// Runs of a localizer, to be summed up and compared with those of other groups: a pattern in quotes, or a
+    /// Runs of a localizer, to be summarized and compared with those of other groups: a pattern in quotes, or a
     /// folder that localize wrote. Runs of one name in two groups are compared in pairs.
     #[arg(long = "group", value_name = "NAME=RUNS")]
     pub groups: Vec<Group>,
@@ -181,17 +181,18 @@ pub struct EvaluateArgs {
     /// ξ of the weighted error √(ξ·δθ² + (1 − ξ)(δx² + δy²)).
     #[arg(long, default_value_t = DEFAULT_XI, value_name = "XI", value_parser = fraction)]
     pub xi: f64,
-    /// Which poses are of one time.
+    /// How poses of both sides are matched in time.
     #[arg(long = "match", default_value = "nearest", value_name = "HOW")]
     pub match_by: MatchBy,
-    /// Recorded poses are of one time if their stamps differ by at most this many seconds.
+    /// Recorded poses form a pair if their stamps differ by at most this many seconds.
     #[arg(long, visible_alias = "max-difference", default_value_t = DEFAULT_TOLERANCE_S, value_name = "S", value_parser = non_negative)]
     pub tolerance: f64,
     /// The longest time between two poses to be interpolated over, and that counts as covered, in seconds
     /// [default: five usual intervals, at least 0.2].
     #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
     pub longest_gap: Option<f64>,
-    /// Seconds to be added to the estimates' stamps; auto looks for what brings the positions nearest.
+    /// Seconds to be added to the estimates' stamps; auto searches for what brings the positions closest to the
+    /// reference.
     #[arg(long, value_name = "S|auto", allow_negative_numbers = true)]
     pub offset: Option<TimeOffset>,
     /// Leave out what comes earlier than this many seconds after the reference's first pose.
@@ -200,29 +201,29 @@ pub struct EvaluateArgs {
     /// Leave out what comes later than this many seconds after the reference's first pose.
     #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
     pub end: Option<f64>,
-    /// Relative errors over these lengths, parted by commas: metres along the path, or 2s, 10f (frames), 30deg,
+    /// Relative errors over these lengths, separated by commas: metres along the path, or 2s, 10f (frames), 30deg,
     /// 0.5rad.
     #[arg(long, visible_aliases = ["rpe-distance", "delta"], default_value = "1,5,10",
           value_delimiter = ',', value_name = "DELTA", value_parser = delta)]
     pub rpe: Vec<Delta>,
-    /// Which pairs of poses relative errors are of.
+    /// The pairs of poses over which relative errors are taken.
     #[arg(long, default_value = "consecutive", value_name = "PAIRS")]
     pub rpe_pairs: RpePairs,
-    /// The path that says which poses are so far apart.
+    /// The path along which these lengths are measured.
     #[arg(long, default_value = "reference", value_name = "PATH")]
     pub rpe_path: RpePath,
     /// Drop height, roll and pitch instead of refusing poses that are not in the plane.
     #[arg(long)]
     pub project: bool,
-    /// Files have positions only: no errors of headings, although there is something in their place.
+    /// Files have positions only: no heading errors, whatever stands in place of the headings.
     #[arg(long)]
     pub positions: bool,
-    /// Read TUM files whose quaternions are upside down with w as the last with w as the first.
+    /// Read the quaternions of TUM files as w x y z where the robot would be upside down as x y z w.
     #[arg(long)]
     pub wxyz: bool,
-    /// Move each estimate onto the reference before its absolute errors are taken: by the rigid motion
-    /// that brings the positions nearest (rigid, which --align alone means, or se2), or by its first
-    /// pose (origin) [default: none].
+    /// Move each estimate onto the reference before its absolute errors are taken: by the rigid motion that brings
+    /// the positions closest (rigid, which --align alone means, or se2), or by its first pose (origin)
+    /// [default: none].
     #[arg(long, value_name = "HOW", num_args = 0..=1, require_equals = true, default_value = "none",
           default_missing_value = "rigid", hide_default_value = true)]
     pub align: AlignTo,
@@ -232,7 +233,7 @@ pub struct EvaluateArgs {
     /// Write a table: .csv has a row per estimate with all figures, .md and .tex what is printed.
     #[arg(long, value_name = "FILE.csv|md|tex")]
     pub table: Option<PathBuf>,
-    /// Draw the errors over time; of groups with the spread over runs, and a box for each.
+    /// Draw the errors over time; for groups, the spread over runs and a box for each.
     #[arg(long, value_name = "FILE.svg|png|pdf")]
     pub plot: Option<PathBuf>,
     /// One JSON object on stdout.

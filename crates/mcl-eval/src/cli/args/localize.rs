@@ -57,7 +57,7 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
         log) the start must be given, and errors are null. With -o, DIR holds run-NNN.tum and \
         run-NNN.csv (estimated laser poses and error rows of run NNN, in scan order, also where stamps \
         step back in time), run-NNN.watch.json (what `mcl-eval report DIR` plays), reference.tum and summary.json; an earlier call's are replaced. Scans \
-        without a usable stamp are missing in the TUM files (told, exit code 3).";
+        without a usable stamp are missing in the TUM files (reported, exit code 3).";
     rows.concat() + sources + files
 });
 
@@ -92,7 +92,7 @@ pub struct LocalizeArgs {
     /// Seed of all runs; with the log's name and the run's number it decides every draw.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
-    /// Beams used of a scan, evenly spread: all, a number, or degrees from one to the next, such as 3deg.
+    /// Beams used per scan, evenly spread: all, a number, or degrees from one to the next, such as 3deg.
     #[arg(long, value_name = "N|Ddeg|all")]
     pub beams: Option<Beams>,
     /// σ_hit: standard deviation of an endpoint about the nearest map point, in metres; or auto: by the map's
@@ -102,7 +102,7 @@ pub struct LocalizeArgs {
     /// Probability of a random measurement (table 6.3).
     #[arg(long, value_name = "P", conflicts_with = "beam_floor")]
     pub z_rand: Option<f64>,
-    /// The same said as CARMEN says it: least likelihood of a beam as a fraction of the largest.
+    /// The same as CARMEN expresses it: least likelihood of a beam as a fraction of the largest.
     #[arg(long, value_name = "F")]
     pub beam_floor: Option<f64>,
     /// Leave out beams that end at something the map does not know (people) for more than this share of the
@@ -170,7 +170,7 @@ pub struct LocalizeArgs {
     /// Folder for trajectories, error rows and a summary.
     #[arg(long, short, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Record the first run (run 0) as a ROS 2 bag (MCAP), to be looked at: map, scans, particles, estimate,
+    /// Record the first run (run 0) as a ROS 2 bag (MCAP), for viewing: map, scans, particles, estimate,
     /// reference and errors.
     #[arg(long, value_name = "OUT.mcap")]
     pub replay: Option<PathBuf>,

@@ -117,7 +117,7 @@ pub struct StatusArgs {
     /// Folder that holds <study>/<data set>/.
     #[arg(value_name = "ROOT", default_value = "results")]
     pub root: PathBuf,
-    /// Look again every so many seconds, until all is done.
+    /// Report again every so many seconds, until all is done.
     #[arg(long, value_name = "S", num_args = 0..=1, default_missing_value = "10", value_parser = positive)]
     pub watch: Option<f64>,
     /// One JSON object on stdout.

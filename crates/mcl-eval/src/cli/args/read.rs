@@ -8,7 +8,7 @@ use super::{numbers, positive};
 /// What the content of a log or bag leaves open.
 #[derive(Debug, Args)]
 pub struct ReadArgs {
-    /// Where the ground truth is from: auto (told from the log; of a bag a topic of reference poses, if there
+    /// Where the ground truth is from: auto (decided from the log; of a bag a topic of reference poses, if there
     /// is one), recorded (the laser poses in the log; of a bag: insist on a topic), none, or a file: TUM, a
     /// bag, a CARMEN log.
     #[arg(long, value_name = "WHICH|FILE")]

@@ -22,7 +22,7 @@ const FAR_APART: f64 = 30.0;
 const HALF: f64 = 0.28;
 
 /// An estimate to draw: its name, and its errors.
-pub type Drawn<'a> = (String, &'a Sampled);
+pub type NamedErrors<'a> = (String, &'a Sampled);
 
 /// A group of runs: its name, those with figures, and the total number.
 pub struct DrawnGroup<'a> {
@@ -43,7 +43,7 @@ const MEASURES: [(&str, f64, Samples); 2] = [
 pub fn draw(
     path: &Path,
     reference: &str,
-    estimates: &[Drawn<'_>],
+    estimates: &[NamedErrors<'_>],
     groups: &[DrawnGroup<'_>],
 ) -> Result<()> {
     let all = || {

@@ -94,7 +94,7 @@ pub fn compared<'a>(
         true => Some(Pose2::IDENTITY),
         false => stars.iter().find_map(|mounts| mounts.between(from, to)),
     };
-    let is_told = reference.whose.is_some() || estimate.whose.is_some();
+    let is_known = reference.whose.is_some() || estimate.whose.is_some();
     let [of_reference, of_estimate] =
         [reference, estimate].map(|source| source.whose.as_ref().unwrap_or(&Whose::Robot));
     let target = match asked {
@@ -105,7 +105,11 @@ pub fn compared<'a>(
     let carry = |source: &TrajectoryInput, from: &Whose| -> Result<Pose2> {
         let Some(mount) = between(from, target) else {
             bail!(
-                "{}: its poses are those of {from}, and nothing says where {target} is beside that; compare it with a trajectory that says so (of `localize`, a log or a bag), give the laser's place with --mount X,Y,THETA, say whose poses files have with --reference-frame and --estimate-frame, or compare poses of another frame with --frame",
+                "{}: its poses are those of {from}, and where {target} is relative to {from} is unknown; \
+                 compare it with a trajectory that has the transform (of `localize`, a log or a bag), \
+                 give the laser's pose on the robot with --mount X,Y,THETA, say whose poses the files \
+                 hold with --reference-frame and --estimate-frame, or compare poses of another frame with \
+                 --frame",
                 source.of.label(),
             );
         };
@@ -124,15 +128,16 @@ pub fn compared<'a>(
     let matters = stars.iter().flat_map(|mounts| mounts.0.values()).any(|mount| !is_none(*mount));
     let unknown = [(reference, "reference-frame"), (estimate, "estimate-frame")];
     let doubtful =
-        unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_told);
+        unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_known);
     if let Some((source, option)) = doubtful {
         tell!(
-            "warning: {}: nothing says whose poses it has; they are taken for the robot's (--{option} robot or laser says so)",
+            "warning: {}: the file does not say whose poses it has; they are taken to be the robot's \
+             (state it with --{option} robot or laser)",
             source.of.label()
         );
     }
     Ok(Compared {
-        whose: is_told.then(|| target.clone()),
+        whose: is_known.then(|| target.clone()),
         reference: moved(&reference.trajectory, reference_carry),
         estimate: moved(&estimate.trajectory, estimate_carry),
         to_estimated: estimate_carry.inverse(),
@@ -158,13 +163,17 @@ pub fn are_in_one_world(reference: &TrajectoryInput, estimate: &TrajectoryInput)
     match (of_reference, of_estimate) {
         (Some(a), Some(b)) if a != b => {
             tell!(
-                "warning: {label}: its poses are in frame {b:?}, those of the reference in {a:?}, and no transforms lead from one to the other: the errors hold how far these are apart (--align takes it out)"
+                "warning: {label}: its poses are in frame {b:?}, those of the reference in {a:?}, and no \
+                 transforms lead from one to the other: the errors include the offset between the frames \
+                 (--align removes it)"
             );
             false
         }
         (None, Some(frame)) if is_of_odometry(frame) => {
             tell!(
-                "warning: {label}: its poses are in frame {frame:?}, which drifts against the map, and no transforms lead to it from \"map\": the errors hold how far these are apart (--align takes it out)"
+                "warning: {label}: its poses are in frame {frame:?}, which drifts against the map, and no \
+                 transforms lead to it from \"map\": the errors include the offset between the frames \
+                 (--align removes it)"
             );
             false
         }

@@ -64,13 +64,13 @@ pub struct GroupFigures {
     pub translation: Option<GroupError>,
     pub heading: Option<GroupError>,
     /// The same for the runs that did not fail: reported, never tested.
-    pub of_others: Others,
+    pub of_others: SuccessfulRuns,
     /// Share of poses inside the 95 % ellipsoid, over the runs whose estimates carry covariances.
     pub inside_95: Option<f64>,
 }
 
 #[derive(Serialize, Default)]
-pub struct Others {
+pub struct SuccessfulRuns {
     pub weighted: Option<GroupError>,
     pub translation: Option<GroupError>,
     pub heading: Option<GroupError>,
@@ -195,7 +195,7 @@ impl GroupFigures {
             heading,
             of_others: {
                 let [weighted, translation, heading] = of_others;
-                Others { weighted, translation, heading }
+                SuccessfulRuns { weighted, translation, heading }
             },
             inside_95: Summary::of(&inside).ok().map(|summary| summary.mean),
         })

@@ -18,11 +18,11 @@ use serde::Serialize;
 use super::Outcome;
 use super::args::{EvaluateArgs, Global};
 use super::output::{input_files, prepare, print, refuse, write_rows};
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 use figure::DrawnGroup;
 use group::{Comparison, GroupFigures, Run, run_name};
 use row::{ErrorRow, Evaluated, Row, Sampled};
-use source::{Named, TrajectoryInput};
+use source::{TrajectoryInput, TrajectorySource};
 
 #[derive(Serialize)]
 struct Evaluation<'a> {
@@ -36,19 +36,19 @@ struct Evaluation<'a> {
 
 /// An estimate to be evaluated.
 struct Job {
-    of: Named,
+    of: TrajectorySource,
     /// The index of its group.
     group: Option<usize>,
 }
 
 /// The result for an estimate.
-struct Done {
+struct JobResult {
     row: Row,
     /// The samples that the row's figures were computed from.
     sampled: Option<Sampled>,
 }
 
-impl Done {
+impl JobResult {
     fn as_run(&self) -> Run<'_> {
         let found = self.row.figures.as_ref().zip(self.sampled.as_ref());
         Run { name: run_name(&self.row.of.file), found }
@@ -90,7 +90,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
 
     let is_only = jobs.len() == 1;
     let mut is_complete = true;
-    let mut all: Vec<Done> = Vec::new();
+    let mut all: Vec<JobResult> = Vec::new();
     for job in jobs {
         let reference = match references.of(&job.of.file) {
             // Without the common reference nothing can be evaluated.
@@ -110,14 +110,14 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
         all.push(match found {
             Ok(Evaluated { figures, sampled, .. }) => {
                 let row = Row { of, group, failure: None, figures: Some(figures) };
-                Done { row, sampled: Some(sampled) }
+                JobResult { row, sampled: Some(sampled) }
             }
             Err(error) if is_only => return Err(error),
             Err(error) => {
-                let failure = told_once(&error);
+                let failure = error_message(&error);
                 tell!("warning: {}: no figures: {failure}", of.label());
                 let row = Row { of, group, failure: Some(failure), figures: None };
-                Done { row, sampled: None }
+                JobResult { row, sampled: None }
             }
         });
     }
@@ -133,7 +133,7 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
     let mut jobs = Vec::new();
     let mut add = |file: String, group: Option<usize>| {
         let job = |topic: Option<&String>| Job {
-            of: Named { file: file.clone(), topic: topic.cloned() },
+            of: TrajectorySource { file: file.clone(), topic: topic.cloned() },
             group,
         };
         if args.topics.is_empty() || !source::has_topics(&file) {
@@ -150,7 +150,7 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
         group::files(group)?.into_iter().for_each(|file| add(file, Some(place)));
     }
     if !args.topics.is_empty() && jobs.iter().all(|job| job.of.topic.is_none()) {
-        return refuse("--topic goes with bags, and none of the estimates is one");
+        return refuse("--topic applies to bags only, and none of the estimates is a bag");
     }
     if args.topics.len() > 1 && !args.groups.is_empty() {
         return refuse("--group takes one --topic: a run of a group is one trajectory");
@@ -159,14 +159,14 @@ fn jobs(args: &EvaluateArgs) -> Result<Vec<Job>> {
 }
 
 /// Writes and prints the results.
-fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[Done]) -> Result<()> {
+fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[JobResult]) -> Result<()> {
     let rows: Vec<&Row> = all.iter().map(|done| &done.row).collect();
     let groups: Vec<(&str, Vec<Run<'_>>)> = args
         .groups
         .iter()
         .map(|group| {
             let of_group = all.iter().filter(|done| done.row.group.as_ref() == Some(&group.name));
-            let mut runs: Vec<Run<'_>> = of_group.clone().map(Done::as_run).collect();
+            let mut runs: Vec<Run<'_>> = of_group.clone().map(JobResult::as_run).collect();
             let names: BTreeSet<&str> = runs.iter().map(|run| run.name).collect();
             if names.len() < runs.len() {
                 // It is not known which runs of two groups belong together.

@@ -14,7 +14,7 @@ use mcl_metrics::{
 use serde::Serialize;
 
 use super::frames::{self, Mounts, SideFrames, compared};
-use super::source::{Named, TrajectoryInput};
+use super::source::{TrajectoryInput, TrajectorySource};
 use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOffset};
 use crate::pose_errors::{ErrorSamples, Figures};
 use crate::progress::tell;
@@ -30,7 +30,7 @@ const AS_GOOD: f64 = 1.5;
 #[derive(Serialize)]
 pub struct Row {
     #[serde(flatten)]
-    pub of: Named,
+    pub of: TrajectorySource,
     /// The group of the run; null outside of groups.
     pub group: Option<String>,
     /// Why there are no figures; null where there are.
@@ -206,7 +206,7 @@ pub fn evaluate(
         Some(TimeOffset::Auto) => {
             let found = find_offset(&sides.reference, &sides.estimate, alignment)
                 .context("--offset auto")?;
-            is_complete &= tell_offset(&label, &found);
+            is_complete &= report_offset(&label, &found);
             found.offset_s
         }
     };
@@ -222,8 +222,8 @@ pub fn evaluate(
     }?;
     let has_headings = reference.has_headings && source.has_headings;
     let covered = coverage(&in_reference, &in_estimate, args.longest_gap)?;
-    is_complete &= tell_matched(&label, &matched, &in_reference, &in_estimate, quiet);
-    is_complete &= tell_covered(&label, [covered.time, covered.path], &covered.gaps, begins);
+    is_complete &= report_matched(&label, &matched, &in_reference, &in_estimate, quiet);
+    is_complete &= report_covered(&label, [covered.time, covered.path], &covered.gaps, begins);
 
     let Matched { reference: in_reference, estimate: in_estimate, .. } = &matched;
     let absolute = ate(in_reference.poses(), in_estimate.poses(), alignment)?;
@@ -291,10 +291,11 @@ fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Traject
 }
 
 /// Reports the offset found, and returns whether it is unambiguous.
-fn tell_offset(label: &str, found: &OffsetFound) -> bool {
+fn report_offset(label: &str, found: &OffsetFound) -> bool {
     let OffsetFound { offset_s, rmse_m, pairs, runner_up } = found;
     tell!(
-        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions to {rmse_m:.4} m of the reference (RMS)"
+        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions within \
+         {rmse_m:.4} m of the reference (RMS)"
     );
     let Some((other_s, other_m)) = runner_up.filter(|(_, other)| *other <= AS_GOOD * rmse_m) else {
         return true;
@@ -306,7 +307,7 @@ fn tell_offset(label: &str, found: &OffsetFound) -> bool {
 }
 
 /// Reports remarkable facts about the matching; returns false if stamps do not identify poses.
-fn tell_matched(
+fn report_matched(
     label: &str,
     matched: &Matched,
     reference: &Trajectory,
@@ -352,7 +353,7 @@ fn tell_matched(
     let is_matched = unmatched as f64 <= (1.0 - WHOLE) * samples as f64;
     if !is_matched {
         tell!(
-            "warning: {label}: {} of {} match none of the other side in time: the errors are those of {}",
+            "warning: {label}: {} of {} have no match in time on the other side: the errors are those of {}",
             unmatched,
             match matched.sampled {
                 Side::Reference => format!("the reference's {}", counted(samples, "pose")),
@@ -371,7 +372,9 @@ fn tell_matched(
         return is_matched;
     }
     tell!(
-        "warning: {label}: stamps cannot tell its poses apart: {repeated} of its {}, and {repeated_reference} of the reference's {}, repeat another one. Poses of one stamp are paired in their order, which may be wrong by as much time as the stamps leave open",
+        "warning: {label}: its stamps do not identify its poses: {repeated} of its {} stamps and \
+         {repeated_reference} of the reference's {} repeat another one. Poses of one stamp are paired in \
+         their order, which may be wrong by the time that the stamps leave open",
         estimate.len(),
         reference.len()
     );
@@ -389,7 +392,7 @@ fn has_same_stamps(reference: &Trajectory, estimate: &Trajectory) -> bool {
 }
 
 /// Reports which part of the reference is not covered; returns whether that is negligible.
-fn tell_covered(
+fn report_covered(
     label: &str,
     [time, path]: [f64; 2],
     gaps: &[(Stamp, Stamp)],
@@ -405,7 +408,8 @@ fn tell_covered(
         format!("; the longest part that is missing lasts from {} s to {} s", at(*from), at(*to))
     });
     tell!(
-        "warning: {label}: it covers {:.1} % of the reference's time and {:.1} % of its path{}: errors are those of what is covered",
+        "warning: {label}: it covers {:.1} % of the reference's time and {:.1} % of its path{}: errors \
+         refer to the covered part",
         100.0 * time,
         100.0 * path,
         missing.unwrap_or_default()

@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::frames::{Mounts, SideFrames, name_of};
 use crate::cli::Outcome;
 use crate::cli::args::{AlignTo, EvaluateArgs, Global, Whose};
-use crate::cli::output::{refuse, tell_losses};
+use crate::cli::output::{refuse, report_losses};
 use crate::progress::tell;
 use mcl_study::data::options::{ReferenceSource, SourceOptions};
 use mcl_study::data::reference::mount_of_run;
@@ -31,7 +31,7 @@ const MAP: &str = "map";
 
 /// A trajectory, its source, and what is known of its frames.
 pub struct TrajectoryInput {
-    pub of: Named,
+    pub of: TrajectorySource,
     pub trajectory: Trajectory,
     /// Covariance of each pose, where the file has any: x, y (m) and heading (rad) along the axes of the
     /// frame of the poses.
@@ -50,14 +50,14 @@ pub struct TrajectoryInput {
 
 /// The source of a trajectory.
 #[derive(Debug, Clone, Serialize)]
-pub struct Named {
+pub struct TrajectorySource {
     /// The file, as named by the user.
     pub file: String,
     /// Topic of a bag; null for other files.
     pub topic: Option<String>,
 }
 
-impl Named {
+impl TrajectorySource {
     /// The file, and the topic of a bag.
     pub fn label(&self) -> String {
         match &self.topic {
@@ -70,7 +70,7 @@ impl Named {
 impl TrajectoryInput {
     fn new(file: &str, topic: Option<String>, trajectory: Trajectory) -> Self {
         TrajectoryInput {
-            of: Named { file: file.to_owned(), topic },
+            of: TrajectorySource { file: file.to_owned(), topic },
             trajectory,
             covariances: Vec::new(),
             has_headings: true,
@@ -86,7 +86,7 @@ impl TrajectoryInput {
     pub fn describe(&self) -> String {
         let whose = match &self.whose {
             Some(whose) => format!("of {whose}"),
-            None => "nothing says whose".to_owned(),
+            None => "of an unknown frame".to_owned(),
         };
         let within = self.within.iter().map(|frame| format!(" in {frame:?}"));
         let from = self.carried_from.iter().map(|frame| format!(", carried there from {frame:?}"));
@@ -117,7 +117,7 @@ enum Format {
 pub fn reference(file: &str, args: &EvaluateArgs, global: &Global) -> Result<TrajectoryInput> {
     let format = format_of(file)?;
     if !matches!(format, Format::Bag(_)) && args.reference_topic.is_some() {
-        return refuse(&format!("--reference-topic goes with a bag, and {file} is none"));
+        return refuse(&format!("--reference-topic applies to bags only, and {file} is not a bag"));
     }
     let request = PoseRequest {
         topic: args.reference_topic.as_deref(),
@@ -266,7 +266,7 @@ fn log(file: &str, role: PoseRole, global: &Global) -> Result<TrajectoryInput> {
             "warning: {file}: {unstamped} of {scans} scans have no usable stamp: they match nothing"
         );
     }
-    let is_complete = tell_losses(file, &log) == Outcome::Done && unstamped == 0;
+    let is_complete = report_losses(file, &log) == Outcome::Done && unstamped == 0;
     Ok(TrajectoryInput {
         whose: Some(Whose::Laser),
         mounts: Mounts::of_laser(log.recording.robot_from_laser),

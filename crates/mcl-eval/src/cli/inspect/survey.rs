@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::cli::Outcome;
 use crate::cli::args::InspectArgs;
 use crate::cli::output::{input_files, print};
-use crate::progress::{tell, told_once};
+use crate::progress::{error_message, tell};
 
 #[derive(Serialize)]
 pub struct Surveyed {
@@ -35,7 +35,7 @@ struct Topic {
 
 /// A bag that cannot be read as a log.
 #[derive(Serialize)]
-struct Unread {
+struct UnreadableBag {
     #[serde(flatten)]
     survey: Surveyed,
     /// Why.
@@ -120,10 +120,11 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
         && RECORDS.iter().any(|kind| kinds.contains(kind))
     {
         let unread =
-            UnreadCarmen { lines: *lines, records: kinds.clone(), problem: told_once(&error) };
+            UnreadCarmen { lines: *lines, records: kinds.clone(), problem: error_message(&error) };
         print(args.json, &unread, |unread| {
             format!(
-                "{name}: a CARMEN log, but its scans are read on request alone\n  lines         {}\n  records       {}\n",
+                "{name}: a CARMEN log, but its scans are read only on request\n  lines         {}\n  \
+                 records       {}\n",
                 unread.lines,
                 printable(&unread.records)
             )
@@ -138,7 +139,7 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
         found.truncated.is_none() || found.topics.iter().any(|topic| topic.messages > 0)
     };
     let Some(found) = found.filter(is_shown) else { return Err(error) };
-    let unread = Unread { survey: Surveyed::of(&found), problem: told_once(&error) };
+    let unread = UnreadableBag { survey: Surveyed::of(&found), problem: error_message(&error) };
     print(args.json, &unread, |unread| {
         let mut text = format!("{name}: a bag, but no log can be read from it as it is\n");
         if unread.survey.topics.is_empty() {

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::Outcome;
 use super::args::{Global, Initial, LocalizeArgs};
-use super::output::{input_files, open_map, prepare, print, refuse, tell_bridged, tell_losses};
+use super::output::{input_files, open_map, prepare, print, refuse, report_bridged, report_losses};
 use crate::localization::{FinishedRun, Localization, run_seed};
 use crate::progress;
 use crate::report::record::{MapLooks, Recorder as PageRecorder};
@@ -100,8 +100,8 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let runs = runs?;
 
     let found = Localization::of(&runs, &source, bridged.scans.len(), args.seed)?;
-    let mut complete = tell_losses(&args.log.log, &source) == Outcome::Done;
-    complete &= tell_bridged(&args.log.log, &bridged) == Outcome::Done;
+    let mut complete = report_losses(&args.log.log, &source) == Outcome::Done;
+    complete &= report_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
         complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
     }
@@ -170,8 +170,8 @@ fn filter_settings(args: &LocalizeArgs, max_range: f64) -> Result<FilterSettings
             if args.initial_pose.is_some() || args.initial_std.is_some() =>
         {
             return refuse(
-                "--initial-pose and --initial-std say where the robot starts, --initial uniform and scan \
-                 that nobody knows",
+                "--initial-pose and --initial-std give a known start, and --initial uniform and scan mean \
+                 an unknown one; expected one or the other",
             );
         }
         Initial::Uniform => InitialPose::Uniform {},
@@ -243,9 +243,9 @@ pub fn first_pose(args: &LocalizeArgs, source: &LogSource) -> Result<Option<Pose
             source.name,
             source.reasons("reference"),
             match source.survey {
-                Some(_) => " (what else could be the reference, inspect says)",
+                Some(_) => " (mcl-eval inspect lists what else could be the reference)",
                 None =>
-                    " (if the log's laser poses are ground truth all the same: --reference recorded)",
+                    " (if the log's laser poses are ground truth nevertheless: --reference recorded)",
             }
         ),
     }

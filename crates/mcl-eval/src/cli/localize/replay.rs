@@ -41,9 +41,9 @@ impl<'a> ReplayFile<'a> {
     /// files that the run reads; `setup` are its settings, stored in a metadata record.
     pub fn open(path: &Path, inputs: &[PathBuf], scene: &Scene<'a>, setup: String) -> Result<Self> {
         prepare([path], inputs)?;
-        let told = || format!("cannot write the replay {}", path.display());
-        let file = Output::create(path).with_context(told)?;
-        let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(told)?;
+        let context = || format!("cannot write the replay {}", path.display());
+        let file = Output::create(path).with_context(context)?;
+        let recorder = Recorder::new(BufWriter::new(file), scene, setup).with_context(context)?;
         Ok(ReplayFile { recorder, path: path.to_owned() })
     }
 
@@ -57,10 +57,10 @@ impl<'a> ReplayFile<'a> {
 
     /// Finishes the bag and renames it to its final name.
     pub fn finish(self) -> Result<()> {
-        let told = || format!("cannot write the replay {}", self.path.display());
-        let buffer = self.recorder.bag.finish().with_context(told)?;
-        let file = buffer.into_inner().map_err(|error| error.into_error()).with_context(told)?;
-        file.commit().with_context(told)
+        let context = || format!("cannot write the replay {}", self.path.display());
+        let buffer = self.recorder.bag.finish().with_context(context)?;
+        let file = buffer.into_inner().map_err(|error| error.into_error()).with_context(context)?;
+        file.commit().with_context(context)
     }
 }
 
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_clock_moves_on() {
+    fn the_clock_advances() {
         let stamp = |milliseconds: i64| Some(Stamp::from_nanoseconds(milliseconds * 1_000_000));
         let mut clock = Clock::new(stamp(5000));
         let stamps = [None, stamp(5000), stamp(5100), stamp(5100), stamp(3), None, stamp(6000)];

@@ -65,10 +65,10 @@ caption = "Own words."
     assert!((low - (1.4 - half)).abs() < 1e-6 && (high - (1.4 + half)).abs() < 1e-6);
     let marks: Vec<_> = whole.points.iter().map(|point| point.mark.as_deref()).collect();
     assert_eq!(marks, [Some("1/10"), None, None, None, None, None]);
-    let [own, told] = &same.caption[..] else { panic!("{:?}", same.caption) };
+    let [own, described] = &same.caption[..] else { panic!("{:?}", same.caption) };
     assert_eq!(own, "Own words.");
     assert_eq!(
-        told,
+        described,
         "Planted: 910 scans, 10,000 points with 0 < r ≤ 10 m. Map and runs use the same scans, as in \
          the paper. Means over 5 maps, 2 runs on each, with Student's 95 % intervals over maps. Preset \
          default, 500 particles, proposal adaptive, all beams, σ_hit by the map's spacing, z_rand = 0.8, motion \
@@ -89,7 +89,7 @@ caption = "Own words."
 }
 
 #[test]
-fn what_is_missing_is_told() {
+fn missing_trials_are_in_the_caption() {
     let text = r#"
 seed = 1
 measures = ["likelihood"]
