@@ -379,7 +379,7 @@ fn the_image_of_a_map_is_found_beside_its_description() {
     fs::write(lab.path("moved.yaml"), &moved).unwrap();
     let (found, stderr) = lab.ends(&args("moved.yaml"), 0);
     assert_eq!(mean(&found), mean(&expected));
-    assert!(stderr.contains("said to be \"/home/robot/maps/map.pgm\""), "{stderr}");
+    assert!(stderr.contains("given as \"/home/robot/maps/map.pgm\""), "{stderr}");
     fs::write(lab.path("gone.yaml"), moved.replace("map.pgm", "gone.pgm")).unwrap();
     let (_, stderr) = lab.ends(&args("gone.yaml"), 1);
     assert!(stderr.contains("leads elsewhere"), "{stderr}");
