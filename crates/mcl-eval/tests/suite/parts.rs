@@ -187,9 +187,9 @@ fn a_plan_starts_nothing_and_says_how_to_start() {
     assert!(plan(&["--parts", "2", "--engine", "kubernetes"]).contains("completionMode: Indexed"));
     assert!(plan(&["--parts", "2", "--engine", "parallel"]).contains("parallel -S"));
     // The parts read the data as the plan did.
-    let read = ["--max-range", "7.5", "--laser-pose", "-0.1,0,3.14", "--no-deskew"];
+    let read = ["-o", "other", "--max-range", "7.5", "--laser-pose", "-0.1,0,3.14", "--no-deskew"];
     let script = plan(&[&["--parts", "2", "--engine", "parallel"], &read[..]].concat());
-    let options = " --max-range=7.5 --laser-pose=-0.1,0,3.14 --no-deskew -o results";
+    let options = " --max-range=7.5 --laser-pose=-0.1,0,3.14 --no-deskew -o other";
     assert_eq!(script.matches(options).count(), 2, "{script}");
 }
 

@@ -125,10 +125,8 @@ fn the_page_answers_in_order_and_from_the_numbers() {
     );
     assert!(text.contains("No results of elsewhere"));
     assert!(text.contains("How likely the data is."));
-    let command = format!(
-        "mcl-eval run experiments/likelihood.toml --dataset office -o {}",
-        root.path().display()
-    );
+    let command =
+        format!("mcl-eval run likelihood.toml --dataset office -o {}", root.path().display());
     assert!(text.contains(&command));
     // The same rows are the same page.
     let again = root.path().join("again.html");
