@@ -300,11 +300,17 @@
     columns: ['panel', 'curve', 'x', 'y', 'y_low', 'y_high', 'blocks', 'rows', 'mark'].map((name) => ({ name, label: name })),
     rows: chart.panels.flatMap((panel) => panel.points.map(([curve, x, ...rest]) => [panel.title, panel.labels[curve], panel.x.places[x - 1] ?? x, ...rest])),
   });
+  // Fills what is opened for the first time.
+  const fill = (details, make) => details.addEventListener('toggle', async () => {
+    if (!details.open || details.dataset.listed) return;
+    details.dataset.listed = 'soon';
+    details.append(...await make(details));
+    details.dataset.listed = 'yes';
+  });
+  const scrolled = (label, table) => element('div', { class: 'scroll', tabindex: '0', role: 'group', 'aria-label': label }, table);
   const SHOWN = 200;
   let tables = 0;
   const listTable = async (details) => {
-    if (details.dataset.listed) return;
-    details.dataset.listed = 'soon';
     const { charts, tables: listed } = await data(details.dataset.packed);
     const table = details.dataset.chart ? pointsOf(charts[details.dataset.chart]) : listed[details.dataset.table];
     const columns = merged(table);
@@ -350,15 +356,12 @@
     more.addEventListener('click', () => { limit = Infinity; list(); });
     list();
     const shown = element('table', { class: 'listed' }, element('caption', {}, table.title), element('thead', {}, element('tr', {}, ...heads)), body);
-    details.append(tools, element('div', { class: 'scroll', tabindex: '0', role: 'group', 'aria-label': table.title }, shown), more);
-    details.dataset.listed = 'yes';
+    return [tools, scrolled(table.title, shown), more];
   };
 
   // The table of a comparison: data sets by sizes, symbols with words, so that nothing depends on colour.
   const SYMBOLS = { first: '▲', second: '▼', open: '·', none: '–' };
   const compare = async (details) => {
-    if (details.dataset.listed) return;
-    details.dataset.listed = 'soon';
     const { sizes, rows, words: [better, worse] } = (await data(details.dataset.packed))[details.dataset.comparison];
     const words = { first: better, second: worse, open: 'not decided', none: 'not tested' };
     const title = $$('summary bdi', details).map((part) => part.textContent);
@@ -371,8 +374,7 @@
     const body = rows.map(({ place, cells }) => element('tr', {}, element('th', { scope: 'row' }, element('bdi', {}, place)), ...cells.map(cell)));
     const caption = element('caption', {}, element('bdi', {}, title[0]), `: ▲ ${better}, ▼ ${worse}, · not decided`);
     const shown = element('table', { class: 'tests' }, caption, element('thead', {}, element('tr', {}, ...heads)), element('tbody', {}, ...body));
-    details.append(element('div', { class: 'scroll', tabindex: '0', role: 'group', 'aria-label': title.join(', ') }, shown));
-    details.dataset.listed = 'yes';
+    return [scrolled(title.join(', '), shown)];
   };
 
   // Figures for print.
@@ -405,8 +407,8 @@
   };
 
   for (const figure of $$('.chart')) near.observe(figure);
-  for (const details of $$('details.table')) details.addEventListener('toggle', () => details.open && listTable(details));
-  for (const details of $$('details.comparison')) details.addEventListener('toggle', () => details.open && compare(details));
+  for (const details of $$('details.table')) fill(details, listTable);
+  for (const details of $$('details.comparison')) fill(details, compare);
   for (const details of $$('details.figures')) details.addEventListener('toggle', () => details.open && $$('figure', details).forEach(showFigure));
   // A link to what is folded away opens it.
   const reveal = () => {
