@@ -388,11 +388,11 @@ fn by_preset(tests: &[(&Folder, Row<'_>)], [better, worse]: [&str; 2]) -> String
         });
         presets[place].1[winner as usize] += 1;
     }
-    let counted = presets.iter().map(|(name, counts)| {
+    let parts = presets.iter().map(|(name, counts)| {
         let of: usize = counts.iter().sum();
         format!("{} {better} in {}, {worse} in {} of {of}", shown(name), counts[0], counts[1])
     });
-    format!(" By preset: {}.", counted.collect::<Vec<_>>().join("; "))
+    format!(" By preset: {}.", parts.collect::<Vec<_>>().join("; "))
 }
 
 /// "0.1 % to 5 %, 20 %", for indices of sizes.
