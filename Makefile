@@ -161,8 +161,6 @@ semver:
 
 # The Python package (docs/python.md): command and module in one wheel for all Linux systems since 2014 (elsewhere for
 # this one), and the source distribution. `make python-test` tries both in fresh environments outside of the repository.
-# PROFILE=test compiles them faster.
-PROFILE ?= release
 WHEELS = $(TARGET)/wheels
 MATURIN = $(TARGET)/maturin
 MATURIN_BUILD = cd crates/mcl-py && PATH="$(MATURIN)/bin:$$PATH" maturin
@@ -175,14 +173,14 @@ $(MATURIN)/ready: crates/mcl-py/requirements-build.txt
 
 wheel: $(MATURIN)/ready
 	rm -f $(WHEELS)/*.whl
-	$(MATURIN_BUILD) build --profile $(PROFILE) --locked $(PORTABLE) --out $(WHEELS)
+	$(MATURIN_BUILD) build --release --locked $(PORTABLE) --out $(WHEELS)
 
 sdist: $(MATURIN)/ready
 	rm -f $(WHEELS)/*.tar.gz
 	$(MATURIN_BUILD) sdist --out $(WHEELS)
 
 python-test: wheel sdist
-	CARGO_TARGET_DIR="$(TARGET)" MATURIN_PEP517_ARGS="--profile $(PROFILE)" crates/mcl-py/test.sh $(PYTHON) $(WHEELS)
+	CARGO_TARGET_DIR="$(TARGET)" crates/mcl-py/test.sh $(PYTHON) $(WHEELS)
 
 # A release, from a clean checkout: wheel, source distribution, crates, a program for any x86-64 Linux (static, by musl),
 # the licences of what is linked, and checksums. Needs cargo-about, and rustup's target of musl.
