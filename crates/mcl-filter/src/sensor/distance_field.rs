@@ -2,6 +2,7 @@ use mcl_core::{Bounds, NdtMap, NearestNeighbors, Point, PointMap, SegmentMap};
 
 use super::fetch::{Fetch, PADDING, Task, dispatch};
 use super::grid::{Candidates, Grid};
+use super::grid_builder;
 use super::lookup::{CHUNK, Lookup, Workspace};
 use super::obstacle_grid::{FreeSpace, ObstacleGrid};
 use super::{CellDistances, NdtDistances, NdtReading, SegmentDistances};
@@ -245,7 +246,7 @@ impl DistanceField {
     /// points cannot be indexed, [`FilterError::Memory`].
     pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, FilterError> {
         let exact = ExactDistances::build(map, max_distance)?;
-        Ok(DistanceField { grid: Box::new(Grid::build(map, max_distance)?), exact })
+        Ok(DistanceField { grid: Box::new(grid_builder::build(map, max_distance)?), exact })
     }
 
     /// min(d², max_distance²) in m², with d the distance from a finite point to the nearest map point.

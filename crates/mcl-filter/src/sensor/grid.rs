@@ -1,9 +1,7 @@
 //! The grid behind [`DistanceField`](super::DistanceField): the map points that can be nearest to some
 //! point in a cell.
 
-use mcl_core::{OutOfMemory, Point, PointMap};
-
-use super::grid_builder;
+use mcl_core::Point;
 
 /// Entries of [`Grid::cells`]: the low bits are the first record of the cell, the high bits log₂ of the
 /// number of parts per side.
@@ -96,11 +94,6 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Builds the grid; `max_distance` (m) has been checked.
-    pub fn build(map: &PointMap<2>, max_distance: f64) -> Result<Self, OutOfMemory> {
-        grid_builder::build(map, max_distance)
-    }
-
     /// Converts a coordinate (m) to cells.
     #[inline(always)]
     pub fn in_cells(&self, axis: usize, coordinate: f64) -> f64 {

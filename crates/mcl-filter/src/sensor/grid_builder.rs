@@ -45,6 +45,7 @@ const MARGIN: f64 = 1e-5;
 /// What out-of-memory errors call this memory.
 const DISTANCES: &str = "a map's distances";
 
+/// Builds the grid of a map; `max_distance` (m) has been checked.
 pub(super) fn build(map: &PointMap<2>, max_distance: f64) -> Result<Grid, OutOfMemory> {
     build_within(map, max_distance, MAX_RECORDS, MAX_NOTED.max(NOTED_PER_POINT * map.len()))
 }

@@ -1,12 +1,11 @@
 //! The frames of two trajectories' poses, and their conversion to a common frame.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
 use anyhow::{Result, bail};
 use mcl_core::{Pose2, Trajectory};
-use serde::Serialize;
 
+use super::mounts::{Mounts, name_of};
 use super::source::TrajectoryInput;
 use crate::cli::args::Whose;
 use crate::progress::tell;
@@ -21,30 +20,6 @@ fn is_of_odometry(frame: &str) -> bool {
     frame.rsplit('/').next().is_some_and(|name| name.starts_with(ODOMETRY))
 }
 
-/// Frames that are fixed to each other: the pose of each in one of them.
-#[derive(Debug, Clone, Default)]
-pub struct Mounts(BTreeMap<Whose, Pose2>);
-
-impl Mounts {
-    /// For a robot with a laser at this pose.
-    pub fn of_laser(robot_from_laser: Pose2) -> Self {
-        Mounts([(Whose::Robot, Pose2::IDENTITY), (Whose::Laser, robot_from_laser)].into())
-    }
-
-    pub fn insert(&mut self, whose: Whose, pose: Pose2) {
-        self.0.insert(whose, pose);
-    }
-
-    pub fn get(&self, whose: &Whose) -> Option<Pose2> {
-        self.0.get(whose).copied()
-    }
-
-    /// The pose of the second in the frame of the first.
-    fn between(&self, from: &Whose, to: &Whose) -> Option<Pose2> {
-        Some(self.get(from)?.between(&self.get(to)?))
-    }
-}
-
 /// Both sides as poses of a common frame.
 pub struct Compared<'a> {
     /// Whose poses they are; `None` where neither side states it.
@@ -55,26 +30,6 @@ pub struct Compared<'a> {
     pub to_estimated: Pose2,
     /// Whether nothing was assumed.
     pub is_certain: bool,
-}
-
-/// The frames of a side, for the report.
-#[derive(Debug, Clone, Serialize)]
-pub struct SideFrames {
-    /// Whose poses the file has: `robot`, `laser` or the name of a frame; null if not known.
-    pub of: Option<String>,
-    /// The frame that they are in (`header.frame_id`), or into which the bag's transforms converted them.
-    pub within: Option<String>,
-    /// The frame that they were in before that.
-    pub carried_from: Option<String>,
-}
-
-/// A name as in options and JSON.
-pub fn name_of(whose: &Whose) -> String {
-    match whose {
-        Whose::Robot => "robot".to_owned(),
-        Whose::Laser => "laser".to_owned(),
-        Whose::Frame(name) => name.clone(),
-    }
 }
 
 /// Converts both sides to poses of a common frame: the requested one; else the one that both have; else the
@@ -125,7 +80,7 @@ pub fn compared<'a>(
     let (reference_carry, estimate_carry) =
         (carry(reference, of_reference)?, carry(estimate, of_estimate)?);
     // It matters where the robot has several frames that poses could be of.
-    let matters = stars.iter().flat_map(|mounts| mounts.0.values()).any(|mount| !is_none(*mount));
+    let matters = stars.iter().flat_map(|mounts| mounts.poses()).any(|mount| !is_none(*mount));
     let unknown = [(reference, "reference-frame"), (estimate, "estimate-frame")];
     let doubtful =
         unknown.iter().find(|(source, _)| source.whose.is_none()).filter(|_| matters && is_known);

@@ -5,40 +5,13 @@ use std::io::Cursor;
 use png::{ColorType, Decoder, DecodingError, Limits, Transformations};
 
 use super::pgm;
+use super::pixels::{Cells, Pixel, check_size, room_for};
 use crate::files::MapProblem;
-use crate::occupancy::{Cell, MAX_CELLS};
+use crate::occupancy::Cell;
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Memory that the PNG decoder may use besides the image, in bytes.
 const MAX_DECODER_BYTES: usize = 1 << 26;
-
-/// A pixel with values from 0 (black, transparent) to `largest` (white, opaque).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pixel {
-    /// Mean of the colour channels.
-    pub value: f64,
-    /// `None` in an image without alpha channel.
-    pub alpha: Option<f64>,
-    pub largest: f64,
-}
-
-impl Pixel {
-    /// The mean of all channels, with alpha as one of four.
-    pub(super) fn value_with_alpha(self) -> f64 {
-        self.alpha.map_or(self.value, |alpha| (3.0 * self.value + alpha) / 4.0)
-    }
-
-    pub(super) fn is_transparent(self) -> bool {
-        self.alpha.is_some_and(|alpha| alpha < self.largest)
-    }
-}
-
-/// The cells of an image: rows from the top, each from left to right.
-#[derive(Debug, PartialEq)]
-pub(super) struct Cells {
-    pub width: usize,
-    pub cells: Vec<Cell>,
-}
 
 /// Reads a PGM (P2, P5) or PNG image; the first bytes determine the format.
 pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
@@ -53,16 +26,6 @@ pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells,
     Err(MapProblem::syntax(format!(
         "the image begins with \"{start}\", expected PGM (P2, P5) or PNG"
     )))
-}
-
-/// Checks the image size given in a header before memory is allocated for it.
-pub(super) fn check_size(width: u64, height: u64) -> Result<(), MapProblem> {
-    match width.checked_mul(height) {
-        Some(1..) if width.saturating_mul(height) <= MAX_CELLS as u64 => Ok(()),
-        _ => Err(MapProblem::syntax(format!(
-            "the image is {width} × {height} pixels, expected at least 1 and at most {MAX_CELLS} in all"
-        ))),
-    }
 }
 
 fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapProblem> {
@@ -104,12 +67,13 @@ fn png_cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells, MapPro
             }));
         }
     };
-    let mut cells = Vec::new();
+    let mut cells = room_for(width as usize * height as usize)?;
     if reader.info().interlaced {
         let size = reader
             .output_buffer_size()
             .ok_or_else(|| MapProblem::syntax("the PNG image is too large"))?;
-        let mut pixels = vec![0; size];
+        let mut pixels = room_for(size)?;
+        pixels.resize(size, 0);
         let frame = reader.next_frame(&mut pixels).map_err(damaged)?;
         row_of(&pixels[..frame.buffer_size()], &mut cells);
     } else {

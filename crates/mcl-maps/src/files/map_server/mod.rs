@@ -20,6 +20,7 @@
 mod description;
 mod image;
 mod pgm;
+mod pixels;
 
 use std::cell::Cell as Flag;
 use std::fs::File;
@@ -33,7 +34,7 @@ use mcl_core::files::{Output, hold, remove};
 use super::{MapFileError, MapProblem};
 use crate::occupancy::{Cell, MAX_CELLS, OccupancyGrid};
 use description::{Description, Mode};
-use image::{Cells, Pixel};
+use pixels::{Cells, Pixel};
 
 /// The pixel values that map_saver writes, and thresholds that separate them.
 const OCCUPIED: u8 = 0;
@@ -92,11 +93,13 @@ pub fn parse_grid(description: &[u8], image: &[u8]) -> Result<OccupancyGrid, Map
 }
 
 fn grid_of(description: &Description, image: Cells) -> Result<OccupancyGrid, MapProblem> {
-    let Cells { width, cells } = image;
+    let Cells { width, mut cells } = image;
     let [x, y, yaw] = description.origin;
-    let from_bottom = cells.chunks(width).rev().flatten().copied().collect();
+    // From the bottom, in place.
+    cells.reverse();
+    cells.chunks_mut(width).for_each(<[Cell]>::reverse);
     let map_from_grid = Pose2::new(x, y, wrap_angle(yaw));
-    OccupancyGrid::new(width, description.resolution, map_from_grid, from_bottom)
+    OccupancyGrid::new(width, description.resolution, map_from_grid, cells)
         .map_err(MapProblem::Grid)
 }
 

@@ -1,6 +1,6 @@
 //! Portable graymaps: P2 (text) and P5 (binary).
 
-use super::image::{Cells, Pixel, check_size};
+use super::pixels::{Cells, Pixel, check_size, room_for};
 use crate::files::MapProblem;
 use crate::occupancy::Cell;
 
@@ -18,7 +18,8 @@ pub(super) fn cells(bytes: &[u8], cell: impl Fn(Pixel) -> Cell) -> Result<Cells,
     }
     check_size(width, height)?;
     let pixels = (width * height) as usize;
-    let mut cells = Vec::new();
+    // No pixel takes less than a byte.
+    let mut cells = room_for(pixels.min(bytes.len()))?;
     let mut add = |value: u64| {
         if value > largest {
             let (column, row) = (cells.len() as u64 % width, cells.len() as u64 / width);
