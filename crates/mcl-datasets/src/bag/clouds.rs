@@ -1,6 +1,7 @@
 //! The point clouds of one topic of a bag, joined in one frame.
 
 use mcl_core::Point;
+use mcl_core::text::counted;
 use nalgebra::Point3;
 
 use super::content::{Content, MessageKind, Purpose};
@@ -82,7 +83,7 @@ pub(crate) fn join(mut content: Content, options: &CloudOptions) -> Result<BagCl
         not_finite: clouds.iter().map(|cloud| cloud.value.not_finite).sum(),
         out_of_range: clouds.iter().map(|cloud| cloud.value.out_of_range).sum(),
         report: decoder.report,
-        notes: vec![format!("point clouds: {topic}, {} messages", clouds.len())],
+        notes: vec![format!("point clouds: {topic}, {}", counted(clouds.len(), "message"))],
         assumptions: Vec::new(),
     };
     joined.with(clouds, &motion)

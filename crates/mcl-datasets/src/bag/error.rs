@@ -18,9 +18,9 @@ pub enum BagError {
     Memory(#[from] OutOfMemory),
     /// There is no scan.
     #[error(
-        "no sensor_msgs/msg/LaserScan message in the bag{}; topics: {topics}{}",
-        because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default(),
-        advice(topics)
+        "no sensor_msgs/msg/LaserScan message could be read from the bag; topics: {topics}{}{}",
+        advice(topics),
+        last_lines(because.as_deref())
     )]
     NoScan {
         /// The topics of the bag with their types.
@@ -29,7 +29,7 @@ pub enum BagError {
         because: Option<String>,
     },
     /// There is no point cloud.
-    #[error("no sensor_msgs/msg/PointCloud2 message in the bag{}; topics: {topics}", because.as_ref().map(|text| format!(" ({text})")).unwrap_or_default())]
+    #[error("no sensor_msgs/msg/PointCloud2 message could be read from the bag; topics: {topics}{}", last_lines(because.as_deref()))]
     NoCloud {
         /// The topics of the bag with their types.
         topics: String,
@@ -137,9 +137,11 @@ pub enum BagError {
     },
     /// A reference was requested, and the bag has none.
     #[error(
-        "no reference poses in the bag: no topic of geometry_msgs/msg/PoseStamped or PoseWithCovarianceStamped, expected one (--reference recorded); name an Odometry topic with --reference-topic; topics: {topics}"
+        "no reference poses in the bag, expected some (--reference recorded){possible}; topics: {topics}"
     )]
     NoReference {
+        /// What could be requested, as a clause; empty where there is nothing.
+        possible: String,
         /// The topics of the bag with their types.
         topics: String,
     },
@@ -183,7 +185,7 @@ pub enum BagError {
     },
     /// The laser moves relative to the robot.
     #[error(
-        "the mount of the laser is not fixed: the transform from {parent} to {child} on /tf changes during the bag"
+        "the mount of the laser is not fixed: the transform from {parent} to {child} changes during the bag"
     )]
     MovingLaser {
         /// The parent frame.
@@ -194,6 +196,11 @@ pub enum BagError {
     /// The folder is not a split bag.
     #[error(transparent)]
     Folder(#[from] FolderError),
+}
+
+/// Why nothing could be read, below the message.
+fn last_lines(because: Option<&str>) -> String {
+    because.map_or(String::new(), |text| format!("\n{text}"))
 }
 
 /// Advice where there is no scan, by the topic types that are present.

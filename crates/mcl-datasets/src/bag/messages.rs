@@ -137,7 +137,7 @@ impl ScanMessage {
             return Err(malformed(
                 "angle_increment",
                 found,
-                "at most one turn (are these degrees?)",
+                "at most one turn in radians (are these degrees?)",
             ));
         }
         let mut at_max = 0;

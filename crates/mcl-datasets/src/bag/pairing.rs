@@ -8,7 +8,6 @@ use mcl_core::{Pose2, Stamp};
 use super::moment::{Moment, near, usual_interval};
 use super::track::{Occurrence, Placed, PoseTrack};
 
-const NANOSECONDS: f64 = 1e9;
 /// Stamps are not used for any scan when they are ambiguous for more than this part of the scans.
 const MANY: f64 = 0.1;
 /// Scans at the ends of a log that lie outside of its poses, as a part of all, that need no remark: recorders
@@ -60,11 +59,11 @@ pub(crate) struct Track {
     /// Whether stamps are too ambiguous to take any pose by them.
     is_void: bool,
     /// Scans whose stamps leave open which pose is theirs, scans outside of the track and in its gaps, and
-    /// the longest of these gaps (ns).
+    /// the samples around these gaps.
     unclear: usize,
     outside: usize,
     in_gaps: usize,
-    longest_gap: i64,
+    gaps: BTreeSet<[Moment; 2]>,
 }
 
 impl Track {
@@ -88,7 +87,8 @@ impl Track {
         let unclear = moments.iter().zip(occurrences).filter(|&pair| is_unclear(pair)).count();
         let is_void = unclear as f64 > MANY * moments.len() as f64;
         let scans = moments.len();
-        Track { poses, what, scans, is_void, unclear: 0, outside: 0, in_gaps: 0, longest_gap: 0 }
+        let gaps = BTreeSet::new();
+        Track { poses, what, scans, is_void, unclear: 0, outside: 0, in_gaps: 0, gaps }
     }
 
     /// The pose of a scan.
@@ -100,7 +100,7 @@ impl Track {
             Placed::Outside => self.outside += 1,
             Placed::InGap(gap) => {
                 self.in_gaps += 1;
-                self.longest_gap = self.longest_gap.max(gap);
+                self.gaps.insert(gap);
             }
         }
         None
@@ -118,7 +118,7 @@ impl Track {
 
     /// Doubts, losses and notes for scans at these times.
     pub fn remarks(&self, moments: &[Moment]) -> TrackRemarks {
-        let Track { what, scans, unclear, outside, in_gaps, longest_gap, .. } = *self;
+        let Track { what, scans, unclear, outside, in_gaps, .. } = *self;
         let mut remarks = TrackRemarks::default();
         let lie = |count: usize| match count {
             1 => "1 scan lies".to_owned(),
@@ -158,11 +158,18 @@ impl Track {
                 lie(outside)
             ));
         }
-        if in_gaps > 0 {
+        let ends = |gap: &[Moment; 2]| gap.map(|moment| Stamp::from_nanoseconds(moment.at));
+        let longest = self
+            .gaps
+            .iter()
+            .map(ends)
+            .max_by_key(|[from, to]| to.nanoseconds().saturating_sub(from.nanoseconds()));
+        if let Some([from, to]) = longest {
             remarks.doubts.push(format!(
-                "{} in gaps of the {what}, the longest of {:.3} s: nothing is interpolated over that time, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
+                "{} in {} of the {what}, up to {:.3} s long (from {from} s to {to} s): nothing is interpolated over that time, so no {what} there ({} of {} have it; --longest-gap S interpolates over more)",
                 lie(in_gaps),
-                longest_gap as f64 / NANOSECONDS,
+                counted(self.gaps.len(), "gap"),
+                to.seconds_since(from),
                 scans - unclear - outside - in_gaps,
                 counted(scans, "scan")
             ));

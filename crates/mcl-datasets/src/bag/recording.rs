@@ -21,8 +21,9 @@ use super::survey::Survey;
 use super::topics::{ChosenTopics, Pair, choose, possible_references, transform_topics};
 use super::track::{Occurrence, PoseTrack};
 use crate::log::content::{Log, LogKind};
-use crate::log::options::{ReadOptions, ReferenceTrack};
+use crate::log::options::{ReadOptions, ReferencePoses, ReferenceTrack};
 use crate::log::plane::out_of_plane;
+use crate::log::reference::of_unknown_frame;
 use crate::log::report::ReadReport;
 
 const NANOSECONDS: f64 = 1e9;
@@ -357,8 +358,8 @@ impl Assembly<'_> {
             let frame = &first.value.header.frame;
             let child = first.value.child.clone().unwrap_or_default();
             self.notes.push(format!(
-                "odometry: {topic}, {} messages, frame {frame:?} to {child:?}",
-                poses.len()
+                "odometry: {topic}, {}, frame {frame:?} to {child:?}",
+                counted(poses.len(), "message")
             ));
             self.say_unstamped(WHAT, &poses);
             let track = PoseTrack::new(self.samples(&poses), self.longest)?;
@@ -380,12 +381,12 @@ impl Assembly<'_> {
             Some((frame, samples))
         });
         let Some((frame, samples)) = on_tf else {
-            self.notes.push("odometry: none in the bag".to_owned());
+            self.notes.push("odometry: none is used".to_owned());
             return None;
         };
         self.notes.push(format!(
-            "odometry: no topic of nav_msgs/msg/Odometry; {} transforms from {frame:?} to {base:?} on /tf",
-            samples.len()
+            "odometry: {} from {frame:?} to {base:?}",
+            counted(samples.len(), "transform")
         ));
         PoseTrack::new(samples, self.longest).map(|track| self.track(track, WHAT))
     }
@@ -511,19 +512,21 @@ impl Assembly<'_> {
                 }
             };
             let track = PoseTrack::new(samples, self.longest);
-            let name = format!("{name}, {} poses", trajectory.len());
+            let name = format!("{name}, {}", counted(trajectory.len(), "pose"));
             let track = track.map(|track| self.track(track, REFERENCE));
             return Ok(Reference { track, name, frame: frame.clone() });
         }
         let Some(topic) = topic else {
             let mut possible = possible_references(self.content, odometry_topic);
             possible.extend(self.motion.pairs(base));
-            self.notes.push(match possible.is_empty() {
-                true => "reference: none".to_owned(),
-                false => {
-                    format!("reference: none; --reference-topic could take {}", possible.join(", "))
-                }
-            });
+            let possible = match possible.is_empty() {
+                true => String::new(),
+                false => format!("; --reference-topic could take {}", possible.join(", ")),
+            };
+            if self.options.reference == ReferencePoses::Recorded {
+                return Err(BagError::NoReference { possible, topics: self.content.list() });
+            }
+            self.notes.push(format!("reference: none{possible}"));
             return Ok(Reference::default());
         };
         let pair = Pair::of(topic).filter(|_| poses.is_empty());
@@ -553,7 +556,7 @@ impl Assembly<'_> {
         self.say_unstamped(REFERENCE, poses);
         Ok(Reference {
             track: Some(self.track(track, REFERENCE)),
-            name: format!("{topic}, {count} messages"),
+            name: format!("{topic}, {}", counted(count, "message")),
             frame: child.filter(|child| !child.is_empty()),
         })
     }
@@ -589,6 +592,9 @@ impl Assembly<'_> {
         mount: LaserMount,
     ) -> Result<(Option<LaserMount>, String), BagError> {
         let asked = self.options.reference_frame.clone();
+        if let (None, Some(track)) = (&asked, &self.options.reference_track) {
+            self.report.doubts.extend(of_unknown_frame(track, mount.robot_from_laser));
+        }
         let frame = match asked.or(child).as_deref() {
             Some("robot") | None => base.to_owned(),
             Some("laser") => laser.to_owned(),

@@ -166,10 +166,7 @@ pub(super) fn choose<'a>(
         ReferencePoses::None => None,
         ReferencePoses::Auto => reference_topic(content, asked.reference.as_deref())
             .or_else(|error| left_open(error, "reference"))?,
-        ReferencePoses::Recorded => {
-            let found = reference_topic(content, asked.reference.as_deref())?;
-            Some(found.ok_or_else(|| BagError::NoReference { topics: content.list() })?)
-        }
+        ReferencePoses::Recorded => reference_topic(content, asked.reference.as_deref())?,
     };
     let mut assumptions = Vec::new();
     if let Some(topic) = found.filter(|topic| asked.reference.is_none() && !is_truth(topic)) {

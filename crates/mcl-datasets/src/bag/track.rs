@@ -46,8 +46,8 @@ pub(crate) enum Placed {
     Unclear,
     /// Before the first or after the last sample of its stretch.
     Outside,
-    /// Between two samples too far apart, in nanoseconds.
-    InGap(i64),
+    /// Between these two samples, which are too far apart.
+    InGap([Moment; 2]),
 }
 
 /// The longest time interpolated over (ns): the requested one, or a few times the usual interval.
@@ -166,7 +166,7 @@ impl PoseTrack {
         };
         let gap = i128::from(after.at) - i128::from(before.at);
         if gap > i128::from(self.longest) {
-            return Placed::InGap(i64::try_from(gap).unwrap_or(i64::MAX));
+            return Placed::InGap([*before, *after]);
         }
         if !are_alike(self.group(*before)) || !are_alike(self.group(*after)) {
             return Placed::Unclear;
@@ -257,7 +257,10 @@ mod tests {
         samples.push((Moment { stretch: 1, at: 2 * S }, Pose2::IDENTITY));
         samples.push((Moment { stretch: 1, at: 3 * S }, Pose2::IDENTITY));
         let track = PoseTrack::new(samples.clone(), None).unwrap();
-        assert_eq!(track.at(at(7 * S), Occurrence::ONLY), Placed::InGap(9_500_000_000));
+        assert_eq!(
+            track.at(at(7 * S), Occurrence::ONLY),
+            Placed::InGap([at(9 * S / 2), at(14 * S)])
+        );
         assert!(matches!(track.at(at(S / 4), Occurrence::ONLY), Placed::At(_)));
         assert_eq!(track.at(Moment { stretch: 1, at: S }, Occurrence::ONLY), Placed::Outside);
         assert_eq!(track.at(at(15 * S), Occurrence::ONLY), Placed::Outside);

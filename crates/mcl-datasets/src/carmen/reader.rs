@@ -40,7 +40,8 @@ pub enum CarmenError {
     },
     /// No scan could be read.
     #[error(
-        "no laser scan in {lines} lines ({kinds}), expected FLASER, ROBOTLASER1 or RAWLASER1 records of a CARMEN log (--scan-topic RLASER or ROBOTLASER2 reads those){}",
+        "no laser scan in {lines} lines ({kinds}), expected {expected} records of a CARMEN log{}{}",
+        match on_request.join(" or ") { names if names.is_empty() => names, names => format!(" (--scan-topic {names} reads those)") },
         match report.to_string() { text if text.is_empty() => text, text => format!("\n{text}") }
     )]
     NoScan {
@@ -48,7 +49,11 @@ pub enum CarmenError {
         lines: usize,
         /// The kinds of records found, with their counts.
         kinds: String,
-        /// What was ignored and skipped.
+        /// The kinds of scan records that were looked for.
+        expected: &'static str,
+        /// The kinds of scan records found that are read on request.
+        on_request: Vec<&'static str>,
+        /// What was skipped.
         report: Box<ReadReport>,
     },
 }
@@ -386,19 +391,17 @@ impl Pass {
             });
             record::steps_off(&other, fov) > STEPS_OFF
         };
-        if by_parameters.is_none()
-            && self.contradicted.len() < COUNTED_KINDS
-            && contradicts(&implied)
-        {
-            self.contradicted.insert(beams);
-        }
         match by_parameters {
             // Rounded, and so less exact than those implied by the number of beams.
             Some(found) if !is_alike(&found, &implied) => found,
             Some(_) => implied,
             None => {
-                if record::flaser_geometry(beams).is_none() && self.ruled.len() < COUNTED_KINDS {
-                    self.ruled.insert(beams);
+                let numbers = match contradicts(&implied) {
+                    true => Some(&mut self.contradicted),
+                    false => record::flaser_geometry(beams).is_none().then_some(&mut self.ruled),
+                };
+                if let Some(numbers) = numbers.filter(|numbers| numbers.len() < COUNTED_KINDS) {
+                    numbers.insert(beams);
                 }
                 implied
             }
@@ -417,11 +420,16 @@ impl Pass {
             self.report.skipped += self.raw_report.skipped;
             self.report.skipped_details.append(&mut self.raw_report.skipped_details);
         }
+        let on_request = ScanKind::ALL.into_iter().map(|kind| kind.name);
+        let on_request = on_request.filter(|kind| self.ignored_kinds.has(kind)).collect::<Vec<_>>();
         if self.scans.is_empty() {
             return Err(CarmenError::NoScan {
                 lines: self.lines,
                 kinds: self.kinds.list(),
-                report: Box::new(self.report),
+                expected: self.asked.map_or("FLASER, ROBOTLASER1 or RAWLASER1", |asked| asked.name),
+                on_request,
+                // Those that were ignored are among the kinds.
+                report: Box::new(ReadReport { ignored: 0, ..self.report }),
             });
         }
         let (mut notes, mut assumptions) = (Vec::new(), Vec::new());
@@ -505,9 +513,7 @@ impl Pass {
             self.ignore_all("TRUEPOS", self.true_poses);
         }
         if self.report.ignored > 0 {
-            let others = ScanKind::ALL.map(|kind| kind.name);
-            let others = others.into_iter().filter(|kind| self.ignored_kinds.has(kind));
-            let others = others.map(|kind| {
+            let others = on_request.into_iter().map(|kind| {
                 format!("scans: --scan-topic {kind} reads those of the {kind} records instead")
             });
             let list = format!("ignored records: {}", self.ignored_kinds.list());

@@ -19,7 +19,7 @@ mod foreign;
 mod open;
 pub(crate) mod options;
 pub(crate) mod plane;
-mod reference;
+pub(crate) mod reference;
 pub(crate) mod report;
 
 pub use content::{Log, LogKind};

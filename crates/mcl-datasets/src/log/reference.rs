@@ -12,6 +12,8 @@ use crate::log::content::Log;
 use crate::log::options::{ReadOptions, ReferenceTrack};
 
 const NANOSECONDS: f64 = 1e9;
+/// A mount closer to the identity than this (m, rad) does not matter.
+const NO_MOUNT: f64 = 1e-9;
 const REFERENCE: &str = "reference";
 const LASER: &str = "laser";
 /// Names of the robot, and the usual names of its frame.
@@ -31,6 +33,20 @@ pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>>
     stamps.iter().map(pose).collect()
 }
 
+/// The doubt about a track that does not say whose poses it has, where the laser is mounted away from the robot's
+/// origin.
+pub(crate) fn of_unknown_frame(track: &ReferenceTrack, robot_from_laser: Pose2) -> Option<String> {
+    let Pose2 { x, y, theta } = robot_from_laser;
+    let matters = track.frame.is_none() && [x, y, theta].iter().any(|part| part.abs() > NO_MOUNT);
+    matters.then(|| {
+        format!(
+            "reference: {} does not say whose poses it has; they are taken to be the robot's, on which the \
+             laser is mounted at {x:.3} m, {y:.3} m, {theta:.3} rad (--reference-frame robot or laser states it)",
+            track.name
+        )
+    })
+}
+
 /// Sets the reference poses of a log's scans from a track, at their stamps.
 pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptions) {
     let frame = options.reference_frame.as_deref().or(track.frame.as_deref()).unwrap_or(ROBOT[0]);
@@ -38,6 +54,9 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
         LASER => (Pose2::IDENTITY, LASER),
         frame => (log.recording.robot_from_laser, frame),
     };
+    if options.reference_frame.is_none() {
+        log.report.doubts.extend(of_unknown_frame(track, log.recording.robot_from_laser));
+    }
     if frame != LASER && !ROBOT.contains(&frame) {
         log.report.doubts.push(format!(
             "reference: its poses are of frame {frame:?}, but the log names no frames; they are taken as poses of the robot (--reference-frame robot or laser changes this)"
@@ -87,6 +106,6 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
         log.reference = None;
         return;
     }
-    let count = track.trajectory.len();
-    log.reference = Some(format!("{}, {count} poses of {whose:?}", track.name));
+    let count = counted(track.trajectory.len(), "pose");
+    log.reference = Some(format!("{name}, {count} of {whose:?}"));
 }

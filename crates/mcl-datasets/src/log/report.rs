@@ -46,8 +46,8 @@ impl ReadReport {
     }
 }
 
-/// One line on the totals that are not zero, then one per described skipped record and per doubt, then why
-/// the log ends early; empty where there is nothing to report.
+/// One line on the totals that are not zero, then one per described skipped record unlike those before it and
+/// per doubt, then why the log ends early; empty where there is nothing to report.
 impl fmt::Display for ReadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut lines: Vec<String> = Vec::new();
@@ -61,8 +61,14 @@ impl fmt::Display for ReadReport {
         if !totals.is_empty() {
             lines.push(totals.join(", "));
         }
-        lines.extend(self.skipped_details.iter().map(SkippedRecord::to_string));
-        let more = self.skipped.saturating_sub(self.skipped_details.len());
+        let mut unlike: Vec<&SkippedRecord> = Vec::new();
+        for record in &self.skipped_details {
+            if !unlike.iter().any(|earlier| earlier.is_like(record)) {
+                unlike.push(record);
+            }
+        }
+        lines.extend(unlike.iter().map(ToString::to_string));
+        let more = self.skipped.saturating_sub(unlike.len());
         if more > 0 {
             lines.push(format!("… and {more} more"));
         }
@@ -116,6 +122,14 @@ pub struct SkippedRecord {
     pub found: String,
     /// What was expected.
     pub expected: String,
+}
+
+impl SkippedRecord {
+    /// Whether the same is wrong with another record.
+    fn is_like(&self, other: &Self) -> bool {
+        let SkippedRecord { place: _, record, field, found, expected } = other;
+        (&self.record, &self.field, &self.found, &self.expected) == (record, field, found, expected)
+    }
 }
 
 impl fmt::Display for SkippedRecord {

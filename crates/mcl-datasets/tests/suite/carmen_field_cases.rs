@@ -141,16 +141,19 @@ fn one_parameter_alone_gives_the_directions_and_those_of_other_scans_are_reporte
     // What the number implies stays.
     for (parameters, beams) in [
         (fov("3.14159") + &resolution("0.25"), 181),
+        (fov("3.14159") + &resolution("0.25"), 541),
         (resolution("0.5"), 181),
         (fov("4.712389"), 361),
     ] {
         let text = parameters + &scan(beams);
         assert_eq!(angles(&text), angles(&scan(beams)));
-        let doubts = read(&text).report.doubts.join("\n");
+        let log = read(&text);
+        let doubts = log.report.doubts.join("\n");
         assert!(
             doubts.contains(&format!("contradict FLASER records of {beams} beams")),
             "{doubts}"
         );
+        assert!(!log.assumptions.join("\n").contains("no parameters"), "{:?}", log.assumptions);
     }
 }
 

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use crate::support::*;
 use mcl_core::Stamp;
-use mcl_datasets::carmen::{self, CarmenError, MAX_LINE_BYTES};
+use mcl_datasets::carmen::{self, CarmenError, MAX_LINE_BYTES, ScanKind};
 use mcl_datasets::log::{LogKind, RecordPlace, ReferencePoses, SkippedRecord};
 
 #[test]
@@ -288,12 +288,12 @@ fn an_unreadable_odom_line_costs_only_itself() {
 }
 
 #[test]
-fn many_skipped_records_are_counted_and_the_first_described() {
-    let text = scan(ORIGIN, 1) + &"FLASER 1\n".repeat(50);
+fn many_skipped_records_are_counted_and_the_first_of_each_fault_described() {
+    let text = scan(ORIGIN, 1) + "FLASER 2\n" + &"FLASER 1\n".repeat(49);
     let report = read(&text).report;
     assert_eq!((report.skipped, report.skipped_details.len()), (50, 20));
     let message = report.to_string();
-    assert!(message.contains("50 skipped records") && message.contains("30 more"), "{message}");
+    assert!(message.contains("50 skipped records") && message.contains("48 more"), "{message}");
 }
 
 #[test]
@@ -301,8 +301,20 @@ fn a_text_without_scan_says_what_it_holds() {
     let text = "# nothing\nODOM 1 2 3\nHELLO\nFLASER 7\n";
     let error = carmen::read(text.as_bytes(), "", ReferencePoses::Auto).unwrap_err();
     let message = error.to_string();
-    for part in ["no laser scan in 4 lines", "FLASER", "1 ignored record", "line 4", "7"] {
+    for part in ["no laser scan in 4 lines", "FLASER 1, HELLO 1, ODOM 1", "line 4", "7"] {
         assert!(message.contains(part), "{message}");
+    }
+    assert!(!message.contains("--scan-topic") && !message.contains("ignored"), "{message}");
+    // What is there is named, and what was looked for.
+    let refused = |text: &str, kind: Option<&str>| {
+        let kind = kind.and_then(ScanKind::named);
+        carmen::read_scans(text.as_bytes(), "", ReferencePoses::Auto, kind).unwrap_err().to_string()
+    };
+    let rear = refused("RLASER 7\nROBOTLASER2 7\n", None);
+    assert!(rear.contains("(--scan-topic RLASER or ROBOTLASER2 reads those)"), "{rear}");
+    let front = refused(&scan(ORIGIN, 1), Some("RLASER"));
+    for part in ["expected RLASER records", "(--scan-topic FLASER reads those)"] {
+        assert!(front.contains(part), "{front}");
     }
 }
 

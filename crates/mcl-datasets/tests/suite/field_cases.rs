@@ -11,7 +11,7 @@ use mcl_datasets::bag::types::{
     TRANSFORM_STAMPED,
 };
 use mcl_datasets::bag::{self, Encoder, PoseRequest, PoseRole};
-use mcl_datasets::log::{LaserPose, ReadOptions, TopicChoice};
+use mcl_datasets::log::{LaserPose, ReadOptions, ReferencePoses, TopicChoice};
 use nalgebra::{UnitQuaternion, Vector3};
 
 #[test]
@@ -50,7 +50,12 @@ fn directions_that_contradict_each_other_are_reported_and_degrees_refused() {
         &["end at 4.7124 rad, but angle_max is -1.5708"],
     );
     let degrees = Fields { angle_min: 0.0, angle_max: 359.0, step: 1.0, ..HALF_TURN };
-    assert_says(&refused(&with(degrees, 360)), &["57.1 turns", "are these degrees?"]);
+    let message = scan_message(START, "laser", degrees, &[2.0; 360]);
+    let scan = entry("/scan", &types::LASER_SCAN, START, message);
+    let error = refused(&bag(&vec![scan; 25]));
+    assert_says(&error, &["57.1 turns", "in radians (are these degrees?)"]);
+    assert_says(&error, &["message could be read from the bag", "25 skipped records", "24 more"]);
+    assert_eq!(error.to_string().lines().count(), 4, "the same is said once: {error}");
 }
 
 #[test]
@@ -136,9 +141,7 @@ fn odometry_on_tf_alone_whatever_its_frames_are_called() {
         let log = read(&bag(&entries));
         assert_exact(&log);
         assert!(
-            log.notes
-                .iter()
-                .any(|note| note.contains(&format!("from {odometry:?} to {base:?} on /tf"))),
+            log.notes.iter().any(|note| note.contains(&format!("from {odometry:?} to {base:?}"))),
             "{:?}",
             log.notes
         );
@@ -189,8 +192,9 @@ fn nothing_is_interpolated_over_a_gap() {
             *entry = scan_at("/scan", seconds.min(10.0), "laser");
         }
         let log = read(&bag(&entries));
-        let gaps = format!("21 scans lie in gaps of the {what}, the longest of 4.");
-        assert_doubts(&log, &[&gaps, "30 of 51 scans have it"]);
+        let gap = format!("21 scans lie in 1 gap of the {what}, up to 4.2");
+        let place = "s long (from 1700000002.9";
+        assert_doubts(&log, &[&gap, place, "30 of 51 scans have it"]);
         let scans = &log.recording.scans;
         let has = |index: usize| match what {
             "odometry" => scans[index].odometry.is_some(),
@@ -396,6 +400,8 @@ fn ground_truth_of_other_types_and_names() {
     let log = read(&bag(&on_tf));
     let expected = "reference: none; --reference-topic could take /tf:map.base_link";
     assert!(log.notes.iter().any(|note| note == expected), "{:?}", log.notes);
+    let error = bag::read(&*bag(&on_tf), &ReferencePoses::Recorded.into()).unwrap_err();
+    assert_says(&error, &["--reference-topic could take /tf:map.base_link; topics: "]);
     let options = with_reference("/tf:map.base_link");
     assert_exact(&bag::read(&*bag(&on_tf), &options).unwrap());
     let request =

@@ -199,7 +199,7 @@ fn a_reference_from_elsewhere_has_the_given_frame() {
         frame: frame.map(str::to_owned),
     };
     for (mount, frame, asked, whose) in [
-        (Pose2::IDENTITY, None, None, "base_link"),
+        (Pose2::IDENTITY, None, Some("robot"), "base_link"),
         (Pose2::IDENTITY, Some("laser"), Some("robot"), "base_link"),
         (MOUNT, None, Some("laser"), "laser"),
         (MOUNT, Some("laser"), None, "laser"),
@@ -212,12 +212,16 @@ fn a_reference_from_elsewhere_has_the_given_frame() {
         };
         let log = bag::read(&*bag(&entries), &options).unwrap();
         assert_exact(&log);
-        let used = format!("truth.tum, 1001 poses, poses of {whose:?}");
+        let used = format!("truth.tum, 1,001 poses, poses of {whose:?}");
         assert_eq!(log.reference, Some(used));
     }
-    let options = ReadOptions {
-        reference_track: Some(track(Pose2::IDENTITY, Some("tracker"))),
-        ..ReadOptions::default()
-    };
-    assert_doubts(&bag::read(&*bag(&entries), &options).unwrap(), &["frame \"tracker\""]);
+    for (frame, doubt) in
+        [(Some("tracker"), "frame \"tracker\""), (None, "does not say whose poses")]
+    {
+        let options = ReadOptions {
+            reference_track: Some(track(Pose2::IDENTITY, frame)),
+            ..ReadOptions::default()
+        };
+        assert_doubts(&bag::read(&*bag(&entries), &options).unwrap(), &[doubt]);
+    }
 }

@@ -131,8 +131,8 @@ fn a_file_of_poses_that_goes_over_the_same_time_again_belongs_to_as_many_stretch
         times.map(|(stamp, truly)| (Stamp::from_nanoseconds(at(stamp)), path(truly))).collect()
     };
     let reading = |entries: &[Entry], trajectory: Trajectory| {
-        let track =
-            ReferenceTrack { name: "truth.tum".into(), trajectory, frame: None, doubt: None };
+        let frame = Some("base_link".into());
+        let track = ReferenceTrack { name: "truth.tum".into(), trajectory, frame, doubt: None };
         let options = ReadOptions { reference_track: Some(track), ..ReadOptions::default() };
         bag::read(&*bag(entries), &options).unwrap()
     };

@@ -8,6 +8,7 @@ use std::fmt::Write;
 
 use anyhow::{Result, bail};
 use mcl_core::{Bounds, Point, Recording, math};
+use mcl_datasets::log::ReadReport;
 use mcl_metrics::OdometryError;
 use serde::Serialize;
 
@@ -29,8 +30,10 @@ struct Inspection {
     points: usize,
     /// Bounds of the points; null without reference poses or usable readings.
     bounds: Option<[f64; 4]>,
-    duration_s: f64,
-    path_length_m: f64,
+    /// Null where fewer than two scans have a stamp.
+    duration_s: Option<f64>,
+    /// Null without any pose.
+    path_length_m: Option<f64>,
     beams_used_per_scan: f64,
     ignored_records: usize,
     /// Ignored records by kind, for a bag by topic.
@@ -61,6 +64,8 @@ struct Inspection {
     dimensions: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
+    #[serde(flatten)]
+    remarks: Remarks,
     /// Topics of a bag, and what they are used for; null for other logs.
     #[serde(flatten)]
     survey: Option<Surveyed>,
@@ -141,6 +146,25 @@ fn no_reference(source: &LogSource) -> &'static str {
     }
 }
 
+/// What was assumed and lost in reading, which the text has on stderr.
+#[derive(Serialize)]
+struct Remarks {
+    assumptions: Vec<String>,
+    doubts: Vec<String>,
+    /// Why the log ends early; null if it does not.
+    truncated: Option<String>,
+}
+
+impl Remarks {
+    fn of(assumptions: &[String], report: &ReadReport) -> Self {
+        Remarks {
+            assumptions: assumptions.to_vec(),
+            doubts: report.doubts.clone(),
+            truncated: report.truncated.clone(),
+        }
+    }
+}
+
 /// Remarks to be read beside the figures.
 struct Notes {
     heading: String,
@@ -179,6 +203,8 @@ struct CloudInspection {
     skipped_records: usize,
     /// How a bag was read, a line each.
     bag: Vec<String>,
+    #[serde(flatten)]
+    remarks: Remarks,
 }
 
 fn inspect_cloud(cloud: CloudSource, args: &InspectArgs) -> Result<Outcome> {
@@ -198,6 +224,7 @@ fn inspect_cloud(cloud: CloudSource, args: &InspectArgs) -> Result<Outcome> {
         ignored: cloud.report.ignored_kinds.clone(),
         skipped_records: cloud.report.skipped,
         bag: cloud.notes.clone(),
+        remarks: Remarks::of(&cloud.assumptions, &cloud.report),
     };
     print(args.json, &inspection, |found| cloud_text(found, &cloud))?;
     Ok(report_data_losses(&args.data.log.log, &DataSource::Cloud(cloud)))
@@ -229,7 +256,7 @@ fn cloud_text(found: &CloudInspection, cloud: &CloudSource) -> String {
         axes.map(|((axis, low), high)| format!("{axis} {low:.2} … {high:.2} m")).collect();
     line("bounds", bounds.join(", "));
     for note in &found.bag {
-        line("bag", printable(note).into_owned());
+        line("note", printable(note).into_owned());
     }
     text
 }
@@ -239,11 +266,15 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
     let scans = recording.scans.len();
     let readings = recording.readings();
     let points: usize = recording.scans.iter().map(|scan| scan.usable_beams(whole.max_range)).sum();
-    let duration_s = recording.duration_s();
+    let stamped = recording.scans.iter().filter(|scan| scan.stamp.is_some()).count();
+    let duration_s = (stamped > 1).then(|| recording.duration_s());
+    let any_odometry = recording.scans.iter().any(|scan| scan.odometry.is_some());
     // An empty sum is -0.
-    let path_length_m = recording.path_length_m() + 0.0;
+    let path_length_m =
+        (recording.has_reference() || any_odometry).then(|| recording.path_length_m() + 0.0);
     let backward_stamps = recording.backward_stamps();
     let outcome = report_losses(&args.data.log.log, &whole);
+    let remarks = Remarks::of(&whole.assumptions, &whole.report);
     // The part of a bag that other commands use.
     let source = whole.covered();
     let covered = &source.recording;
@@ -282,6 +313,7 @@ fn inspect_log(whole: LogSource, args: &InspectArgs) -> Result<Outcome> {
         commands: Commands::of(&source),
         fitted_motion,
         dimensions: 2,
+        remarks,
         survey: source.survey.as_ref().map(Surveyed::of),
         bag: source.notes.clone(),
         notes: Notes {
@@ -348,9 +380,14 @@ fn text(found: &Inspection) -> String {
             ),
         );
     }
-    line("path", format!("{:.1} m in {:.0} s", found.path_length_m, found.duration_s));
+    if let Some(metres) = found.path_length_m {
+        line("path", format!("{metres:.1} m"));
+    }
+    if let Some(seconds) = found.duration_s {
+        line("duration", format!("{seconds:.0} s"));
+    }
     for note in &found.bag {
-        line("bag", printable(note).into_owned());
+        line("note", printable(note).into_owned());
     }
     if let Some(survey) = &found.survey {
         survey.lines(&mut line);

@@ -79,7 +79,7 @@ fn a_reference_from_a_file_places_the_scans_of_logs_and_bags() {
     let lab = Lab::new();
     let expected = lab.points(&["whole.mcap"]);
     for args in [
-        &["raw.mcap", "--reference", "robot.tum"][..],
+        &["raw.mcap", "--reference", "robot.tum", "--reference-frame", "robot"][..],
         &["raw.mcap", "--reference", "laser.tum", "--reference-frame", "laser"],
         &["raw.mcap", "--reference", "whole.mcap"],
         &["raw.mcap", "--reference", "whole.mcap", "--reference-topic", "/reference"],
@@ -94,17 +94,20 @@ fn a_reference_from_a_file_places_the_scans_of_logs_and_bags() {
     let wrong = ["raw.mcap", "--reference", "robot.tum", "--reference-frame", "laser"];
     assert!(farthest(&lab.points(&wrong), &expected) > 0.2);
 
+    // A file that does not say whose poses it has holds the robot's, which is a guess.
     let args = ["likelihood", "raw.mcap", "--map", "points.csv", "--reference", "robot.tum"];
-    let found = lab.json(&args, 0);
+    let found = lab.json(&args, 3);
     assert_eq!(found["reference"], "robot.tum, 40 poses, poses of \"base_link\"");
     lab.points(&["whole.mcap"]);
     let args = ["localize", "raw.mcap", "--map", "points.csv", "--reference", "robot.tum"];
-    let found = lab.json(&args, 0);
+    let (_, stderr) = lab.ends(&args, 3);
+    assert!(stderr.contains("does not say whose poses it has"), "{stderr}");
+    let found = lab.json(&[&args[..], &["--reference-frame", "robot"]].concat(), 0);
     assert!(found["translation"]["mean"].as_f64().unwrap() < 0.2, "{found}");
     assert_eq!(found["bridged_steps"], 0);
-    let found = lab.json(&["inspect", "raw.mcap", "--reference", "robot.tum"], 0);
+    let found = lab.json(&["inspect", "raw.mcap", "--reference", "robot.tum"], 3);
     assert_eq!(found["has_reference"], true);
-    let (stdout, _) = lab.ends(&["convert", "raw.mcap", "b.db3", "--reference", "robot.tum"], 0);
+    let (stdout, _) = lab.ends(&["convert", "raw.mcap", "b.db3", "--reference", "robot.tum"], 3);
     assert!(stdout.contains("reference: robot.tum, 40 poses"), "{stdout}");
     assert!(farthest(&lab.points(&["b.db3"]), &expected) < 1e-4);
 
@@ -183,7 +186,7 @@ fn evaluate_takes_the_mount_between_poses_of_the_robot_and_of_the_laser() {
     // As of localize: what does not say whose poses it has holds the robot's, which is doubtful beside a mount.
     let (found, described) = mean(&["--reference", "robot.tum"], 3);
     assert!(
-        (found - expected).abs() < 1e-6 && described.ends_with("of an unknown frame"),
+        (found - expected).abs() < 1e-6 && described.ends_with("of the robot (assumed)"),
         "{described}"
     );
     assert!(mean(&["--reference", "laser.tum"], 3).0 > 0.2, "another's poses");
@@ -261,6 +264,16 @@ fn inspect_shows_what_has_to_be_chosen() {
     write("one.mcap", &["/front/scan"]);
     let found = lab.json(&["inspect", "one.mcap"], 3);
     assert_eq!((&found["scans"], &found["has_odometry"]), (&40.into(), &false.into()));
+    // The path is not known, and not 0 m.
+    assert_eq!((&found["path_length_m"], &found["duration_s"]), (&Value::Null, &39.0.into()));
+    assert!(found["doubts"][0].as_str().unwrap().contains("--odom-topic; none is used"), "{found}");
+    let (stdout, _) = lab.ends(&["inspect", "one.mcap"], 3);
+    for part in
+        ["note          odometry: none is used", "scans: /front/scan is chosen", ", logged 1."]
+    {
+        assert!(stdout.contains(part), "no {part:?} in {stdout}");
+    }
+    assert!(!stdout.contains("  path"), "{stdout}");
     let choice = |what: &str| {
         let choices = found["choices"].as_array().unwrap();
         choices.iter().find(|choice| choice["what"] == what).unwrap().clone()
@@ -337,15 +350,27 @@ fn a_reference_with_a_gap_is_used_where_it_is() {
     let found: Value = serde_json::from_str(&stdout).unwrap();
     assert_eq!((&found["has_reference"], &found["reference_scans"]), (&true.into(), &30.into()));
     assert!(found["bounds"].is_array(), "{found}");
+    assert!(found["doubts"][0].as_str().unwrap().contains("1 gap of the reference"), "{found}");
     let (stdout, stderr) = lab.ends(&call(&["localize", "whole.mcap", "--map", "points.csv"]), 3);
     let found: Value = serde_json::from_str(&stdout).unwrap();
     assert_eq!(found["reference_scans"], 30);
     assert!(found["translation"]["max"].as_f64().unwrap() < 0.5, "{found}");
-    assert!(stderr.contains("10 scans lie in gaps of the reference"), "{stderr}");
+    assert!(stderr.contains("10 scans lie in 1 gap of the reference"), "{stderr}");
+    let late: String = poses.lines().skip(10).map(|row| format!("{row}\n")).collect();
+    fs::write(lab.path("late.tum"), late).unwrap();
+    let late = ["--reference", "late.tum", "--reference-frame", "laser", "-o", "late.csv"];
+    let (_, stderr) = lab.ends(&[&["map", "whole.mcap", "--init", "all"][..], &late].concat(), 3);
+    let left_out = "10 scans are left out at the ends of the log, where poses are missing";
+    assert!(stderr.contains(left_out), "{stderr}");
     // Without odometry, the reason is that there is none in the log.
     let (_, stderr) =
         lab.ends(&["map", "whole.mcap", "--reference", "none", "--init", "all", "-o", "m.csv"], 1);
     assert!(stderr.contains("--reference-topic could take /reference"), "{stderr}");
+    assert!(!stderr.contains("raw log"), "{stderr}");
+    // Nor is a corrected log a raw one, because its poses are not used.
+    let unused = ["map", "office.log", "--reference", "none", "--init", "all", "-o", "m.csv"];
+    let (_, stderr) = lab.ends(&unused, 1);
+    assert!(stderr.contains("no scan has a reference pose"), "{stderr}");
     assert!(!stderr.contains("raw log"), "{stderr}");
 }
 

@@ -286,7 +286,9 @@ impl LogSource {
         self.recording.scans.drain(..start);
         self.recording.scans[0].odometry = None;
         let s = if left_out == 1 { " is" } else { "s are" };
-        self.assumptions.push(format!("{left_out} scan{s} therefore left out"));
+        self.assumptions.push(format!(
+            "{left_out} scan{s} left out at the ends of the log, where poses are missing"
+        ));
         self
     }
 
@@ -318,9 +320,13 @@ impl LogSource {
             }
             let reasons = self.reasons("reference");
             let Some(survey) = &self.survey else {
+                let what = match self.kind {
+                    Some(LogKind::Raw) => "this looks like a raw log",
+                    _ => "no scan has a reference pose",
+                };
                 return format!(
-                    "{name}: this looks like a raw log{reasons}; if its laser poses are ground truth \
-                     nevertheless, give --reference recorded; --reference FILE reads them from another file"
+                    "{name}: {what}{reasons}; --reference recorded takes the log's laser poses as ground \
+                     truth, and --reference FILE reads poses from another file"
                 );
             };
             let of_reference = survey.choices.iter().find(|choice| choice.what == "reference");

@@ -77,7 +77,7 @@ pub fn bridge(log: &LogSource) -> Result<Bridge> {
     let replay = Replay { recording: &log.recording, increments: &increments, scans: &scans };
     Bridge::over(&replay).with_context(|| {
         let advice = match log.survey {
-            Some(_) => "mcl-eval inspect lists what could be the odometry",
+            Some(_) => "--odom-topic or --odom-frame chooses what mcl-eval inspect lists",
             None => {
                 "if the log's laser poses are odometry, use them with --reference none --initial-pose X,Y,THETA"
             }

@@ -42,10 +42,7 @@ struct UnreadableBag {
     problem: String,
 }
 
-/// Kinds of records that are read on request.
-const RECORDS: [&str; 2] = ["RLASER", "ROBOTLASER2"];
-
-/// A CARMEN log whose scans are read only on request.
+/// A CARMEN log whose scans are of kinds that were not requested.
 #[derive(Serialize)]
 struct UnreadCarmen {
     lines: usize,
@@ -86,7 +83,7 @@ impl Surveyed {
                 counted(topic.messages, "message")
             );
             if let (Some(first), Some(last)) = (&topic.first_s, &topic.last_s) {
-                text += &format!(", {first} … {last} s");
+                text += &format!(", logged {first} … {last} s");
             }
             if let Some(frame) = &topic.frame {
                 text += &format!(", frame {:?}", printable(frame));
@@ -96,9 +93,9 @@ impl Surveyed {
         for choice in &self.choices {
             let mut text = format!("{}: ", choice.what);
             text += &match (&choice.taken, choice.is_open) {
-                (Some(taken), _) => format!("{} is read", printable(taken)),
+                (Some(taken), _) => format!("{} is chosen", printable(taken)),
                 (None, true) => "one has to be chosen".to_owned(),
-                (None, false) => "no topic is read".to_owned(),
+                (None, false) => "no topic is chosen".to_owned(),
             };
             if !choice.others.is_empty() {
                 text += &format!(", could be {}", printable(&choice.others.join(", ")));
@@ -115,15 +112,17 @@ pub fn inspect_unread(error: Error, args: &InspectArgs) -> Result<Outcome> {
     if error.downcast_ref::<LogError>().is_none() {
         return Err(error);
     }
-    if let Some(LogError::Carmen { error: CarmenError::NoScan { lines, kinds, .. }, .. }) =
-        error.downcast_ref::<LogError>()
-        && RECORDS.iter().any(|kind| kinds.contains(kind))
+    if let Some(LogError::Carmen {
+        error: CarmenError::NoScan { lines, kinds, on_request, .. },
+        ..
+    }) = error.downcast_ref::<LogError>()
+        && !on_request.is_empty()
     {
         let unread =
             UnreadCarmen { lines: *lines, records: kinds.clone(), problem: error_message(&error) };
         print(args.json, &unread, |unread| {
             format!(
-                "{name}: a CARMEN log, but its scans are read only on request\n  lines         {}\n  \
+                "{name}: a CARMEN log, but no scan can be read from it as it is\n  lines         {}\n  \
                  records       {}\n",
                 unread.lines,
                 printable(&unread.records)
