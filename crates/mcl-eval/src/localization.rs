@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use anyhow::Result;
-use mcl_core::{Pose2, Seed};
+use mcl_core::{Point, Pose2, Seed, math};
 use mcl_filter::Run;
 use mcl_metrics::{
     DivergenceSettings, Interval, LossSettings, LostEpisode, WeightedPoseError, bootstrap_mean,
-    diverged, lost_episodes,
+    diverged, found_for_good, lost_episodes,
 };
 use serde::Serialize;
 
@@ -28,6 +28,8 @@ pub fn run_seed(seed: u64, name: &str, number: u32) -> Seed {
 pub struct FinishedRun {
     /// Against the reference, one entry per scan that has one; `None` where none has.
     pub errors: Option<ErrorSamples>,
+    /// Estimated positions of the laser (m), one per scan; empty where there are errors instead.
+    positions: Vec<Point<2>>,
     /// Normalized estimation error squared per scan; `None` without a reference, or with a singular covariance.
     pub nees: Vec<Option<f64>>,
     /// Sum over the scans.
@@ -56,6 +58,10 @@ impl FinishedRun {
             true => None,
             false => Some(ErrorSamples::of(&there, &estimates, &WeightedPoseError::default())?),
         };
+        let positions = match &errors {
+            Some(_) => Vec::new(),
+            None => run.map_from_laser.iter().map(|pose| [pose.x, pose.y]).collect(),
+        };
         let laser_from_robot = source.recording.robot_from_laser.inverse();
         let nees = scans.iter().zip(&run.reports).map(|(scan, report)| {
             scan_nees(scan.map_from_laser.as_ref()?, report, &laser_from_robot)
@@ -66,6 +72,7 @@ impl FinishedRun {
         let weighed = run.reports.iter().map(|report| report.particles * report.used_beams);
         Ok(FinishedRun {
             errors,
+            positions,
             nees,
             used_beams: run.reports.iter().map(|report| report.used_beams).sum(),
             weighed: weighed.sum::<usize>() as f64,
@@ -97,6 +104,9 @@ pub struct Localization {
     pub(crate) heading: Option<Figures>,
     /// Pooled over the runs that did not diverge; null when all did.
     pub(crate) without_diverged: Option<ErrorFigures>,
+    /// How far the runs are apart where no reference tells how wrong they are; null with a reference, and for a single
+    /// run.
+    pub(crate) spread: Option<Spread>,
     /// 95 % intervals of the pooled means, by a bootstrap over runs; null for a single run.
     pub(crate) mean_ci95: Option<MeanIntervals>,
     /// Mean number of beams used of a scan.
@@ -117,10 +127,40 @@ pub(crate) struct RunFigures {
     run: usize,
     diverged: Option<bool>,
     lost_episodes: Option<Vec<LostEpisode>>,
+    /// Number of scans before the error is below 0.5 m and stays below 1 m; null where it never does, and without a
+    /// reference.
+    pub(crate) scans_until_found: Option<usize>,
     weighted: Option<Figures>,
     translation: Option<Figures>,
     heading: Option<Figures>,
     seconds: f64,
+}
+
+/// Distances between the runs' estimated positions of a scan and their mean (m).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Spread {
+    /// Mean over the scans and runs.
+    pub(crate) mean: f64,
+    /// The largest at the last scan.
+    pub(crate) largest_at_end: f64,
+}
+
+impl Spread {
+    /// Of runs with a position per scan; `None` for fewer than two runs, and without positions.
+    fn of(runs: &[&[Point<2>]]) -> Option<Self> {
+        let scans = runs.first().filter(|_| runs.len() > 1)?.len();
+        let number = runs.len() as f64;
+        let (mut sum, mut largest_at_end) = (0.0, 0.0);
+        for scan in 0..scans {
+            let positions = || runs.iter().map(|run| run[scan]);
+            let mean: Point<2> =
+                std::array::from_fn(|axis| positions().map(|at| at[axis]).sum::<f64>() / number);
+            let distances = || positions().map(|[x, y]| math::hypot(x - mean[0], y - mean[1]));
+            sum += distances().sum::<f64>();
+            largest_at_end = distances().fold(0.0, f64::max);
+        }
+        (scans > 0).then(|| Spread { mean: sum / (number * scans as f64), largest_at_end })
+    }
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -191,6 +231,9 @@ impl Localization {
             translation: pooled.map(|pooled| pooled.translation),
             heading: pooled.map(|pooled| pooled.heading),
             without_diverged,
+            spread: Spread::of(
+                &runs.iter().map(|run| run.positions.as_slice()).collect::<Vec<_>>(),
+            ),
             mean_ci95,
             used_beams_per_scan: used_beams as f64 / (runs.len() * scans) as f64,
             ns_per_beam: (used_beams > 0).then(|| nanoseconds / weighed),
@@ -209,6 +252,7 @@ impl RunFigures {
             run: number,
             diverged: None,
             lost_episodes: None,
+            scans_until_found: None,
             weighted: None,
             translation: None,
             heading: None,
@@ -223,6 +267,8 @@ impl RunFigures {
                 episode.recovered = episode.recovered.map(|sample| placed[sample]);
             }
             figures.lost_episodes = Some(lost);
+            let found = found_for_good(translation, &LossSettings::default());
+            figures.scans_until_found = found.map(|sample| placed[sample]);
             figures.weighted = Some(Figures::of(&errors.weighted)?);
             figures.translation = Some(Figures::of(translation)?);
             figures.heading = Some(Figures::of(&errors.heading)?);
@@ -243,5 +289,20 @@ impl MeanIntervals {
             translation: interval(|run| &run.translation)?,
             heading: interval(|run| &run.heading)?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_that_end_in_two_places_are_apart() {
+        let there: &[Point<2>] = &[[0.0, 0.0], [0.0, 0.0]];
+        let away: &[Point<2>] = &[[0.0, 0.0], [3.0, 4.0]];
+        let found = Spread::of(&[there, away]).unwrap();
+        assert_eq!(found, Spread { mean: 1.25, largest_at_end: 2.5 });
+        assert_eq!(Spread::of(&[there]), None);
+        assert_eq!(Spread::of(&[&[], &[]]), None);
     }
 }

@@ -47,7 +47,18 @@ impl Outcome {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
+    #[cfg(unix)]
+    outlive_file_limits();
     ExitCode::from(main_of(std::env::args_os()))
+}
+
+/// A write beyond the limit on file sizes (`ulimit -f`) fails like one on a full disk, instead of ending the program
+/// without a word.
+#[cfg(unix)]
+fn outlive_file_limits() {
+    let caught = std::sync::Arc::default();
+    // Where the signal cannot be caught, it ends the program as before.
+    drop(signal_hook::flag::register(signal_hook::consts::SIGXFSZ, caught));
 }
 
 /// Runs the program on arguments, the first of which is its name, and returns its exit code. A usage error and an
@@ -75,7 +86,16 @@ pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 }
 
 fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
-    let matches = Cli::command().try_get_matches_from(arguments)?;
+    // A negative number is a value that is refused with the range of its option, not an unknown option.
+    let command = Cli::command().mut_subcommands(|command| {
+        command.mut_args(|option| {
+            match option.get_action().takes_values() && !option.is_positional() {
+                true => option.allow_negative_numbers(true),
+                false => option,
+            }
+        })
+    });
+    let matches = command.try_get_matches_from(arguments)?;
     let mut cli = Cli::from_arg_matches(&matches)?;
     if let (Command::Plan(plan), Some((_, of_plan))) = (&mut cli.command, matches.subcommand()) {
         plan.given = StudyArgs::given(of_plan);

@@ -142,6 +142,12 @@ fn report_reading(name: &str, assumptions: &[String], report: &ReadReport) -> Ou
 /// As [`read_map`].
 pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
     let map = read_map(path)?;
+    report_image_in_place(path);
+    Ok(map)
+}
+
+/// Reports that the image of a grid was read from elsewhere than its description says.
+pub fn report_image_in_place(path: &Path) {
     if let Some((elsewhere, beside)) = image_in_place(path) {
         tell!(
             "note: {}: its image is given as {elsewhere:?}; {}, beside it, is used instead",
@@ -149,7 +155,6 @@ pub fn open_map<const D: usize>(path: &Path) -> Result<PointMap<D>> {
             beside.display()
         );
     }
-    Ok(map)
 }
 
 /// Reports on stderr which steps have unknown odometry, and how the filter bridges them.

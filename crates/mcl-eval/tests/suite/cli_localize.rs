@@ -306,8 +306,21 @@ fn without_a_reference_the_start_must_be_given_and_errors_are_null() {
     assert!(!lab.path("out/reference.tum").exists());
     assert!(lab.read("out/run-000.csv").lines().nth(1).unwrap().contains(",,,,,,,"));
 
-    let text = lab.done(&raw(&["--initial", "uniform"]));
+    let text = lab.done(&raw(&["--initial", "uniform", "--runs", "2"]));
     assert!(text.contains("no reference poses"), "{text}");
+    assert!(text.contains("from their mean position"), "{text}");
+}
+
+#[test]
+fn a_robot_that_did_not_know_where_it_was_is_found_after_some_scans() {
+    let lab = Lab::new();
+    let args = ["localize", "office.log", "--map", "map.csv", "--initial", "scan", "--runs", "3"];
+    let text = lab.done(&args);
+    assert!(text.contains("250..10000") && text.contains("found in 3 of 3 runs, after "), "{text}");
+    let found = lab.json(&[&args[..], &["--json"]].concat());
+    let after = |run: usize| found["each"][run]["scans_until_found"].as_u64();
+    assert!((0..3).all(|run| after(run).is_some_and(|scans| scans < 10)), "{found}");
+    assert_eq!(found["spread"], Value::Null);
 }
 
 #[test]
@@ -377,7 +390,7 @@ fn stamps_that_step_back_in_time_match_themselves() {
 #[test]
 fn invalid_arguments_are_wrong_usage() {
     let lab = Lab::new();
-    let cases: [(&[&str], &str); 14] = [
+    let cases: [(&[&str], &str); 16] = [
         (&["--alpha", "0.1,0.2,0.3"], "expected 4 numbers"),
         (&["--motion", "gaussian", "--alpha", "0,0,0,0"], "--motion book"),
         (&["--motion", "book", "--heading-noise", "0,0,0"], "--motion gaussian"),
@@ -387,6 +400,9 @@ fn invalid_arguments_are_wrong_usage() {
         (&["--runs", "0"], "--runs"),
         (&["--beams", "some"], "all"),
         (&["--sigma-hit", "0"], "sigma_hit is 0"),
+        // A value, not an unknown option.
+        (&["--sigma-hit", "-1"], "sigma_hit is -1"),
+        (&["--particles", "-1"], "expected a number of particles"),
         (&["--z-rand", "1.5"], "z_rand is 1.5"),
         (&["--resampling", "wheel"], "systematic"),
         (&["--odometry-noise=-0.1,0"], "standard deviations"),

@@ -189,17 +189,17 @@ pub struct EvaluateArgs {
     pub tolerance: f64,
     /// The longest time between two poses to be interpolated over, and that counts as covered, in seconds
     /// [default: five usual intervals, at least 0.2].
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = positive)]
     pub longest_gap: Option<f64>,
     /// Seconds to be added to the estimates' stamps; auto searches for what brings the positions closest to the
     /// reference.
-    #[arg(long, value_name = "S|auto", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S|auto")]
     pub offset: Option<TimeOffset>,
     /// Leave out what comes earlier than this many seconds after the reference's first pose.
-    #[arg(long, value_name = "S", value_parser = non_negative, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = non_negative)]
     pub start: Option<f64>,
     /// Leave out what comes later than this many seconds after the reference's first pose.
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = positive)]
     pub end: Option<f64>,
     /// Relative errors over these lengths, separated by commas: metres along the path, or 2s, 10f (frames), 30deg,
     /// 0.5rad.

@@ -65,7 +65,7 @@ static AFTER_HELP: LazyLock<String> = LazyLock::new(|| {
 pub enum Initial {
     /// Position tracking: about the log's first reference pose, or the one given.
     Known,
-    /// Global localization: anywhere on the map, in any direction.
+    /// Global localization: anywhere on the map, in any direction. Finds the robot less often than scan.
     Uniform,
     /// Global localization: where the first scan is likely, tempered until the particles agree.
     Scan,
@@ -82,7 +82,8 @@ pub struct LocalizeArgs {
     /// The set of settings that the options below change (its values stand at the end).
     #[arg(long, default_value_t = Preset::Default, value_name = "default|book|carmen")]
     pub preset: Preset,
-    /// Number of particles: fixed, or from MIN to MAX as KLD sampling asks for, MAX at the start.
+    /// Number of particles: fixed, or from MIN to MAX as KLD sampling asks for, MAX at the start [default: that of
+    /// the preset; 250..10000 for an unknown start].
     #[arg(long, value_name = "N|MIN..MAX")]
     pub particles: Option<ParticleNumber>,
     /// Independent runs.

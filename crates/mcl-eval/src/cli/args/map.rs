@@ -76,7 +76,7 @@ pub struct MapArgs {
     #[arg(long, value_name = "CRITERION", default_value = "held-out", value_parser = criterion())]
     pub auto_by: Criterion,
     /// Edge length of a grid cell in metres.
-    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = positive)]
     pub cell: Option<f64>,
     /// A corner of a grid cell in metres, in three dimensions X,Y,Z; or random: drawn from the seed, as
     /// studies do, whose rows give the seed of each map [default: 0,0].
@@ -95,13 +95,13 @@ pub struct MapArgs {
     #[arg(long, value_name = "N")]
     pub restarts: Option<usize>,
     /// A refinement stops looking further after so many seconds; the map then depends on the machine.
-    #[arg(long, value_name = "S", value_parser = non_negative, allow_negative_numbers = true, requires = "refine")]
+    #[arg(long, value_name = "S", value_parser = non_negative, requires = "refine")]
     pub refine_seconds: Option<f64>,
     /// Standard deviation of a map point's Gaussian in metres, or auto.
-    #[arg(long, default_value = "0.05", value_name = "M|auto", value_parser = sigma, allow_negative_numbers = true)]
+    #[arg(long, default_value = "0.05", value_name = "M|auto", value_parser = sigma)]
     pub sigma: Auto<f64>,
     /// Fuzzy k-means stops when an update gains less (nats per point).
-    #[arg(long, default_value_t = 1e-4, value_name = "T", value_parser = non_negative, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1e-4, value_name = "T", value_parser = non_negative)]
     pub tolerance: f64,
     /// Fuzzy k-means stops after this many updates.
     #[arg(long, default_value_t = 1000, value_name = "N")]
@@ -110,7 +110,7 @@ pub struct MapArgs {
     #[arg(long, requires = "refine")]
     pub no_snap: bool,
     /// Edge length of a cell of a grid map (.yaml) in metres [default: 0.05].
-    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = positive)]
     pub resolution: Option<f64>,
     /// Write PLY and PCD files as text.
     #[arg(long)]

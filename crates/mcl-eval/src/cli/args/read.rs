@@ -47,7 +47,7 @@ pub struct ReadArgs {
     pub no_deskew: bool,
     /// Interpolate between two poses of odometry or reference that are at most so many seconds apart
     /// [default: five usual intervals, at least 0.2].
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = positive)]
     pub longest_gap: Option<f64>,
 }
 

@@ -4,9 +4,9 @@ use mcl_metrics::Interval;
 use mcl_study::data::source::LogSource;
 use mcl_study::measure::consistency::Consistency;
 
-use crate::cli::args::LocalizeArgs;
+use crate::cli::args::{Initial, LocalizeArgs};
 use crate::cli::output::reference_of;
-use crate::localization::{Localization, MeanIntervals};
+use crate::localization::{Localization, MeanIntervals, Spread};
 use crate::pose_errors::ErrorFigures;
 
 /// The result as text.
@@ -48,6 +48,11 @@ pub fn text(
         }
         _ => text += "no errors: the log has no reference poses\n",
     }
+    if let Some(Spread { mean, largest_at_end }) = found.spread {
+        text += &format!(
+            "the runs are {mean:.2} m from their mean position on average, and up to {largest_at_end:.2} m at the end\n"
+        );
+    }
     if let Some(MeanIntervals { weighted: Interval { low, high }, .. }) = found.mean_ci95 {
         text += &format!(
             "mean weighted error: 95 % interval {low:.4} … {high:.4} (bootstrap over runs)\n"
@@ -62,6 +67,9 @@ pub fn text(
             counted(lost, "time"),
             counted(recovered, "time")
         );
+        if args.initial != Initial::Known {
+            text += &found_after(found);
+        }
         if let Some(rest) = found.without_diverged.filter(|_| diverged > 0) {
             text += &format!("without diverged runs:\n{}", rest.table());
         }
@@ -91,4 +99,16 @@ pub fn text(
         text += &format!("{}: run 0, to be looked at\n", path.display());
     }
     text
+}
+
+/// How many robots that did not know where they were have been found, and how soon.
+fn found_after(found: &Localization) -> String {
+    let mut scans: Vec<usize> = found.each.iter().filter_map(|run| run.scans_until_found).collect();
+    scans.sort_unstable();
+    let soon = match scans.as_slice() {
+        [] => String::new(),
+        [first, .., last] => format!(", after {first} to {last} scans (which count in the errors)"),
+        [only] => format!(", after {} (which count in the errors)", counted(*only, "scan")),
+    };
+    format!("found in {} of {}{soon}\n", scans.len(), counted(found.runs, "run"))
 }
