@@ -28,6 +28,23 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// What a spreadsheet reads as the start of a formula.
+const FORMULA: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+
+/// Makes text from files or arguments safe as a cell of a CSV file: what a spreadsheet would compute as a formula, such
+/// as the name `=1+1.log`, begins with an apostrophe. Numbers are written without.
+pub fn as_cell(text: &str) -> Cow<'_, str> {
+    match text.starts_with(FORMULA) {
+        true => Cow::Owned(format!("'{text}")),
+        false => Cow::Borrowed(text),
+    }
+}
+
+/// The text of a cell that [`as_cell`] made.
+pub fn of_cell(cell: &str) -> &str {
+    cell.strip_prefix('\'').filter(|text| text.starts_with(FORMULA)).unwrap_or(cell)
+}
+
 /// Formats a p value: "p = 0.012", "p = 3.1e-5", and "p < 1e-300" below that.
 pub fn p_value(p: f64) -> String {
     match p {
@@ -145,6 +162,17 @@ mod tests {
         for text in ["", "Intel, σ = 0.05 m", r"a\b", "地図", "नक्शा", "مختبر", "👩\u{200d}🔬"]
         {
             assert!(matches!(printable(text), Cow::Borrowed(same) if same == text), "{text}");
+        }
+    }
+
+    #[test]
+    fn cells_are_not_formulas() {
+        for text in ["=1+1.log", "+a", "-o", "@b", "\tc", "\rd"] {
+            let cell = as_cell(text);
+            assert_eq!((cell.strip_prefix('\''), of_cell(&cell)), (Some(text), text));
+        }
+        for text in ["", "a=b", "'a", "büro,\"x\""] {
+            assert_eq!((as_cell(text).as_ref(), of_cell(text)), (text, text));
         }
     }
 

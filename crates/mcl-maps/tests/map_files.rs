@@ -276,6 +276,24 @@ fn rows_of_a_wrong_length_are_named() {
     assert_eq!(problem::<2>("m.pcd", pcd), length(12, 6, 7));
 }
 
+/// Fault: the message was debugging output of the library.
+#[test]
+fn a_bad_line_of_a_ply_header_is_named() {
+    let cases = [
+        ("ply\nformat ascii 1.0\nelement vertex 1\npropertx float x\r\n", 4, "propertx float x"),
+        ("format ascii 1.0\n", 1, "format ascii 1.0"),
+        ("ply\nformat ascii 1.0\nproperty float x\n", 3, "property float x"),
+        ("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", 3, "element vertex -1"),
+    ];
+    for (text, line, found) in cases {
+        let expected =
+            format!("bad PLY header, line {line}: found {found:?}, which is not valid there");
+        assert_eq!(problem::<2>("m.ply", text).to_string(), expected);
+    }
+    let cut = problem::<2>("m.ply", "ply\nformat ascii 1.0\n").to_string();
+    assert!(cut.contains("missing 'end_header'"), "{cut}");
+}
+
 #[test]
 fn no_points_is_an_error() {
     let empty = MapProblem::Points(CoreError::NoPoints);

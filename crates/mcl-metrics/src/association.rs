@@ -10,6 +10,10 @@ use crate::timeline::{Timeline, gap};
 /// Default for the largest difference of two matching stamps, in seconds (as in evo).
 pub const DEFAULT_TOLERANCE_S: f64 = 0.01;
 
+/// Differences are compared in this unit (nanoseconds): stamps that were seconds since 1970 in 64-bit numbers are off by
+/// up to 0.12 µs, which must not choose between two poses that are equally near.
+const NOISE: u64 = 1000;
+
 /// One of the two compared trajectories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -57,8 +61,8 @@ pub struct TimeDifference {
 }
 
 /// Matches poses by stamp, one to one and greedily: of all pairs at most `tolerance_s` apart, the pair nearest
-/// in time is matched first, then the nearest of the remaining ones, and so on. Equally near pairs are matched in
-/// order of time, equal stamps in recorded order. Neither trajectory needs to be sorted.
+/// in time is matched first, then the nearest of the remaining ones, and so on. Equally near pairs (to the microsecond) are
+/// matched in order of time, equal stamps in recorded order. Neither trajectory needs to be sorted.
 ///
 /// The number of pairs is not maximized: a pose whose only neighbour has a nearer partner stays unmatched.
 ///
@@ -299,7 +303,9 @@ fn nearest_pairs(timeline: &[Entry], tolerance: u64) -> Vec<(usize, usize)> {
     let candidate = |left: usize, right: usize| {
         distance(&timeline[left], &timeline[right])
             .filter(|&nanoseconds| nanoseconds <= tolerance)
-            .map(|nanoseconds| Reverse((nanoseconds, left, right)))
+            .map(|nanoseconds| {
+                Reverse((nanoseconds.saturating_add(NOISE / 2) / NOISE, left, right))
+            })
     };
     heap.extend((1..count).filter_map(|right| candidate(right - 1, right)));
     let mut pairs = Vec::new();
@@ -362,6 +368,19 @@ mod tests {
         // The tolerance is inclusive; of equally near pairs the earlier one is matched.
         assert_eq!(indices(&[110, 130], &[120]), [(0, 0)]);
         assert_eq!(indices(&[109, 131], &[100, 120]), [(0, 0)]);
+    }
+
+    /// Half a period apart, poses were left alone wherever noise far below a microsecond changed its sign.
+    #[test]
+    fn noise_of_stamps_does_not_decide() {
+        let track = |shift: fn(i64) -> i64| -> Trajectory {
+            let stamp = |k: i64| Stamp::from_nanoseconds(100_000_000 * k + shift(k));
+            (0..100).map(|k| (stamp(k), Pose2::new(k as f64, 0.0, 0.0))).collect()
+        };
+        let reference = track(|_| 0);
+        let estimate = track(|k| -50_000_000 + if k < 50 { -95 } else { 95 });
+        let matched = associate(&reference, &estimate, 0.06).unwrap();
+        assert_eq!(both(&matched).0, (0..100).collect::<Vec<usize>>());
     }
 
     #[test]

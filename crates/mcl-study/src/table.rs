@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 use std::fmt;
 
+use mcl_core::text::as_cell;
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -259,20 +260,12 @@ impl Table {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.columns)?;
         for row in &self.rows {
-            writer.write_record(row.iter().map(spreadsheet_safe))?;
+            writer.write_record(row.iter().map(|value| match value {
+                Value::Text(text) => as_cell(text).into_owned(),
+                other => other.to_string(),
+            }))?;
         }
         Ok(writer.into_inner()?)
-    }
-}
-
-/// Text that a spreadsheet would interpret as a formula is quoted the way spreadsheets expect: a log may be
-/// named `=1+1.log`. Numbers are unchanged.
-fn spreadsheet_safe(value: &Value) -> String {
-    match value {
-        Value::Text(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => {
-            format!("'{text}")
-        }
-        other => other.to_string(),
     }
 }
 

@@ -8,7 +8,7 @@ use mcl_study::store::results::{FIGURES, Results};
 use crate::claims::claim::{Claim, Conditions, DatasetClaims, Evidence, Verdict};
 use crate::claims::numbers::{Numbers, numbers, preference};
 use crate::claims::render::{columns, interval, shown};
-use crate::claims::short;
+use crate::claims::{compared, short};
 
 /// Widths of the verdict and of the statement, in columns.
 const VERDICT: usize = 5;
@@ -20,8 +20,8 @@ const GAP: &str = "  ";
 const NAMES: &str = "gbs is grid-based, rnd random sampling, f-km fuzzy k-means";
 
 /// A line per decided claim, on one data set with its effect, on several with the number of those on which it
-/// holds; the others are counted. Then the most important numbers, where the figures are, and what to do
-/// next. Control characters in names from data are shown as escapes.
+/// holds; the others are counted. Then the folders that lack trials, the most important numbers, where the
+/// figures are, and what to do next. Control characters in names from data are shown as escapes.
 pub fn text(
     datasets: &[DatasetClaims],
     without_results: &[String],
@@ -54,6 +54,14 @@ pub fn text(
         first.extend(of_papers);
     }
     lines.extend(rest(&all, &first, open, root));
+    for results in compared(results, datasets) {
+        lines.extend(results.missing().map(|found| {
+            format!(
+                "Incomplete: {}, {found} are there; no verdicts on it, and its numbers will change",
+                results.folder.display()
+            )
+        }));
+    }
     lines.extend(number_lines(&numbers(results)));
     let drawn = || results.iter().filter(|results| results.folder.join(FIGURES).is_dir());
     if let Some(first) = drawn().next() {

@@ -47,13 +47,23 @@ pub fn decide(results: &[Results]) -> Vec<DatasetClaims> {
 /// Data sets that are listed by studies with claims and have no results, in order.
 pub fn without_results(results: &[Results], decided: &[DatasetClaims]) -> Vec<String> {
     let is_decided = |name: &str| decided.iter().any(|dataset| dataset.name == name);
-    let with_claims = results.iter().filter(|results| {
-        let mut claims = decided.iter().flat_map(|dataset| &dataset.claims);
-        claims.any(|claim| claim.place.experiment.as_ref() == Some(&results.name))
-    });
     let listed: BTreeSet<&str> =
-        with_claims.flat_map(|results| results.study.dataset_names()).collect();
+        compared(results, decided).flat_map(|results| results.study.dataset_names()).collect();
     listed.into_iter().filter(|name| !is_decided(name)).map(str::to_owned).collect()
+}
+
+/// The results that claims are about, complete or not.
+pub fn compared<'r>(
+    results: &'r [Results],
+    decided: &'r [DatasetClaims],
+) -> impl Iterator<Item = &'r Results> {
+    results.iter().filter(move |results| {
+        let mut claims = decided.iter().flat_map(|dataset| &dataset.claims);
+        claims.any(|claim| {
+            claim.place.dataset == results.facts.name
+                && claim.place.experiment.as_ref() == Some(&results.name)
+        })
+    })
 }
 
 /// The statement of a claim in a few words.

@@ -7,7 +7,7 @@ use super::Outcome;
 use super::args::{ClaimsArgs, Global};
 use super::output::print;
 use crate::claims::claim::{Claim, DatasetClaims};
-use crate::claims::{brief, decide, render, without_results};
+use crate::claims::{brief, compared, decide, render, without_results};
 use crate::progress::{error_message, tell};
 
 #[derive(Serialize)]
@@ -15,13 +15,14 @@ struct Claims<'a> {
     claims: Vec<&'a Claim>,
 }
 
-/// Prints every claim of the paper next to what was measured. A damaged result folder is reported on stderr
-/// and does not stop the others.
+/// Prints every claim of the paper next to what was measured. A result folder that is damaged or lacks trials is
+/// reported on stderr and does not stop the others.
 pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
     let found = read_all(&args.root)?;
     let mut is_whole = found.damaged.is_empty();
     for (folder, error) in &found.damaged {
-        tell!("warning: {}: {}", printable(&folder.to_string_lossy()), error_message(error));
+        let (folder, error) = (folder.to_string_lossy(), error_message(error));
+        tell!("warning: {}: {}", printable(&folder), printable(&error));
     }
     for damage in found.results.iter().flat_map(|results| &results.damage) {
         tell!("warning: {}", printable(damage));
@@ -38,6 +39,11 @@ pub fn run(args: &ClaimsArgs, global: &Global) -> Result<Outcome> {
              on maps gbs, gbs+f-km, rnd and rnd+f-km; `make experiments` runs them",
             args.root.display()
         );
+    }
+    for results in compared(&found.results, &datasets) {
+        let Some(found) = results.missing() else { continue };
+        tell!("warning: {}: {found} have rows", printable(&results.folder.to_string_lossy()));
+        is_whole = false;
     }
     let missing = without_results(&found.results, &datasets);
     if let Some(path) = &args.output {

@@ -4,7 +4,9 @@ use anyhow::{Context, Result, bail};
 use mcl_core::files::write_with;
 use mcl_core::{LaserScan, PointMap};
 use mcl_datasets::bag;
-use mcl_maps::files::{Encoding, check_writable, is_grid, read_grid, write_grid, write_map};
+use mcl_maps::files::{
+    Encoding, MapFileError, check_writable, is_grid, read_grid, write_grid, write_map,
+};
 use serde::Serialize;
 
 use super::Outcome;
@@ -94,8 +96,12 @@ fn map(args: &ConvertArgs) -> Result<Outcome> {
 }
 
 fn read_points(args: &ConvertArgs) -> Result<PointMap<2>> {
-    open_map(Path::new(&args.input))
-        .with_context(|| format!("{} has the extension of a map", args.output.display()))
+    open_map(Path::new(&args.input)).map_err(|error| match error.downcast_ref() {
+        Some(MapFileError::UnknownEnding { .. }) => {
+            error.context(format!("{} has the extension of a map", args.output.display()))
+        }
+        _ => error,
+    })
 }
 
 fn grid(args: &ConvertArgs) -> Result<Outcome> {

@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use mcl_core::text::of_cell;
 use mcl_study::study::definition::Study;
 use mcl_study::study::views::{Chart, ChartKind, Scale};
 use mcl_study::table::{Row, Table, Value};
@@ -49,11 +50,7 @@ fn value(cell: &str) -> Value {
         _ => match (cell.parse(), cell.parse()) {
             (Ok(count), _) if is_number => Value::Count(count),
             (_, Ok(number)) if is_number && f64::is_finite(number) => Value::Number(number),
-            _ => {
-                let quoted = cell.strip_prefix('\'');
-                let formula = quoted.filter(|c| c.starts_with(['=', '+', '-', '@', '\t', '\r']));
-                formula.unwrap_or(cell).into()
-            }
+            _ => of_cell(cell).into(),
         },
     }
 }

@@ -206,6 +206,12 @@ fn a_damaged_folder_stops_no_other() {
     assert!(stderr.contains("line 4"), "{stderr}");
     let measured = &find(&found, "office", "localization-improved")["measured"];
     assert_eq!(measured, "23 of 24 trials are there");
+    // A torn last row is no damage, but it is missing.
+    let torn = rows.len() - 5;
+    fs::write(&part, &rows[..torn]).unwrap();
+    let [text, stderr] = output(&root, &["."], 3);
+    assert!(stderr.contains("localization/office: 23 of 24 trials have rows"), "{stderr}");
+    assert!(text.contains("localization/office, 23 of 24 trials are there"), "{text}");
 }
 
 #[test]

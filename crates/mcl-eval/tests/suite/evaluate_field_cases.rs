@@ -310,6 +310,12 @@ fn a_bad_run_is_a_row_with_its_reason() {
     let (text, _) =
         lab.ends(&["--reference", "ref.tum", "est.tum", "cut.tum", "--errors", "e.csv"], 3);
     assert!(text.contains("cut.tum") && text.contains("failed"), "{text}");
+    // The reason names the file, once.
+    let (text, stderr) =
+        lab.ends(&["--reference", "ref.tum", "est.tum", "cut.tum", "absent.tum"], 3);
+    assert_eq!(stderr.matches("cut.tum").count(), 1, "{stderr}");
+    assert!(stderr.contains("no figures: absent.tum: no such file; check the path"), "{stderr}");
+    assert!(text.contains("\ncut.tum, line 600: "), "{text}");
     assert_eq!(fs::read_to_string(lab.path("e.csv")).unwrap().lines().count(), 601);
     lab.ends(&["--reference", "ref.tum", "cut.tum", "empty.tum"], 1);
     lab.ends(&["--reference", "absent.tum", "est.tum", "est.tum"], 1);
@@ -401,6 +407,8 @@ fn groups_of_runs_are_summed_up_and_compared() {
     }
     let (_, stderr) = lab.ends(&["--reference", "ref.tum", "--group", "none=no/*.tum"], 1);
     assert!(stderr.contains("no file matches"), "{stderr}");
+    let (_, stderr) = lab.ends(&["--reference", "ref.tum", "--group", "ours=ours"], 1);
+    assert!(stderr.contains("by a pattern, such as 'ours/*.tum'"), "{stderr}");
 }
 
 /// Runs on logs of their own each have their own reference.
@@ -416,7 +424,42 @@ fn each_run_has_its_own_reference() {
     near(&found["groups"][0]["translation"]["max"], 0.0, 1e-9);
     fs::remove_file(lab.path("truth/run-1.tum")).unwrap();
     let found = lab.json(&["--reference", "truth/{run}.tum", "--group", "all=runs/*.tum"], 3);
-    assert!(found["estimates"][1]["failure"].is_string());
+    let failure = found["estimates"][1]["failure"].as_str().unwrap();
+    assert!(failure.starts_with("runs/run-1.tum: its reference: truth/run-1.tum: "), "{failure}");
+}
+
+/// Field case `escape-codes`: a spreadsheet computed the names of files.
+#[test]
+fn names_are_no_formulas() {
+    let lab = usual();
+    fs::copy(lab.path("est.tum"), lab.path("=1+1.tum")).unwrap();
+    let files = ["--table", "t.csv", "--errors", "e.csv"];
+    lab.ends(&[&["--reference", "ref.tum", "=1+1.tum"], &files[..]].concat(), 0);
+    let read = |name: &str| fs::read_to_string(lab.path(name)).unwrap();
+    assert!(read("t.csv").lines().nth(1).unwrap().starts_with(",'=1+1.tum,"));
+    assert!(read("e.csv").lines().skip(1).all(|line| line.starts_with("'=1+1.tum,")));
+}
+
+/// What the text says of how many poses there are, and of how many are compared.
+#[test]
+fn counts_are_of_what_they_say() {
+    let lab = usual();
+    let (text, _) = lab.ends(&["--reference", "ref.tum", "est.tum"], 0);
+    assert!(text.contains("est.tum: 600 pairs, 0 poses unmatched; "), "{text}");
+    assert!(text.ends_with("reference: ref.tum, 600 poses, of the robot (assumed)\n"), "{text}");
+    let over = text.lines().find(|line| line.starts_with("  over 10 m, m")).unwrap();
+    let pairs = lab.row(&["--reference", "ref.tum", "est.tum"], 0)["rpe"][2]["pairs"].clone();
+    assert!(over.ends_with(&format!("  {pairs} pairs")), "{over}");
+    lab.write("one.tum", &tum(times(10.0).take(1), estimate));
+    let (text, _) = lab.ends(&["--reference", "ref.tum", "one.tum"], 3);
+    assert!(text.contains("one.tum: 1 pair, 599 poses unmatched; "), "{text}");
+    // Those that lie beyond the other side are no part of the count.
+    let every_other_late = |(k, t): (usize, f64)| t + 0.03 * (k % 2) as f64;
+    lab.write("late.tum", &tum(times(10.0).enumerate().map(every_other_late), estimate));
+    let (_, stderr) = lab.ends(&["--reference", "ref.tum", "late.tum"], 3);
+    let expected =
+        "299 of its 599 poses that lie in the time of the other side have no match there";
+    assert!(stderr.contains(expected), "{stderr}");
 }
 
 /// 08: the run that died early had the smaller error. 19: another rate looked like a run that stopped.

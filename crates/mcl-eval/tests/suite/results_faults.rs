@@ -210,6 +210,7 @@ fn names_are_shown_and_not_executed() {
         !shown.contains(|c: char| (c.is_control() && c != '\n') || c == '\u{202e}'),
         "{shown:?}"
     );
+    assert!(shown.contains(r"named/maps/a\u{a}b/") && !shown.contains("a\nb"), "{shown:?}");
     assert_eq!(fs::read_dir(bench.path("named/maps")).unwrap().count(), names.len());
 }
 

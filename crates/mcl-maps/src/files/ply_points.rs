@@ -87,8 +87,9 @@ pub(super) fn parse<const D: usize>(
     not_finite: NotFinite,
 ) -> Result<Parsed<D>, MapProblem> {
     let mut reader = Reader::new(bytes);
-    let header =
-        Parser::<ElementRow>::new().read_header(&mut reader).map_err(|error| syntax(&error))?;
+    let header = Parser::<ElementRow>::new()
+        .read_header(&mut reader)
+        .map_err(|error| bad_header(bytes, &error))?;
     let payload = reader.into_inner();
     let start = bytes.len() - payload.len();
     check_names(&bytes[..start], &header)?;
@@ -156,7 +157,11 @@ fn read_binary(
         };
         let row = row.map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => short(element, index),
-            _ => MapProblem::syntax(format!("{} {index}: {}", element.name, one_line(&error))),
+            _ => MapProblem::syntax(format!(
+                "{} {index}: {}",
+                element.name,
+                one_line(&error.to_string())
+            )),
         })?;
         use_row(index as u64, &row)?;
     }
@@ -218,13 +223,22 @@ fn short(element: &ElementDef, found: usize) -> MapProblem {
     MapProblem::count(what, element.count as u64, format!("at most {found}"))
 }
 
-fn syntax(error: &ParseError) -> MapProblem {
-    MapProblem::syntax(format!("bad PLY header: {}", one_line(error)))
+/// What is wrong with a header. About a line that it does not accept, the library's message is debugging output.
+fn bad_header(bytes: &[u8], error: &ParseError) -> MapProblem {
+    let line = error.line().filter(|_| error.kind() == io::ErrorKind::InvalidInput);
+    let found =
+        line.and_then(|line| bytes.split(|&byte| byte == b'\n').nth(line.saturating_sub(1)));
+    MapProblem::syntax(match (line, found) {
+        (Some(line), Some(found)) => {
+            let found = one_line(&String::from_utf8_lossy(found));
+            format!("bad PLY header, line {line}: found {found:?}, which is not valid there")
+        }
+        _ => format!("bad PLY header: {}", one_line(&error.to_string())),
+    })
 }
 
-/// The library's message without line breaks, truncated to a readable length.
-fn one_line(error: &ParseError) -> String {
-    let text = error.to_string();
+/// Text without line breaks, truncated to a readable length.
+fn one_line(text: &str) -> String {
     let words: Vec<_> = text.split_whitespace().collect();
     words.join(" ").chars().take(300).collect()
 }

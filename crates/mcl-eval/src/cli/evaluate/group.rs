@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use mcl_datasets::log::is_bag_folder;
 use mcl_metrics::{
     Blocked, Effect, Interval, Rate, Summary, fisher_exact, holm, mean_interval, paired,
     rate_difference, two_sample,
@@ -113,7 +114,7 @@ pub struct Comparison {
 /// The files of the runs of a group, in order of their names.
 ///
 /// # Errors
-/// When the pattern is invalid, or matches no file.
+/// When the pattern is invalid, or matches no file, and for a folder of other files.
 pub fn files(group: &Group) -> Result<Vec<String>> {
     let Group { name, runs } = group;
     let path = Path::new(runs);
@@ -127,6 +128,12 @@ pub fn files(group: &Group) -> Result<Vec<String>> {
         files.retain(is_run);
         files.sort();
         files
+    } else if path.is_dir() && !is_bag_folder(path) {
+        bail!(
+            "--group {name}: {runs} is neither a bag nor a folder that `localize` wrote; name the files in it \
+             by a pattern, such as '{}'",
+            path.join("*.tum").display()
+        );
     } else if path.exists() {
         vec![path.to_owned()]
     } else {

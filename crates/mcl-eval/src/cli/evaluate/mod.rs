@@ -3,6 +3,7 @@
 mod figure;
 mod frames;
 mod group;
+mod mounts;
 mod row;
 mod source;
 mod table;
@@ -11,6 +12,7 @@ mod text;
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Context, Result, anyhow};
+use mcl_core::text::{as_cell, printable};
 use mcl_figures::check_figure_ending;
 use mcl_metrics::WeightedPoseError;
 use serde::Serialize;
@@ -95,7 +97,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
         let reference = match references.of(&job.of.file) {
             // Without the common reference nothing can be evaluated.
             Err(error) if !args.reference.contains('{') => return Err(error),
-            reference => reference,
+            reference => reference.with_context(|| format!("{}: its reference", job.of.label())),
         };
         let mut of = job.of;
         let found = reference.and_then(|reference| {
@@ -115,7 +117,7 @@ pub fn run(args: &EvaluateArgs, global: &Global) -> Result<Outcome> {
             Err(error) if is_only => return Err(error),
             Err(error) => {
                 let failure = error_message(&error);
-                tell!("warning: {}: no figures: {failure}", of.label());
+                tell!("warning: no figures: {}", printable(&failure));
                 let row = Row { of, group, failure: Some(failure), figures: None };
                 JobResult { row, sampled: None }
             }
@@ -191,7 +193,8 @@ fn put_out(args: &EvaluateArgs, references: &References<'_>, all: &[JobResult]) 
         table::write(path, &tables, &rows)?;
     }
     if let Some(path) = &args.errors {
-        let labels: Vec<String> = rows.iter().map(|row| row.of.label()).collect();
+        let labels: Vec<String> =
+            rows.iter().map(|row| as_cell(&row.of.label()).into_owned()).collect();
         let pairs: Vec<ErrorRow<'_>> = all
             .iter()
             .zip(&labels)

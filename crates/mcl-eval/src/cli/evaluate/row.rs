@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::{Context, Result, bail};
-use mcl_core::text::counted;
+use mcl_core::text::{counted, thousands};
 use mcl_core::{Pose2, Stamp, Trajectory};
 use mcl_metrics::{
     Alignment, Delta, DivergenceSettings, LossSettings, LostEpisode, Matched, MetricsError,
@@ -13,7 +13,8 @@ use mcl_metrics::{
 };
 use serde::Serialize;
 
-use super::frames::{self, Mounts, SideFrames, compared};
+use super::frames::{self, compared};
+use super::mounts::{Mounts, SideFrames, name_of};
 use super::source::{TrajectoryInput, TrajectorySource};
 use crate::cli::args::{AlignTo, EvaluateArgs, MatchBy, RpePairs, RpePath, TimeOffset};
 use crate::pose_errors::{ErrorSamples, Figures};
@@ -33,7 +34,7 @@ pub struct Row {
     pub of: TrajectorySource,
     /// The group of the run; null outside of groups.
     pub group: Option<String>,
-    /// Why there are no figures; null where there are.
+    /// Why there are no figures, with the name of the file; null where there are.
     pub failure: Option<String>,
     #[serde(flatten)]
     pub figures: Option<RowFigures>,
@@ -246,7 +247,7 @@ pub fn evaluate(
         unmatched_reference: matched.unmatched_reference,
         unmatched_estimate: matched.unmatched_estimate,
         frames: FramesFigures {
-            compared: sides.whose.as_ref().map(frames::name_of),
+            compared: sides.whose.as_ref().map(name_of),
             reference: reference.frames(),
             estimate: source.frames(),
         },
@@ -294,8 +295,9 @@ fn part(trajectory: &Trajectory, begins: Stamp, args: &EvaluateArgs) -> (Traject
 fn report_offset(label: &str, found: &OffsetFound) -> bool {
     let OffsetFound { offset_s, rmse_m, pairs, runner_up } = found;
     tell!(
-        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {pairs} positions within \
-         {rmse_m:.4} m of the reference (RMS)"
+        "note: {label}: {offset_s:+.4} s are added to its stamps, which brings {} within \
+         {rmse_m:.4} m of the reference (RMS)",
+        counted(*pairs, "position")
     );
     let Some((other_s, other_m)) = runner_up.filter(|(_, other)| *other <= AS_GOOD * rmse_m) else {
         return true;
@@ -353,8 +355,9 @@ fn report_matched(
     let is_matched = unmatched as f64 <= (1.0 - WHOLE) * samples as f64;
     if !is_matched {
         tell!(
-            "warning: {label}: {} of {} have no match in time on the other side: the errors are those of {}",
-            unmatched,
+            "warning: {label}: {} of {} that lie in the time of the other side have no match there: the errors \
+             are those of {}",
+            thousands(unmatched),
             match matched.sampled {
                 Side::Reference => format!("the reference's {}", counted(samples, "pose")),
                 Side::Estimate => format!("its {}", counted(samples, "pose")),

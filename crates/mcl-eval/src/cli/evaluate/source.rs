@@ -5,16 +5,17 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use mcl_core::text::counted;
 use mcl_core::{Pose2, Trajectory};
 use mcl_datasets::bag::{PoseRequest, PoseRole};
-use mcl_datasets::log::{LogKind, ReferencePoses, is_bag, read_poses};
+use mcl_datasets::log::{LogError, LogKind, ReferencePoses, is_bag, read_poses};
 use mcl_datasets::registry::Registry;
 use mcl_metrics::trajectory_file::{
     self, NonPlanar, QuaternionOrder, ReadSettings, is_trajectory_file,
 };
 use serde::Serialize;
 
-use super::frames::{Mounts, SideFrames, name_of};
+use super::mounts::{Mounts, SideFrames, name_of};
 use crate::cli::Outcome;
 use crate::cli::args::{AlignTo, EvaluateArgs, Global, Whose};
 use crate::cli::output::{refuse, report_losses};
@@ -86,14 +87,14 @@ impl TrajectoryInput {
     pub fn describe(&self) -> String {
         let whose = match &self.whose {
             Some(whose) => format!("of {whose}"),
-            None => "of an unknown frame".to_owned(),
+            None => format!("of {} (assumed)", Whose::Robot),
         };
         let within = self.within.iter().map(|frame| format!(" in {frame:?}"));
         let from = self.carried_from.iter().map(|frame| format!(", carried there from {frame:?}"));
-        let poses = if self.has_headings { "poses" } else { "positions" };
-        let count = self.trajectory.len();
+        let kind = if self.has_headings { "pose" } else { "position" };
+        let poses = counted(self.trajectory.len(), kind);
         let parts: String = within.chain(from).collect();
-        format!("{}, {count} {poses}, {whose}{parts}", self.of.label())
+        format!("{}, {poses}, {whose}{parts}", self.of.label())
     }
 
     /// Its frames, for the report.
@@ -181,11 +182,14 @@ fn format_of(file: &str) -> Result<Format> {
         return Ok(Format::Bag(path.to_owned()));
     }
     if !path.is_file() {
-        // The name of a data set, or a file that does not exist.
+        // The name of a data set, a pipe, or a file that does not exist.
         let is_name = path.components().count() == 1 && path.extension().is_none();
         return Ok(match is_name.then(|| bag_of_dataset(file)).transpose()? {
             Some(Some(bag)) => Format::Bag(bag),
             Some(None) => Format::Log,
+            None if matches!(path.try_exists(), Ok(false)) => {
+                bail!(LogError::NotFound { path: path.to_owned() })
+            }
             None => Format::Poses,
         });
     }

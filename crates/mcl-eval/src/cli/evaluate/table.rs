@@ -7,7 +7,7 @@ use mcl_study::store::results::save;
 
 use super::row::{Row, RowFigures};
 use crate::pose_errors::Figures;
-use mcl_core::text::printable;
+use mcl_core::text::{as_cell, printable};
 
 /// Cells in columns, the first of which holds names.
 pub struct Table {
@@ -171,7 +171,7 @@ fn csv(rows: &[&Row]) -> Result<Vec<u8>> {
     writer.write_record(head.iter().chain(&shape))?;
     for row in rows {
         let own = [&row.group, &Some(row.of.file.clone()), &row.of.topic, &row.failure]
-            .map(|cell| cell.clone().unwrap_or_default());
+            .map(|cell| as_cell(cell.as_deref().unwrap_or_default()).into_owned());
         let figures: Vec<String> = match &row.figures {
             Some(figures) => cells(figures).into_iter().map(|cell| cell.1).collect(),
             None => vec![String::new(); shape.len()],

@@ -187,18 +187,17 @@ fn with_interval(error: Option<GroupError>, unit: f64) -> String {
 }
 
 fn row_text(row: &Row) -> String {
-    let label = printable(&row.of.label()).into_owned();
-    match (&row.figures, &row.failure) {
-        (Some(figures), _) => figures_text(&label, figures),
-        (None, failure) => format!("{label}: {}\n", failure.as_deref().unwrap_or("no figures")),
+    match &row.figures {
+        Some(figures) => figures_text(&printable(&row.of.label()), figures),
+        None => format!("{}\n", printable(row.failure.as_deref().unwrap_or_default())),
     }
 }
 
 fn figures_text(label: &str, figures: &RowFigures) -> String {
     let mut text = format!(
-        "{label}: {} pairs, {} poses unmatched; {} of the time and {} of the path covered\n",
-        thousands(figures.pairs),
-        thousands(figures.unmatched),
+        "{label}: {}, {} unmatched; {} of the time and {} of the path covered\n",
+        counted(figures.pairs, "pair"),
+        counted(figures.unmatched, "pose"),
         percent(figures.coverage.time),
         percent(figures.coverage.path)
     );
@@ -215,7 +214,8 @@ fn figures_text(label: &str, figures: &RowFigures) -> String {
         let (delta, unit) = (relative.delta, relative.unit);
         match (&relative.translation, &relative.heading) {
             (Some(translation), Some(heading)) => {
-                text += &table_line(&format!("over {delta} {unit}, m"), translation);
+                let line = table_line(&format!("over {delta} {unit}, m"), translation);
+                text += &format!("{}  {}\n", line.trim_end(), counted(relative.pairs, "pair"));
                 text += &table_line(&format!("over {delta} {unit}, rad"), heading);
             }
             _ => text += &format!("  over {delta} {unit}: no two poses are so far apart\n"),
