@@ -332,21 +332,21 @@
     }
   };
 
-  /** The whole map, and beside or below it what is around the estimate. */
-  const drawRun = (context, width, height, run, at, colors) => {
+  /** All of a box, and beside or below it what is around the estimate. */
+  const drawRun = (context, width, height, box, run, at, colors) => {
     context.fillStyle = colors.page;
     context.fillRect(0, 0, width, height);
     const isBeside = width > 1.25 * height;
     const gap = 8;
     const side = isBeside ? Math.min(height, 0.42 * width) : Math.min(width, 0.45 * height);
     const whole = isBeside
-      ? viewOf(run.box, 0, 0, width - side - gap, height, 12)
-      : viewOf(run.box, 0, 0, width, height - side - gap, 12);
+      ? viewOf(box, 0, 0, width - side - gap, height, 12)
+      : viewOf(box, 0, 0, width, height - side - gap, 12);
     const [x, y] = [run.estimate.x[at], run.estimate.y[at]];
-    const box = [x - CLOSE, y - CLOSE, x + CLOSE, y + CLOSE];
+    const around = [x - CLOSE, y - CLOSE, x + CLOSE, y + CLOSE];
     const close = isBeside
-      ? viewOf(box, width - side, 0, side, height, 0)
-      : viewOf(box, 0, height - side, width, side, 0);
+      ? viewOf(around, width - side, 0, side, height, 0)
+      : viewOf(around, 0, height - side, width, side, 0);
     within(context, whole, () => {
       drawMap(context, whole, run, colors, 1.3);
       drawPath(context, whole, run.referencePath, run.pathEnd[at], colors.reference, 2.5, []);
@@ -480,6 +480,8 @@
     let [time, ticks, duration, isPlaying, frame, before] = [0, [0], 0, false, 0, 0];
     const panes = [];
     const shown = () => panes.map((pane) => pane.run).filter(Boolean);
+    // Side by side, both have one scale.
+    const box = () => boxOf(...shown().map((run) => [[run.box[0], run.box[2]], [run.box[1], run.box[3]]]));
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", `Player: ${group.title}`);
     colorKeys(root);
@@ -487,7 +489,7 @@
     const makePane = (run, isSecond) => {
       const pane = { run };
       const { canvas, redraw } = surface("watch-scene", "Map with robot, scan and particles", (context, width, height) => {
-        if (pane.run) drawRun(context, width, height, pane.run, placeAt(pane.run.time, time), paletteOf(root));
+        if (pane.run) drawRun(context, width, height, box(), pane.run, placeAt(pane.run.time, time), paletteOf(root));
       });
       const choice = make("select", {}, ...(isSecond ? [option("", "none")] : []));
       choice.append(...all.map((other, place) => option(place, runName(other))));
@@ -531,7 +533,8 @@
     const clock = make("span", { className: "watch-clock" });
     const status = make("p", { className: "watch-status", role: "status" });
 
-    const timeText = () => (shown()[0]?.is_stamped ? `${digits(time)} s of ${digits(duration)} s` : `scan ${time} of ${duration}`);
+    const seconds = (time) => `${time.toLocaleString("en", { minimumFractionDigits: 1, maximumFractionDigits: 1 })} s`;
+    const timeText = () => (shown()[0]?.is_stamped ? `${seconds(time)} of ${seconds(duration)}` : `scan ${time} of ${duration}`);
     let saying = 0;
     /** Says where it stands once it stands still, and not at every step. */
     const say = () => {
@@ -598,6 +601,10 @@
       else return;
       event.preventDefault();
     });
+    const isNarrow = root.clientWidth < 560;
+    const scenes = make("div", { className: "watch-scenes" }, makePane(all[0], false));
+    if (all.length > 1) scenes.append(makePane(isNarrow ? undefined : all[all.length - 1], true));
+    scenes.addEventListener("click", (event) => event.target.tagName === "CANVAS" && scrub.focus({ preventScroll: true }));
     const toPointer = (event) => {
       const box = errors.canvas.getBoundingClientRect();
       const share = (event.clientX - box.left - 44) / (box.width - 52);
@@ -613,13 +620,11 @@
 
     const legend = make("ul", { className: "watch-legend" });
     legend.append(...LEGEND.map(([name, text]) => make("li", {}, make("span", { className: `watch-key is-${name}` }), text)));
-    const isNarrow = root.clientWidth < 560;
-    const scenes = make("div", { className: "watch-scenes" }, makePane(all[0], false));
-    if (all.length > 1) scenes.append(makePane(isNarrow ? undefined : all[all.length - 1], true));
     root.replaceChildren(
       make("p", { className: "watch-rule", textContent: group.rule }),
       scenes, legend, errors.canvas,
       make("div", { className: "watch-controls" }, play, scrub, clock, labelled("speed", speed)),
+      make("p", { className: "watch-keys", textContent: "Keys: space plays and pauses, ← and → step by a scan, Home and End jump." }),
       status,
     );
     // A still frame that says something: in the middle of the run.

@@ -72,18 +72,61 @@ test('charts: hover shows value, interval and blocks; curves, scales and zoom', 
   await chart.locator('.curve').first().click();
   assert.equal(await curves(), all - 1);
   assert.equal(await chart.locator('.curve').first().getAttribute('aria-pressed'), 'false');
-  const [, , type] = await ranges();
-  assert.equal(type, 'log');
-  await chart.locator('[data-do="x-scale"]').click();
-  assert.equal((await ranges())[2], 'linear');
+  await chart.locator('.curve').first().click();
   const before = await ranges();
+  assert.equal(before[2], 'log');
+  const [scale, reset] = ['x-scale', 'zoom-reset'].map((name) => chart.locator(`[data-do="${name}"]`));
+  // Pressed twice it is as it was.
+  for (const type of ['linear', 'log']) {
+    await scale.click();
+    assert.equal((await ranges())[2], type);
+    assert.equal(await scale.getAttribute('aria-pressed'), String(type === 'log'));
+  }
+  assert.deepEqual(await ranges(), before);
+  // So it is after a reset.
+  await scale.click();
+  await chart.locator('[data-do="zoom-in"]').click();
+  await reset.click();
+  await page.waitForFunction((plot) => plot._fullLayout.xaxis.type === 'log', await chart.locator('.plot').first().elementHandle());
+  assert.deepEqual(await ranges(), before);
   await chart.locator('[data-do="zoom-in"]').click();
   const zoomed = await ranges();
   assert.ok(zoomed[0][1] - zoomed[0][0] < before[0][1] - before[0][0]);
-  await chart.locator('[data-do="zoom-reset"]').click();
-  const reset = await ranges();
-  assert.ok(Math.abs(reset[0][0] - before[0][0]) < 1e-6 && Math.abs(reset[0][1] - before[0][1]) < 1e-6);
+  const box = await chart.locator('.plot').first().boundingBox();
+  await page.mouse.dblclick(box.x + box.width / 2, box.y + box.height / 2);
+  await page.waitForFunction(([plot, from]) => plot._fullLayout.xaxis.range[0] === from, [await chart.locator('.plot').first().elementHandle(), before[0][0]]);
   assert.deepEqual(problems, []);
+  await context.close();
+});
+
+test('logarithmic axes have at least three ticks, after a zoom, too', async () => {
+  const { page, problems, context } = await open(committed);
+  // The first data set of each study, which is open.
+  for (const chart of await page.locator('.folder[open] .chart:has([data-do="x-scale"])').all()) {
+    await drawn(chart);
+    const few = () => chart.evaluate((figure) => [...figure.querySelectorAll('.plot')].flatMap((plot) => ['x', 'y'].filter((axis) => {
+      const { type, tickvals } = plot._fullLayout[`${axis}axis`];
+      return (type === 'log' || tickvals?.length) && plot.querySelectorAll(`.${axis}tick text`).length < 3;
+    }).map((axis) => `${figure.querySelector('h4').textContent}, ${axis}`)));
+    assert.deepEqual(await few(), []);
+    for (let turn = 0; turn < 2; turn += 1) await chart.locator('[data-do="zoom-in"]').click();
+    await page.waitForTimeout(200);
+    assert.deepEqual(await few(), []);
+  }
+  assert.deepEqual(problems, []);
+  await context.close();
+});
+
+test('of a curve with many points the marked ones have symbols', async () => {
+  const { page, context } = await open(committed);
+  const chart = page.locator('.chart').filter({ hasText: 'size-by-likelihood' }).first();
+  await drawn(chart);
+  const [trace, texts] = await chart.locator('.plot').first().evaluate((plot) => {
+    const { mode, marker } = plot._fullData[0];
+    return [{ mode, open: marker.symbol.filter((symbol, at) => symbol.endsWith('-open') && marker.size[at] > 0).length, drawn: marker.size.filter((size) => size > 0).length }, [...plot.querySelectorAll('.textpoint text')].map((text) => text.textContent).filter(Boolean)];
+  });
+  assert.deepEqual(trace, { mode: 'lines+markers+text', open: 3, drawn: 3 });
+  assert.deepEqual(texts.sort(), ['bic', 'held-out', 'mdl']);
   await context.close();
 });
 
@@ -109,6 +152,9 @@ test('tables: sorted, filtered, copied as CSV, Markdown and LaTeX', async () => 
   await likelihood.head.locator('button').click();
   assert.equal(await likelihood.head.getAttribute('aria-sort'), 'descending');
   assert.deepEqual(await numbers(), ascending.slice().reverse());
+  // The minus sign that keyboards have finds the one that is shown.
+  await details.locator('input').fill((await likelihood.cells())[0].split(' ')[0].replace('−', '-'));
+  assert.ok((await table.locator('tbody tr').count()) > 0);
   await details.locator('input').fill('rnd+f-km');
   assert.equal(await table.locator('tbody tr').count(), 2);
   await details.locator('[data-copy="CSV"]').click();
@@ -229,6 +275,13 @@ test('prints without controls', async () => {
   await drawn(page.locator('.chart').first());
   await page.emulateMedia({ media: 'print' });
   for (const control of ['.top', '.contents', '[data-do="zoom-in"]']) assert.ok(!(await page.locator(control).first().isVisible()), control);
+  // A closed comparison prints its sentence.
+  assert.ok(await page.locator('details.comparison:not([open]) .sentence').first().isVisible());
+  await page.setViewportSize({ width: 680, height: 900 });
+  await page.evaluate(() => { for (const details of document.querySelectorAll('details.comparison, details.table, details.folder')) details.open = true; });
+  await page.locator('table.listed').first().waitFor({ state: 'attached' });
+  const wide = await page.evaluate(() => [...document.querySelectorAll('table')].filter((table) => table.getBoundingClientRect().right > innerWidth + 1).map((table) => table.className));
+  assert.deepEqual(wide, [], 'too wide for paper');
   await page.emulateMedia({ media: null });
   const pdf = await page.pdf({ format: 'A4' });
   assert.ok(pdf.subarray(0, 5).toString() === '%PDF-' && pdf.length > 20000, `${pdf.length} bytes`);

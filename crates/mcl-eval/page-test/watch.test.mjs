@@ -36,6 +36,10 @@ test('a run is played, and the robot moves', async () => {
   const watch = await ready(page, 'watch');
   const scene = watch.locator('.watch-scene').first();
   assert.ok((await colors(scene)) > 20);
+  // The keys are named, and a click on the scene takes them.
+  assert.match(await watch.locator('.watch-keys').textContent(), /space.*←.*Home/);
+  await scene.click();
+  assert.equal(await page.evaluate(() => document.activeElement.className), 'watch-scrub');
   const [first, before] = [await frame(watch), await pixels(scene)];
   await watch.locator('.watch-play').click();
   assert.equal(await watch.locator('.watch-play').textContent(), 'Pause');
@@ -81,6 +85,14 @@ test('the keyboard plays, pauses and goes along the run; readers hear where it s
   // What has the focus can be seen.
   assert.notEqual(await scrub.evaluate((element) => getComputedStyle(element).outlineStyle), 'none');
   assert.deepEqual(problems, []);
+  await context.close();
+});
+
+test('a folder of localize says what was run, and has no empty sections', async () => {
+  const { page, context } = await open(localized);
+  assert.deepEqual(await page.locator('main h2').allTextContents(), ['What was run', 'Runs of localize']);
+  assert.deepEqual((await page.locator('.contents a').allTextContents()), ['What was run', 'Runs of localize']);
+  assert.match(await page.locator('#localized').textContent(), /log simulated-office.*map .*map\.csv.*100 particles.*Mean weighted error d .*mcl-eval localize simulated-office --map/s);
   await context.close();
 });
 

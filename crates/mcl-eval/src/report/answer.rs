@@ -323,8 +323,8 @@ fn percent(size: &Value) -> String {
     if size.is_empty() { String::new() } else { shown(&format!("{size} %")) }
 }
 
-/// "Better in 24 of 27 tests, worse in none, not decided in 3. Better on all data sets at 0.1 %, 0.25 %. Largest at
-/// 0.1 % (Intel Research Lab): +3.2 (3.1 to 3.3)."
+/// "Better in 24 of 27 tests, worse in none, not decided in 3. Better on all data sets at 0.1 %, 0.25 %. Largest
+/// effect at 0.1 % (Intel Research Lab): +3.2 (3.1 to 3.3)."
 fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]) -> String {
     let cells = || rows.iter().flat_map(|row| row.cells.iter().enumerate().map(move |c| (row, c)));
     let count = |winner| {
@@ -370,7 +370,7 @@ fn sentence(sizes: &[String], rows: &[ComparisonRow], [better, worse]: [&str; 2]
     if let Some((row, place, cell)) = strongest {
         let size =
             if sizes[place].is_empty() { String::new() } else { format!(" at {}", sizes[place]) };
-        text += &format!(". Largest{size} on {}: {}", row.place, cell.effect);
+        text += &format!(". Largest effect{size} on {}: {}", row.place, cell.effect);
     }
     text + "."
 }
@@ -470,7 +470,7 @@ mod tests {
         assert_eq!(
             found.sentence,
             "Better in 3, worse in 1, not decided in 1 of 5 tests; better in every row at 0.1 %. \
-             Largest at 0.1 % on aces: +3.20 (3.10 to 3.30)."
+             Largest effect at 0.1 % on aces: +3.20 (3.10 to 3.30)."
         );
         let winners = |row: &ComparisonRow| -> Vec<Option<Winner>> {
             row.cells.iter().map(|cell| cell.as_ref().and_then(|cell| cell.winner)).collect()
@@ -523,7 +523,7 @@ mod tests {
         let [found] = &comparisons(&folders)[..] else { panic!() };
         assert_eq!(
             found.sentence,
-            "Better in all of 2 tests. Largest at 0.1 % on aces: 0.500× (0.400 to 0.600)."
+            "Better in all of 2 tests. Largest effect at 0.1 % on aces: 0.500× (0.400 to 0.600)."
         );
         let chance = [folder("aces", &[("ratio", 0.1, 0.5, 0.3)])];
         assert_eq!(comparisons(&chance)[0].sentence, "No difference could be shown in 1 test.");

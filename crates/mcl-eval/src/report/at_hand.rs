@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use mcl_datasets::registry::{Dataset, DatasetKind, Registry, is_plain_name};
 use mcl_study::data::facts::DataFacts;
 use mcl_study::data::options::SourceOptions;
@@ -39,7 +39,7 @@ impl<'a> AtHand<'a> {
         let there = &manifest.identity;
         let build = Build::this();
         let here = Identity { build: build.clone(), data: there.data.clone() };
-        here.check_same(there).context("the rows cannot be repeated")?;
+        check_same(&here, there)?;
         let facts = &there.data;
         let key = (facts.name.clone(), facts.max_range.map(f64::to_bits), scans);
         if !matches!(&self.last, Some((last, ..)) if *last == key) {
@@ -55,7 +55,7 @@ impl<'a> AtHand<'a> {
         }
         let (_, data, found) = self.last.as_ref().context("opened above")?;
         let here = Identity { build, data: found.clone() };
-        here.check_same(there).context("the rows cannot be repeated")?;
+        check_same(&here, there)?;
         Ok(data.clone())
     }
 
@@ -80,4 +80,8 @@ impl<'a> AtHand<'a> {
             .context("its log is not at hand")?
             .covered())
     }
+}
+
+fn check_same(here: &Identity, there: &Identity) -> Result<()> {
+    here.check_same(there).map_err(|error| anyhow!("the rows cannot be repeated: they {error}"))
 }

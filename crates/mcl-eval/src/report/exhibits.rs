@@ -186,12 +186,16 @@ pub fn repeat(
     exhibits
 }
 
-/// The runs recorded by `localize` in a folder.
+/// The runs recorded by `localize` in a folder; files that cannot be read are added to `damaged`.
 ///
 /// # Errors
-/// When they cannot be read, or the page has no room for them.
-pub fn localized(folder: &Path, budget: &mut PageBudget) -> Result<PageExhibit<Watch>> {
-    PageExhibit::watch(watch::localized(folder)?, budget)
+/// When none can be read, or the page has no room for them.
+pub fn localized(
+    folder: &Path,
+    budget: &mut PageBudget,
+    damaged: &mut Vec<(PathBuf, String)>,
+) -> Result<PageExhibit<Watch>> {
+    PageExhibit::watch(watch::localized(folder, damaged)?, budget)
 }
 
 /// The folders with runs recorded by `localize`: a root, those in it, and those in these, sorted. Links are

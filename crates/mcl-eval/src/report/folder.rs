@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use anyhow::{Context, Result};
+use mcl_core::text::thousands;
 use mcl_study::store::identity::Identity;
 use mcl_study::store::results::{
     FAILURES, FIGURES, Manifest, Results, STUDY, SUMMARY, TESTS, TIMINGS, TRIALS,
@@ -59,7 +60,7 @@ pub struct Rows {
     pub asked: usize,
     /// Number of rows.
     pub count: usize,
-    /// Time of the last change, where the system reports it.
+    /// Time of the last change of their file, where the system reports it.
     pub written: Option<SystemTime>,
 }
 
@@ -77,9 +78,11 @@ impl Folder {
         found.settings = Some(results.study.text.clone());
         let written = fs::metadata(folder.join(TRIALS)).and_then(|file| file.modified()).ok();
         found.rows = Some(Rows { done: *done, asked: *asked, count: results.table.len(), written });
-        if let Some(missing) = results.missing() {
+        if !results.is_complete() {
             found.notes.push(format!(
-                "Incomplete: {missing} have rows; the same command runs the missing ones."
+                "Incomplete: {} of {} trials have rows; the same command runs the missing ones.",
+                thousands(*done),
+                thousands(*asked)
             ));
         }
         let damaged = results.damage.iter().take(3).map(|damage| format!("Damaged: {damage}"));
@@ -160,6 +163,13 @@ impl Folder {
             self.charts.sort_by_key(place);
         }
         Ok(())
+    }
+
+    /// Whether there is nothing to show, as before the first trial ends.
+    pub fn is_empty(&self) -> bool {
+        let tables = [&self.summary, &self.tests, &self.failures];
+        let has_figures = !self.charts.is_empty() || !self.figures.is_empty();
+        self.rows.is_none() && !has_figures && tables.iter().all(|table| table.is_empty())
     }
 
     /// Name of the data in words, where it is known.

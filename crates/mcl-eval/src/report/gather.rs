@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use mcl_study::store::results::{Results, Studies, folders};
 use rayon::prelude::*;
 
@@ -12,6 +12,8 @@ use crate::claims::{decide, without_results};
 use crate::progress::error_message;
 use crate::report::exhibits::{self, ExhibitRequest, Exhibits, PageBudget, recorded_folders};
 use crate::report::folder::Folder;
+use crate::report::localized::LOCALIZED;
+use crate::report::record::RECORDED_END;
 use crate::report::slot::Slot;
 
 /// The content of the page.
@@ -21,9 +23,9 @@ pub struct Report {
     pub studies: BTreeMap<String, Vec<Folder>>,
     /// The paper's claims, decided from the folders with rows.
     pub claims: Vec<DatasetClaims>,
-    /// Data sets that are listed by studies with claims and have no results.
+    /// Data sets that are listed by studies with claims and have no result folder.
     pub without_results: Vec<String>,
-    /// Folders that could not be read, with the error.
+    /// Folders and recorded runs that are left out, with the reason.
     pub damaged: Vec<(PathBuf, String)>,
     /// Folders with runs recorded by `localize`: their slot, or why they are not shown.
     pub localized: Vec<(PathBuf, Result<Slot, String>)>,
@@ -73,18 +75,18 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
     for folders in report.studies.values_mut() {
         folders.sort_by(|a, b| (&a.dataset, &a.path).cmp(&(&b.dataset, &b.path)));
     }
-    let Report { claims, without_results, damaged, .. } = &mut report;
+    let Report { studies, claims, without_results, damaged, localized } = &mut report;
     claims.sort_by(|a, b| a.name.cmp(&b.name));
-    without_results.retain(|name| !claims.iter().any(|dataset| dataset.name == *name));
+    without_results.retain(|name| !studies.values().flatten().any(|of| of.dataset == *name));
     without_results.sort();
     without_results.dedup();
-    damaged.sort();
     let mut budget = PageBudget::default();
     for folder in recorded {
-        let shown = exhibits::localized(&folder, &mut budget);
+        let shown = exhibits::localized(&folder, &mut budget, damaged);
         let slot = shown.map(|shown| shown.slot).map_err(|error| error_message(&error));
-        report.localized.push((folder, slot));
+        localized.push((folder, slot));
     }
+    damaged.sort();
     exhibit(&mut report, wanted, logs, budget, is_quiet);
     Ok(report)
 }
@@ -96,6 +98,11 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
 pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>> {
     match folders(root) {
         Err(_) if !recorded.is_empty() => Ok(Vec::new()),
+        Err(_) if root.join(LOCALIZED).is_file() => bail!(
+            "{}: has {LOCALIZED} but no runs to watch (run-NNN{RECORDED_END}); `mcl-eval localize` of this \
+             version records them",
+            root.display()
+        ),
         found => found,
     }
 }
@@ -148,6 +155,10 @@ fn of_dataset(folders: &[PathBuf], studies: &Studies) -> OfDataset {
                 Ok(folder)
             }
             None => Folder::of_files(path),
+        });
+        let read = read.and_then(|folder| match folder.is_empty() {
+            true => bail!("it has no rows, tables or figures: the study has hardly begun"),
+            false => Ok(folder),
         });
         match read {
             Ok(folder) => found.folders.push(folder),

@@ -1,9 +1,9 @@
 //! The paper's claims as a table: a row per claim, a column per data set.
 
-use mcl_core::text::{counted, number, p_value, printable};
+use mcl_core::text::{counted, number, p_value};
 
 use crate::claims::claim::{Claim, DatasetClaims, Verdict};
-use crate::report::text::shown;
+use crate::report::text::{shown, shown_long};
 
 /// The claims of all data sets.
 #[derive(Debug, Default)]
@@ -14,10 +14,8 @@ pub struct Matrix {
     pub decided: Vec<ClaimRow>,
     /// Claims decided on none.
     pub undecided: Vec<ClaimRow>,
-    /// What could not be decided as a whole, a sentence each.
+    /// What could not be decided as a whole, a sentence each, after its data sets.
     pub notes: Vec<String>,
-    /// The conditions that several symbols in a cell stand for, in order.
-    pub places: String,
     /// How many claims hold, do not hold, or cannot be tested.
     pub counts: [usize; 3],
 }
@@ -73,7 +71,7 @@ impl Decided {
         let place: Vec<String> = parts.into_iter().flatten().map(|part| shown(&part)).collect();
         Decided {
             place: if place.is_empty() { "the data".to_owned() } else { place.join(", ") },
-            measured: shown_long(&claim.measured),
+            measured: shown_long(claim.measured.trim_end_matches('.')),
             evidence: evidence(claim),
             verdict: claim.verdict,
         }
@@ -91,26 +89,19 @@ fn evidence(claim: &Claim) -> String {
     [effect, blocks, found.p.map(p_value)].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
-/// Escaped text without the length limit of names, as measurements contain names and are longer.
-fn shown_long(text: &str) -> String {
-    match text.char_indices().nth(600) {
-        None => printable(text).into_owned(),
-        Some((end, _)) => format!("{} …", printable(&text[..end])),
-    }
-}
-
 /// Claims by data set.
 pub fn matrix(datasets: &[DatasetClaims]) -> Matrix {
     let mut matrix = Matrix::default();
     let mut rows: Vec<ClaimRow> = Vec::new();
+    let mut notes: Vec<(&String, Vec<String>)> = Vec::new();
     for (column, dataset) in datasets.iter().enumerate() {
         matrix.datasets.push(shown(&dataset.name));
-        matrix.notes.extend(
-            dataset
-                .notes
-                .iter()
-                .map(|note| format!("{}: {}", shown(&dataset.name), shown_long(note))),
-        );
+        for note in &dataset.notes {
+            match notes.iter_mut().find(|(known, _)| *known == note) {
+                Some((_, names)) => names.push(shown(&dataset.name)),
+                None => notes.push((note, vec![shown(&dataset.name)])),
+            }
+        }
         for claim in &dataset.claims {
             matrix.counts[claim.verdict as usize] += 1;
             let place = rows.iter().position(|row| row.id == claim.id).unwrap_or_else(|| {
@@ -122,11 +113,10 @@ pub fn matrix(datasets: &[DatasetClaims]) -> Matrix {
             rows[place].cells[column].push(Decided::of(claim));
         }
     }
-    let cells = rows.iter().flat_map(|row| &row.cells);
-    let longest = cells.max_by_key(|cell| cell.len()).filter(|cell| cell.len() > 1);
-    let places =
-        longest.map(|cell| cell.iter().map(|decided| decided.place.as_str()).collect::<Vec<_>>());
-    matrix.places = places.map_or(String::new(), |places| places.join("; "));
+    let note = |(note, names): (&String, Vec<String>)| {
+        format!("{}: {}", names.join(", "), shown_long(note))
+    };
+    matrix.notes = notes.into_iter().map(note).collect();
     // A stable sort: within a section claims keep the paper's order.
     rows.sort_by_key(|row| row.section);
     let is_decided = |row: &ClaimRow| {
@@ -150,7 +140,7 @@ impl Matrix {
     /// The claims that are decided somewhere, then those that are not.
     pub fn parts(&self) -> Vec<Part<'_>> {
         let decided = (
-            "Claims by data set; each symbol opens to its measurement and test",
+            "Claims by data set; each symbol opens to its study and settings, measurement and test",
             false,
             &self.decided,
         );

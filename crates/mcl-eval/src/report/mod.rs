@@ -9,6 +9,7 @@ pub mod exhibits;
 pub mod files;
 pub mod folder;
 pub mod gather;
+pub mod localized;
 pub mod matrix;
 pub mod pack;
 pub mod page;

@@ -14,18 +14,22 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::read::GzDecoder;
 use mcl_core::text::{counted, printable, thousands};
+use mcl_study::store::identity::Identity;
+use mcl_study::store::results::{STUDY, TRIALS};
 use mcl_study::study::views::ChartKind;
 use mcl_study::table::Table;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
+use crate::progress::error_message;
 use crate::report::answer::{Comparison, Unbeaten, comparisons, unbeaten};
 use crate::report::folder::{Folder, stem};
 use crate::report::gather::Report;
+use crate::report::localized::{self, LocalizedRuns};
 use crate::report::matrix::{Matrix, matrix};
 use crate::report::payload::{self, Payload, Style, pack};
 use crate::report::slot::Slot;
-use crate::report::text::{argument, bytes, date, duration, shown, shown_lines};
+use crate::report::text::{argument, bytes, date, duration, shown, shown_lines, shown_long};
 use crate::studies::built_in;
 
 /// plotly.js, compressed by the build script.
@@ -37,7 +41,7 @@ const SCRIPTS: [&str; 2] =
     [include_str!("../../assets/report.js"), include_str!("../../assets/watch.js")];
 /// Limit on the size of all figures for print on the page (bytes).
 const FIGURE_BYTES: usize = 1_800_000;
-/// Studies shown first; the others follow in a collapsed list.
+/// Studies shown first where they are complete; the others follow in a collapsed list.
 const FIRST: [&str; 3] = ["likelihood", "localization", "localizers"];
 
 #[derive(Template)]
@@ -59,8 +63,10 @@ struct Page<'a> {
 /// A folder with runs recorded by `localize`.
 struct LocalizedSection<'a> {
     path: String,
+    /// What was run; `None` where no summary can be read.
+    runs: Option<LocalizedRuns>,
     slot: Option<&'a Slot>,
-    note: String,
+    notes: Vec<String>,
 }
 
 impl Page<'_> {
@@ -72,8 +78,8 @@ impl Page<'_> {
 
 struct DatasetColumn {
     name: String,
-    title: String,
-    facts: String,
+    /// Of each variant of the data, if known.
+    facts: Vec<String>,
 }
 
 struct BuildLine {
@@ -87,6 +93,8 @@ struct StudySection<'a> {
     about: String,
     /// By data set.
     cells: Vec<Vec<RunCell>>,
+    /// "from 31 of 1,480 trials"; empty where it is complete, and without rows.
+    partial: String,
     is_first: bool,
     comparisons: Vec<Comparison>,
     /// The tables of the comparisons.
@@ -160,7 +168,9 @@ pub fn page(report: &Report) -> Result<String> {
         studies.push(study(number, name, folders, &names, &mut figures)?);
     }
     studies.sort_by_key(|study| {
-        FIRST.iter().position(|first| *first == study.name).unwrap_or(FIRST.len())
+        let place = FIRST.iter().position(|first| *first == study.name);
+        let place = place.filter(|_| study.is_first).unwrap_or(FIRST.len());
+        (place, !study.partial.is_empty())
     });
     if !studies.iter().any(|study| study.is_first) {
         studies.iter_mut().for_each(|study| study.is_first = true);
@@ -184,9 +194,11 @@ pub fn page(report: &Report) -> Result<String> {
 }
 
 fn localized((path, slot): &(PathBuf, Result<Slot, String>)) -> LocalizedSection<'_> {
-    let note = slot.as_ref().err().map(|why| printable(why).into_owned()).unwrap_or_default();
+    let runs = localized::read(path).map_err(|error| error_message(&error));
+    let why = [runs.as_ref().err(), slot.as_ref().err()].into_iter().flatten();
+    let notes = why.map(|why| printable(why).into_owned()).collect();
     let path = shown(&path.to_string_lossy());
-    LocalizedSection { path, slot: slot.as_ref().ok(), note }
+    LocalizedSection { path, runs: runs.ok(), slot: slot.as_ref().ok(), notes }
 }
 
 /// The content security policy: no requests, and no scripts but these.
@@ -211,17 +223,24 @@ fn summary(report: &Report, datasets: usize) -> Vec<String> {
         1 => "1 study".to_owned(),
         count => format!("{count} studies"),
     };
-    let mut lines = vec![format!(
-        "{studies} on {}: {}",
-        counted(datasets, "data set"),
-        counted(all, "result folder")
-    )];
+    let mut lines = Vec::new();
+    if all > 0 || report.localized.is_empty() {
+        lines.push(format!(
+            "{studies} on {}: {}",
+            counted(datasets, "data set"),
+            counted(all, "result folder")
+        ));
+    }
+    if !report.localized.is_empty() {
+        lines.push(format!("{} of localize", counted(report.localized.len(), "folder")));
+    }
     if !with_rows.is_empty() {
         let [done, asked, rows] = with_rows.iter().fold([0; 3], |[done, asked, rows], of| {
             [done + of.done, asked + of.asked, rows + of.count]
         });
         let last = with_rows.iter().filter_map(|rows| rows.written).max();
-        let last = last.map_or(String::new(), |last| format!(", the last of {}", date(last)));
+        let last =
+            last.map_or(String::new(), |last| format!(", the newest file of {}", date(last)));
         lines.push(format!(
             "{} of {} trials done, {} rows{last}",
             thousands(done),
@@ -250,7 +269,8 @@ fn missing(report: &Report) -> Vec<String> {
             let (study, dataset) = (shown(&folder.study), shown(&folder.dataset));
             lines.push(format!(
                 "{study} on {dataset}: {} of {} trials have rows.",
-                rows.done, rows.asked
+                thousands(rows.done),
+                thousands(rows.asked)
             ));
         }
     }
@@ -260,21 +280,24 @@ fn missing(report: &Report) -> Vec<String> {
     }
     for (folder, why) in &report.damaged {
         let folder = folder.to_string_lossy();
-        lines.push(format!("{} could not be read: {}", shown(&folder), printable(why)));
+        lines.push(format!("Left out: {}: {}", shown(&folder), printable(why)));
     }
     lines
 }
 
 fn dataset(report: &Report, name: &str) -> DatasetColumn {
-    let identity = folders(report).filter(|f| f.dataset == name).find_map(|f| f.identity.as_ref());
-    DatasetColumn {
-        name: shown(name),
-        title: identity.map_or_else(|| shown(name), |identity| shown(&identity.data.title)),
-        facts: identity.map_or(String::new(), |identity| {
-            let (data, sha256) = (&identity.data, shown(&identity.data.sha256));
-            format!("{}; SHA-256 {}…", shown(&data.describe()), sha256.get(..12).unwrap_or(&sha256))
-        }),
+    let identities =
+        folders(report).filter(|f| f.dataset == name).filter_map(|f| f.identity.as_ref());
+    let mut facts: Vec<String> = Vec::new();
+    for Identity { data, .. } in identities {
+        let sha256 = shown(&data.sha256);
+        let start = sha256.get(..12).unwrap_or(&sha256);
+        let of_data = format!("{}; SHA-256 {start}…", shown(&data.describe()));
+        if !facts.contains(&of_data) {
+            facts.push(of_data);
+        }
     }
+    DatasetColumn { name: shown(name), facts }
 }
 
 fn builds(report: &Report) -> Vec<BuildLine> {
@@ -325,6 +348,7 @@ fn study<'a>(
         .iter()
         .map(|(of, text)| Settings { of: of.join(", "), text: shown_lines(text) })
         .collect();
+    let partial = partial(folders);
     let comparisons = comparisons(folders);
     let packed = match comparisons.as_slice() {
         [] => String::new(),
@@ -334,9 +358,10 @@ fn study<'a>(
         packed,
         unbeaten: unbeaten(&comparisons),
         name: shown(name),
-        about: printable(&about.join(" ")).into_owned(),
+        about: shown_long(&about.join(" ")),
         cells,
-        is_first: FIRST.contains(&name),
+        is_first: FIRST.contains(&name) && partial.is_empty(),
+        partial,
         comparisons,
         folders: sections,
         settings,
@@ -344,10 +369,22 @@ fn study<'a>(
     })
 }
 
+/// "from 31 of 1,480 trials", where trials of some folders lack rows.
+fn partial(folders: &[Folder]) -> String {
+    let with_rows = || folders.iter().filter_map(|folder| folder.rows);
+    let [done, asked] =
+        with_rows().fold([0; 2], |[done, asked], of| [done + of.done, asked + of.asked]);
+    match done < asked {
+        true => format!("from {} of {} trials", thousands(done), thousands(asked)),
+        false => String::new(),
+    }
+}
+
 fn cell(folder: &Folder, id: &str) -> RunCell {
     let (text, detail, class) = match folder.rows {
         Some(rows) if rows.done < rows.asked => {
-            (format!("{}/{}", rows.done, rows.asked), "trials have rows".to_owned(), "partly")
+            let text = format!("{}/{}", thousands(rows.done), thousands(rows.asked));
+            (text, "trials have rows".to_owned(), "partly")
         }
         Some(rows) => {
             (thousands(rows.asked), format!("trials, {} rows", thousands(rows.count)), "whole")
@@ -419,7 +456,7 @@ fn facts(folder: &Folder) -> Vec<String> {
     match folder.rows {
         Some(rows) => {
             facts.push(format!("{}, {}", counted(rows.asked, "trial"), counted(rows.count, "row")));
-            facts.extend(rows.written.map(|written| format!("written {}", date(written))));
+            facts.extend(rows.written.map(|written| format!("{TRIALS} of {}", date(written))));
         }
         None => facts.push("no rows, tables only".to_owned()),
     }
@@ -469,12 +506,16 @@ fn commands(folder: &Folder) -> String {
     let file = if is_built_in { folder.study.clone() } else { format!("{}.toml", folder.study) };
     let study = argument(&file);
     let dataset = argument(&folder.dataset);
-    printable(&format!("mcl-eval run {study} --dataset {dataset} -o {root}")).into_owned()
-        + &format!(
-            "\nmcl-eval plot {}\nmcl-eval report {} -o report.html",
-            printable(&root),
-            printable(&root)
-        )
+    let mut lines = Vec::new();
+    if !is_built_in {
+        // The name of the file is that of the study.
+        let saved = folder.path.join(STUDY);
+        lines.push(format!("cp {} {study}", argument(&saved.to_string_lossy())));
+    }
+    lines.push(format!("mcl-eval run {study} --dataset {dataset} -o {root}"));
+    lines.push(format!("mcl-eval plot {root}"));
+    lines.push(format!("mcl-eval report {root} -o report.html"));
+    lines.iter().map(|line| printable(line)).collect::<Vec<_>>().join("\n")
 }
 
 /// Figures for print, compressed: as many as fit, the smaller ones first, so that one large picture does not

@@ -7,12 +7,12 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use mcl_core::text::printable;
+use mcl_core::text::{counted, printable};
 use mcl_figures::{CurveStyle, Dash, Marker, styles};
-use mcl_study::study::views::{ChartKind, Scale};
+use mcl_study::study::views::{ChartKind, LOST, Scale};
 use mcl_study::table::{Table, Value};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
-use mcl_study::view::labels::name_and_unit;
+use mcl_study::view::labels::axis_label;
 use serde::Serialize;
 
 use crate::report::text::shown;
@@ -135,10 +135,13 @@ pub fn chart(chart: &ChartData) -> Chart {
         scale: axis.scale,
         places: axis.places.iter().map(|place| shown(place)).collect(),
     };
-    let point = |point: &Point| -> DrawnPoint {
+    let drawn = |panel: &Panel, point: &Point| -> DrawnPoint {
         let Point { curve, x, y, interval, mark, blocks, rows, .. } = point;
         let [low, high] = [0, 1].map(|end| interval.map(|interval| on_screen(interval[end])));
-        let mark = mark.as_deref().map(shown);
+        let mark = mark.as_deref().map(|mark| match mark {
+            "" => lost(chart, panel, point),
+            mark => shown(mark),
+        });
         (*curve, on_screen(*x), on_screen(*y), low, high, *blocks, *rows, mark)
     };
     let panel = |panel: &Panel| {
@@ -151,13 +154,50 @@ pub fn chart(chart: &ChartData) -> Chart {
             styles: labels.iter().filter_map(style).collect(),
             labels,
             part: panel.part,
-            points: panel.points.iter().map(point).collect(),
+            points: panel.points.iter().map(|point| drawn(panel, point)).collect(),
         }
     };
     Chart {
         name: shown(&chart.name),
         heat: chart.kind == ChartKind::Heat,
         panels: chart.panels.iter().map(panel).collect(),
+    }
+}
+
+/// "3 of 20 runs lost": what an open symbol without text means. The number is in another panel.
+fn lost(chart: &ChartData, of: &Panel, point: &Point) -> String {
+    // Titles are those of the part, then of the panel's settings.
+    let settings = |panel: &Panel| panel.title.split_once(": ").map(|(_, rest)| rest.to_owned());
+    let is_beside =
+        |panel: &&Panel| panel.y.label == axis_label(LOST) && settings(panel) == settings(of);
+    let found = chart.panels.iter().filter(is_beside).find_map(|panel| {
+        panel
+            .points
+            .iter()
+            .find(|other| other.x == point.x && panel.labels[other.curve] == of.labels[point.curve])
+    });
+    match found {
+        Some(Point { y, rows, .. }) => {
+            format!("{:.0} of {} lost", y * *rows as f64, counted(*rows, "run"))
+        }
+        None => "some runs were lost".to_owned(),
+    }
+}
+
+/// Headings of the columns of tests, which are no measures.
+const OF_TESTS: [(&str, &str); 6] = [
+    ("y", "measure"),
+    ("column", "compared"),
+    ("a", "first"),
+    ("b", "second"),
+    ("kind", "effect as"),
+    ("p_holm", "p after Holm"),
+];
+
+fn heading(column: &str) -> String {
+    match OF_TESTS.iter().find(|(known, _)| *known == column) {
+        Some((_, heading)) => (*heading).to_owned(),
+        None => axis_label(column),
     }
 }
 
@@ -168,7 +208,7 @@ fn on_screen(number: f64) -> f64 {
 
 /// A table for the script.
 pub fn listed(title: &str, table: &Table) -> TableData {
-    let column = |name: &String| Column { name: shown(name), label: shown(&name_and_unit(name).0) };
+    let column = |name: &String| Column { name: shown(name), label: shown(&heading(name)) };
     let cell = |value: &Value| match value {
         Value::Text(text) => Value::Text(printable(text).into_owned()),
         other => other.clone(),
@@ -177,4 +217,77 @@ pub fn listed(title: &str, table: &Table) -> TableData {
     let names = table.columns();
     let rows = table.rows().map(|row| names.iter().map(|name| cell(row.get(name))).collect());
     TableData { title: title.to_owned(), columns, rows: rows.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn panel(title: &str, y: &str, points: &[(usize, f64, f64, usize, Option<&str>)]) -> Panel {
+        let axis = |label: String| PanelAxis { label, scale: Scale::Linear, places: Vec::new() };
+        let point = |&(curve, x, y, rows, mark): &(usize, f64, f64, usize, Option<&str>)| Point {
+            curve,
+            x,
+            y,
+            interval: None,
+            basis: None,
+            mark: mark.map(str::to_owned),
+            blocks: rows,
+            rows,
+        };
+        Panel {
+            title: title.to_owned(),
+            part: 0,
+            x: axis("x".to_owned()),
+            y: axis(axis_label(y)),
+            curves: String::new(),
+            labels: vec!["gbs".to_owned(), "rnd".to_owned()],
+            points: points.iter().map(point).collect(),
+        }
+    }
+
+    /// Fault: the hover of a point ended in "open symbol: ", and the column of its table was empty.
+    #[test]
+    fn lost_runs_are_counted_at_the_points_they_are_left_out_of() {
+        let panels = vec![
+            panel(
+                "never lost: book",
+                "tracked_weighted",
+                &[
+                    (1, 1.0, 0.02, 17, Some("")),
+                    (1, 5.0, 0.02, 20, None),
+                    (0, 1.0, 0.1, 9, Some("")),
+                ],
+            ),
+            panel("runs lost: carmen", LOST, &[(1, 1.0, 1.0, 20, None)]),
+            panel("runs lost: book", LOST, &[(1, 1.0, 0.15, 20, None), (1, 5.0, 0.0, 20, None)]),
+        ];
+        let data = ChartData {
+            name: "errors".to_owned(),
+            kind: ChartKind::Curves,
+            panels,
+            columns: 1,
+            caption: Vec::new(),
+        };
+        let marks: Vec<Option<String>> =
+            chart(&data).panels[0].points.iter().map(|point| point.7.clone()).collect();
+        let expected = [Some("3 of 20 runs lost"), None, Some("some runs were lost")];
+        assert_eq!(marks, expected.map(|mark| mark.map(str::to_owned)));
+    }
+
+    #[test]
+    fn columns_have_units() {
+        let table = Table::new(["size_percent", "size_points", "p_holm", "own_column"]);
+        let labels: Vec<String> =
+            listed("", &table).columns.into_iter().map(|column| column.label).collect();
+        assert_eq!(
+            labels,
+            [
+                "requested map size [% of the points that build the map]",
+                "requested map size [points]",
+                "p after Holm",
+                "own column"
+            ]
+        );
+    }
 }

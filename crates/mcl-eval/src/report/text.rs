@@ -19,6 +19,14 @@ pub fn shown(text: &str) -> String {
     }
 }
 
+/// As [`shown`], for sentences, which are longer than names.
+pub fn shown_long(text: &str) -> String {
+    match text.char_indices().nth(3 * MOST) {
+        None => printable(text).into_owned(),
+        Some((end, _)) => format!("{} …", printable(&text[..end])),
+    }
+}
+
 /// A file's text: as [`shown`], but of any length, and with its line breaks.
 pub fn shown_lines(text: &str) -> String {
     let lines: Vec<_> = text.lines().map(|line| printable(line).replace(r"\u{9}", "\t")).collect();
@@ -85,6 +93,7 @@ mod tests {
         assert_eq!(shown("a\u{202e}b"), r"a\u{202e}b");
         let long = shown(&"x".repeat(10_000));
         assert!(long.ends_with("x… (10,000 characters)") && long.len() < 250, "{long}");
+        assert_eq!(shown_long(&"x".repeat(10_000)), "x".repeat(600) + " …");
         assert_eq!(shown_lines("a\tb\n\u{1b}[1m\n"), "a\tb\n\\u{1b}[1m");
     }
 

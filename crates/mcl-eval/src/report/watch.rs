@@ -24,6 +24,7 @@ use mcl_study::trial::tracking::{Tracker, track_with};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::progress::error_message;
 use crate::report::record::{MapLooks, RECORDED_END, RecordedRun, Recorder};
 use crate::report::text::shown;
 
@@ -280,20 +281,26 @@ pub fn has_recorded(folder: &Path) -> bool {
     recorded_runs(folder).is_ok_and(|files| !files.is_empty())
 }
 
-/// The recorded runs of an output folder of `localize`.
+/// The recorded runs of an output folder of `localize`. Files that are not one are left out, and added to
+/// `damaged` with the error.
 ///
 /// # Errors
-/// When the folder or a file in it cannot be read, a file is not a recorded run, or there are none or too
-/// many.
-pub fn localized(folder: &Path) -> Result<Watch> {
+/// When the folder cannot be read, or there are no recorded runs or too many.
+pub fn localized(folder: &Path, damaged: &mut Vec<(PathBuf, String)>) -> Result<Watch> {
     let in_folder = || folder.display().to_string();
     let files = recorded_runs(folder).with_context(in_folder)?;
     ensure!(files.len() <= MOST_FILES, "{}: more than {MOST_FILES} recorded runs", in_folder());
     let mut found = Vec::new();
     for path in &files {
-        found.push((read(path)?.mean_errors.map_or(f64::INFINITY, |[d, ..]| d), path));
+        match read(path) {
+            Ok(run) => found.push((run.mean_errors.map_or(f64::INFINITY, |[d, ..]| d), path)),
+            Err(error) => damaged.push((path.clone(), error_message(&error))),
+        }
     }
-    let (first, _) = found.first().with_context(|| format!("{}: no recorded runs", in_folder()))?;
+    let all = found.len();
+    let (first, _) = found
+        .first()
+        .with_context(|| format!("{}: no recorded runs that can be read", in_folder()))?;
     let is_rated = first.is_finite();
     // Without a reference it is not known which is better.
     found.truncate(if is_rated { found.len() } else { 1 });
@@ -303,7 +310,7 @@ pub fn localized(folder: &Path) -> Result<Watch> {
         .map(|(role, place)| Ok(WatchedRun { role, run: read(found[place].1)? }));
     let runs = runs.collect::<Result<Vec<_>>>()?;
     let rule = match is_rated {
-        true => rule(&counted(files.len(), "run"), "of localize", files.len()),
+        true => rule(&counted(all, "run"), "of localize", all),
         false => "The first run: without a reference the runs cannot be ranked.".to_owned(),
     };
     let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
@@ -311,13 +318,11 @@ pub fn localized(folder: &Path) -> Result<Watch> {
 }
 
 fn read(path: &Path) -> Result<RecordedRun> {
-    let in_file = || path.display().to_string();
-    let metadata = fs::metadata(path).with_context(in_file)?;
+    let metadata = fs::metadata(path)?;
     if !metadata.is_file() || metadata.len() > MOST_BYTES {
-        bail!("{}: expected a file of at most {MOST_BYTES} bytes", in_file());
+        bail!("expected a file of at most {MOST_BYTES} bytes");
     }
-    let text = fs::read_to_string(path).with_context(in_file)?;
-    let mut run = RecordedRun::parse(&text).with_context(in_file)?;
+    let mut run = RecordedRun::parse(&fs::read_to_string(path)?)?;
     run.label = shown(&run.label);
     Ok(run)
 }

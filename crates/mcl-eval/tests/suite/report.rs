@@ -120,7 +120,7 @@ fn the_page_answers_in_order_and_from_the_numbers() {
     assert!(places.is_sorted(), "{places:?}");
     assert!(text.contains("24 of 24 trials done, 24 rows"), "{text}");
     assert!(
-        text.contains("Better in all of 2 tests. Largest at 1 % on A building: +3.00"),
+        text.contains("Better in all of 2 tests. Largest effect at 1 % on A building: +3.00"),
         "{text}"
     );
     assert!(text.contains("No results of elsewhere"));
@@ -229,16 +229,39 @@ fn missing_and_damaged_results_are_reported() {
     plant(root.path(), "likelihood", LIKELIHOOD, facts("office", "A building"), 5);
     let broken = plant(root.path(), "broken", LIKELIHOOD, facts("office", "A building"), 5);
     fs::write(broken.join(STUDY), "seed = \"none\"").unwrap();
+    let begun = plant(root.path(), "begun", LIKELIHOOD, facts("office", "A building"), 1);
+    fs::remove_dir_all(begun.join(PARTS)).unwrap();
     let page = root.path().join("page.html");
     let output = report(&[root.path()], &page);
     assert_eq!(code(&output), Some(3));
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(stderr.contains("leaving out") && stderr.contains("broken"), "{stderr}");
     let json: Json = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&json["damaged"], &json["incomplete"]), (&1.into(), &1.into()));
+    assert_eq!((&json["damaged"], &json["incomplete"]), (&2.into(), &1.into()));
     let text = text_of(&page);
     assert!(text.contains("likelihood on office: 5 of 24 trials have rows."), "{text}");
-    assert!(text.contains("could not be read:"));
+    assert!(text.contains("broken/office: ") && text.contains("begun/office: it has no rows"));
+}
+
+/// Fault: 31 of 1,480 trials of a study were the answer, and the studies that had decided something came after
+/// it; data sets on the page were said to have no results.
+#[test]
+fn incomplete_studies_come_last_and_say_so() {
+    let root = tempfile::tempdir().unwrap();
+    plant(root.path(), "likelihood", LIKELIHOOD, facts("office", "A building"), 17);
+    plant(root.path(), "other", LIKELIHOOD, facts("office", "A building"), usize::MAX);
+    let elsewhere = DataFacts { dimensions: 3, ..facts("elsewhere", "Elsewhere") };
+    plant(root.path(), "other", LIKELIHOOD, elsewhere, usize::MAX);
+    let page = root.path().join("page.html");
+    assert_eq!(code(&report(&[root.path()], &page)), Some(3));
+    let text = text_of(&page);
+    let (_, answer) = text.split_once(r#"id="answer""#).unwrap();
+    let (answer, _) = answer.split_once("</section>").unwrap();
+    let [first, partial, last] =
+        ["<bdi>other</bdi>", "from 17 of 24 trials", "<bdi>likelihood</bdi>"]
+            .map(|part| answer.find(part).unwrap_or_else(|| panic!("no {part}: {answer}")));
+    assert!(first < last && last < partial, "{answer}");
+    assert!(!text.contains("No results of elsewhere"), "{text}");
 }
 
 #[test]

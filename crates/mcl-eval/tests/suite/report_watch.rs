@@ -1,6 +1,7 @@
 //! Runs to watch and maps to compare: what is chosen, computed again, and held against the rows.
 
 use std::fs;
+use std::path::PathBuf;
 
 use crate::office::{Bench, number, rows};
 use mcl_eval::report::exhibits::{
@@ -66,11 +67,13 @@ fn shown(results: &[Results], logs: &[String]) -> Vec<Exhibits> {
     repeat(&wanted, logs, &mut PageBudget::default(), true)
 }
 
-/// Of the one folder below a root where runs were recorded.
-fn recorded_in(bench: &Bench, root: &str) -> Result<PageExhibit<Watch>, String> {
+/// Of the one folder below a root where runs were recorded; and the files that cannot be read.
+fn recorded_in(bench: &Bench, root: &str) -> (PageExhibit<Watch>, Vec<(PathBuf, String)>) {
     let folders = recorded_folders(&bench.path(root));
     assert_eq!(folders, [bench.path("root/inside/out")], "{root}");
-    localized(&folders[0], &mut PageBudget::default()).map_err(|error| format!("{error:#}"))
+    let mut damaged = Vec::new();
+    let shown = localized(&folders[0], &mut PageBudget::default(), &mut damaged).unwrap();
+    (shown, damaged)
 }
 
 #[test]
@@ -206,7 +209,8 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_reported() {
     let more = ["--runs", "4", "-o", "root/inside/out", "-q"];
     bench.mcl_eval(&[&localize[..], &more].concat());
     for root in ["root", "root/inside/out"] {
-        let watch = recorded_in(&bench, root).unwrap().what;
+        let (PageExhibit { what: watch, .. }, damaged) = recorded_in(&bench, root);
+        assert!(damaged.is_empty(), "{damaged:?}");
         let roles: Vec<&str> = watch.runs.iter().map(|shown| shown.role).collect();
         assert_eq!(roles, ["best", "median", "worst"]);
         let errors: Vec<f64> =
@@ -234,10 +238,17 @@ fn runs_that_localize_recorded_are_shown_and_damaged_ones_reported() {
     ] {
         let before = std::mem::replace(&mut run[key], value);
         fs::write(&path, run.to_string()).unwrap();
-        let reason = recorded_in(&bench, "root").unwrap_err();
-        assert!(reason.contains(expected) && reason.contains("run-002"), "{reason}");
+        // The others are shown.
+        let (shown, damaged) = recorded_in(&bench, "root");
+        assert!(shown.what.rule.starts_with("Of 3 runs of localize"), "{}", shown.what.rule);
+        let [(file, reason)] = &damaged[..] else { panic!("{damaged:?}") };
+        assert!(*file == path && reason.contains(expected), "{reason}");
         run[key] = before;
     }
+    let output = bench.run(&["report", "root", "-o", "page.html"]);
+    assert_eq!(output.status.code(), Some(3));
+    let page = fs::read_to_string(bench.path("page.html")).unwrap();
+    assert!(page.contains("Left out: ") && page.contains("run-002.watch.json: "));
 }
 
 /// The page has what was recorded, computed again or not shown, beside what else it says.
@@ -264,12 +275,31 @@ fn the_page_has_runs_and_maps() {
     assert_eq!(slots(&without), [0, 0]);
     assert!(without.contains("No runs are shown: its log is not at hand"));
     // A folder of localize needs no results beside it.
-    assert_eq!(slots(&page(&["out"])), [1, 0]);
+    let of_localize = page(&["out"]);
+    assert_eq!(slots(&of_localize), [1, 0]);
+    // It says what was run, and has no empty sections.
+    for part in [
+        "1 folder of localize",
+        "href=\"#localized\"",
+        "map map.csv: ",
+        ", 60 particles, ",
+        "Mean weighted error d ",
+        "mcl-eval localize office.log --map map.csv --preset default --initial known --particles 60",
+    ] {
+        assert!(of_localize.contains(part), "{part}");
+    }
+    for part in ["0 studies", "id=\"answer\"", "id=\"claims\"", "class=\"run\""] {
+        assert!(!of_localize.contains(part), "{part}");
+    }
     let run = bench.path("out/run-000.watch.json");
     let before = fs::read(&run).unwrap();
     assert!(!bench.run(&["report", "out", "-o", "out/run-000.watch.json"]).status.success());
     assert_eq!(fs::read(&run).unwrap(), before);
     assert!(!bench.run(&["report", "nothing-here", "-o", "page.html"]).status.success());
+    fs::remove_file(run).unwrap();
+    let without = bench.run(&["report", "out", "-o", "page.html"]);
+    let stderr = String::from_utf8_lossy(&without.stderr);
+    assert!(stderr.contains("no runs to watch (run-NNN.watch.json)"), "{stderr}");
 }
 
 /// Nobody knows that a program of others does the same again.
