@@ -161,7 +161,7 @@ semver:
 
 # The Python package (docs/python.md): command and module in one wheel for all Linux systems since 2014 (elsewhere for
 # this one), and the source distribution. `make python-test` tries both in fresh environments outside of the repository;
-# with PROFILE=test PORTABLE= it takes what `make test` has built of other crates.
+# with PROFILE=dev PORTABLE= and CARGO_PROFILE_DEV_OPT_LEVEL=2 it takes what `make test` has built.
 PROFILE ?= release
 WHEELS = $(TARGET)/wheels
 MATURIN = $(TARGET)/maturin
