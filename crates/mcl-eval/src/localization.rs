@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use anyhow::Result;
+use mcl_core::text::counted;
 use mcl_core::{Point, Pose2, Seed, math};
 use mcl_filter::Run;
 use mcl_metrics::{
@@ -82,6 +83,16 @@ impl FinishedRun {
             elapsed,
         })
     }
+}
+
+/// How many runs diverged, and how often robots were lost and found again, in words.
+pub fn outcome(runs: usize, diverged: usize, lost: usize, recovered: usize) -> String {
+    format!(
+        "{diverged} of {} diverged; lost {}, found again {}",
+        counted(runs, "run"),
+        counted(lost, "time"),
+        counted(recovered, "time")
+    )
 }
 
 /// The results of all runs. Errors are pooled over runs and scans, and null without a reference.

@@ -592,9 +592,7 @@ impl Assembly<'_> {
         mount: LaserMount,
     ) -> Result<(Option<LaserMount>, String), BagError> {
         let asked = self.options.reference_frame.clone();
-        if let (None, Some(track)) = (&asked, &self.options.reference_track) {
-            self.report.doubts.extend(of_unknown_frame(track, mount.robot_from_laser));
-        }
+        self.report.doubts.extend(of_unknown_frame(self.options, mount.robot_from_laser));
         let frame = match asked.or(child).as_deref() {
             Some("robot") | None => base.to_owned(),
             Some("laser") => laser.to_owned(),

@@ -33,11 +33,13 @@ pub fn poses_at(trajectory: &Trajectory, stamps: &[Stamp]) -> Vec<Option<Pose2>>
     stamps.iter().map(pose).collect()
 }
 
-/// The doubt about a track that does not say whose poses it has, where the laser is mounted away from the robot's
-/// origin.
-pub(crate) fn of_unknown_frame(track: &ReferenceTrack, robot_from_laser: Pose2) -> Option<String> {
+/// The doubt about a track when neither it nor the options say whose poses it has, where the laser is mounted away from
+/// the robot's origin.
+pub(crate) fn of_unknown_frame(options: &ReadOptions, robot_from_laser: Pose2) -> Option<String> {
+    let track = options.reference_track.as_ref()?;
+    let is_known = options.reference_frame.is_some() || track.frame.is_some();
     let Pose2 { x, y, theta } = robot_from_laser;
-    let matters = track.frame.is_none() && [x, y, theta].iter().any(|part| part.abs() > NO_MOUNT);
+    let matters = !is_known && [x, y, theta].iter().any(|part| part.abs() > NO_MOUNT);
     matters.then(|| {
         format!(
             "reference: {} does not say whose poses it has; they are taken to be the robot's, on which the \
@@ -54,9 +56,7 @@ pub(crate) fn replace(log: &mut Log, track: &ReferenceTrack, options: &ReadOptio
         LASER => (Pose2::IDENTITY, LASER),
         frame => (log.recording.robot_from_laser, frame),
     };
-    if options.reference_frame.is_none() {
-        log.report.doubts.extend(of_unknown_frame(track, log.recording.robot_from_laser));
-    }
+    log.report.doubts.extend(of_unknown_frame(options, log.recording.robot_from_laser));
     if frame != LASER && !ROBOT.contains(&frame) {
         log.report.doubts.push(format!(
             "reference: its poses are of frame {frame:?}, but the log names no frames; they are taken as poses of the robot (--reference-frame robot or laser changes this)"

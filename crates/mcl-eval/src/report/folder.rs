@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use anyhow::{Context, Result};
-use mcl_core::text::thousands;
 use mcl_study::store::identity::Identity;
 use mcl_study::store::results::{
     FAILURES, FIGURES, Manifest, Results, STUDY, SUMMARY, TESTS, TIMINGS, TRIALS,
@@ -78,11 +77,9 @@ impl Folder {
         found.settings = Some(results.study.text.clone());
         let written = fs::metadata(folder.join(TRIALS)).and_then(|file| file.modified()).ok();
         found.rows = Some(Rows { done: *done, asked: *asked, count: results.table.len(), written });
-        if !results.is_complete() {
+        if let Some(missing) = results.missing() {
             found.notes.push(format!(
-                "Incomplete: {} of {} trials have rows; the same command runs the missing ones.",
-                thousands(*done),
-                thousands(*asked)
+                "Incomplete: {missing} have rows; the same command runs the missing ones."
             ));
         }
         let damaged = results.damage.iter().take(3).map(|damage| format!("Damaged: {damage}"));

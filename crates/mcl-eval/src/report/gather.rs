@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
+use mcl_study::data::reference::RUN_SUMMARY;
 use mcl_study::store::results::{Results, Studies, folders};
 use rayon::prelude::*;
 
@@ -12,7 +13,6 @@ use crate::claims::{decide, without_results};
 use crate::progress::error_message;
 use crate::report::exhibits::{self, ExhibitRequest, Exhibits, PageBudget, recorded_folders};
 use crate::report::folder::Folder;
-use crate::report::localized::LOCALIZED;
 use crate::report::record::RECORDED_END;
 use crate::report::slot::Slot;
 
@@ -98,8 +98,8 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
 pub fn result_folders(root: &Path, recorded: &[PathBuf]) -> Result<Vec<PathBuf>> {
     match folders(root) {
         Err(_) if !recorded.is_empty() => Ok(Vec::new()),
-        Err(_) if root.join(LOCALIZED).is_file() => bail!(
-            "{}: has {LOCALIZED} but no runs to watch (run-NNN{RECORDED_END}); `mcl-eval localize` of this \
+        Err(_) if root.join(RUN_SUMMARY).is_file() => bail!(
+            "{}: has {RUN_SUMMARY} but no runs to watch (run-NNN{RECORDED_END}); `mcl-eval localize` of this \
              version records them",
             root.display()
         ),

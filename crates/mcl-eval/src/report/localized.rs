@@ -6,14 +6,14 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use mcl_core::text::{counted, number, printable, thousands};
+use mcl_study::data::reference::RUN_SUMMARY;
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::localization::outcome;
 use crate::report::text::{argument, shown, shown_lines};
 
-/// The summary in an output folder of `localize`.
-pub const LOCALIZED: &str = "summary.json";
-/// Its size limit (bytes): a run has some hundred.
+/// Size limit of the summary (bytes): a run has some hundred.
 const MOST_BYTES: u64 = 16 << 20;
 
 /// The runs of an output folder of `localize`, in words.
@@ -86,10 +86,10 @@ struct Errors {
 /// When it cannot be read, or is none.
 pub fn read(folder: &Path) -> Result<LocalizedRuns> {
     let mut text = String::new();
-    let file = File::open(folder.join(LOCALIZED));
+    let file = File::open(folder.join(RUN_SUMMARY));
     file.and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text))
-        .with_context(|| format!("cannot read {LOCALIZED}"))?;
-    of_summary(&text, &folder.to_string_lossy()).with_context(|| format!("in {LOCALIZED}"))
+        .with_context(|| format!("cannot read {RUN_SUMMARY}"))?;
+    of_summary(&text, &folder.to_string_lossy()).with_context(|| format!("in {RUN_SUMMARY}"))
 }
 
 fn of_summary(text: &str, folder: &str) -> Result<LocalizedRuns> {
@@ -157,11 +157,7 @@ fn results(figures: &Figures) -> Vec<String> {
     if let (Some(diverged), Some(lost), Some(recovered)) =
         (figures.diverged, figures.lost, figures.recovered)
     {
-        lines.push(format!(
-            "{diverged} of {runs} diverged; lost {}, found again {}.",
-            counted(lost, "time"),
-            counted(recovered, "time")
-        ));
+        lines.push(outcome(figures.runs, diverged, lost, recovered) + ".");
     }
     lines
 }

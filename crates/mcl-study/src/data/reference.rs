@@ -14,6 +14,8 @@ use mcl_metrics::trajectory_file::{
 use mcl_metrics::tum::TumError;
 use serde::Deserialize;
 
+/// The summary in a folder that `localize` writes.
+pub const RUN_SUMMARY: &str = "summary.json";
 /// Size limit of `summary.json` (bytes): it has a row per run of some hundred bytes.
 const MAX_SUMMARY_BYTES: u64 = 1 << 28;
 const LASER: &str = "laser";
@@ -31,7 +33,7 @@ pub fn mount_of_run(path: &Path) -> Option<Pose2> {
     }
     let name = path.file_name()?.to_str()?;
     let is_run = name.starts_with("run-") || name == "reference.tum";
-    let summary = is_run.then(|| path.with_file_name("summary.json"))?;
+    let summary = is_run.then(|| path.with_file_name(RUN_SUMMARY))?;
     let bytes = File::open(summary).ok()?.take(MAX_SUMMARY_BYTES);
     let Summary { setup } = serde_json::from_reader(BufReader::new(bytes)).ok()?;
     Some(setup.robot_from_laser)

@@ -18,6 +18,7 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use mcl_core::files::{remove, write_atomically};
+use mcl_core::text::thousands;
 use serde::{Deserialize, Serialize};
 
 use crate::data::facts::DataFacts;
@@ -188,7 +189,8 @@ impl Results {
 
     /// "32 of 36 trials", where some are missing: everything made from the rows reports it.
     pub fn missing(&self) -> Option<String> {
-        (!self.is_complete()).then(|| format!("{} of {} trials", self.done, self.asked))
+        let found = || format!("{} of {} trials", thousands(self.done), thousands(self.asked));
+        (!self.is_complete()).then(found)
     }
 
     /// Reads a result folder; `None` where it has no rows, as in those committed with the program.

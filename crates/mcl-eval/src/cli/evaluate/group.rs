@@ -13,6 +13,7 @@ use mcl_metrics::{
     Blocked, Effect, Interval, Rate, Summary, fisher_exact, holm, mean_interval, paired,
     rate_difference, two_sample,
 };
+use mcl_study::data::reference::RUN_SUMMARY;
 use serde::Serialize;
 
 use super::row::{RowFigures, Sampled};
@@ -118,7 +119,7 @@ pub struct Comparison {
 pub fn files(group: &Group) -> Result<Vec<String>> {
     let Group { name, runs } = group;
     let path = Path::new(runs);
-    let found: Vec<PathBuf> = if path.join("summary.json").is_file() {
+    let found: Vec<PathBuf> = if path.join(RUN_SUMMARY).is_file() {
         let is_run = |path: &PathBuf| {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
             name.starts_with("run-") && name.ends_with(".tum")

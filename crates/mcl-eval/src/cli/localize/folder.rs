@@ -16,6 +16,7 @@ use crate::cli::output::write_rows;
 use crate::localization::Localization;
 use crate::progress::tell;
 use crate::report::record::{RECORDED_END, RecordedRun};
+use mcl_study::data::reference::RUN_SUMMARY;
 use mcl_study::data::source::{self, LogSource};
 use mcl_study::store::results::save;
 
@@ -201,7 +202,7 @@ impl Folder {
     ) -> Result<Outcome> {
         self.write_trajectory("reference.tum", &recording.stamped_reference())?;
         let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
-        save(&self.path.join("summary.json"), text.as_bytes())?;
+        save(&self.path.join(RUN_SUMMARY), text.as_bytes())?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
         if unstamped > 0 {
             tell!(
@@ -247,7 +248,7 @@ fn is_ours(name: &str) -> bool {
     let number = name.strip_prefix("run-").and_then(|rest| {
         [".tum", ".csv", RECORDED_END].iter().find_map(|end| rest.strip_suffix(end))
     });
-    matches!(name, "reference.tum" | "summary.json")
+    matches!(name, "reference.tum" | RUN_SUMMARY)
         || number.is_some_and(|n| n.len() >= 3 && n.bytes().all(|byte| byte.is_ascii_digit()))
 }
 

@@ -6,7 +6,7 @@ use mcl_study::measure::consistency::Consistency;
 
 use crate::cli::args::{Initial, LocalizeArgs};
 use crate::cli::output::reference_of;
-use crate::localization::{Localization, MeanIntervals, Spread};
+use crate::localization::{Localization, MeanIntervals, Spread, outcome};
 use crate::pose_errors::ErrorFigures;
 
 /// The result as text.
@@ -61,12 +61,7 @@ pub fn text(
     if let (Some(diverged), Some(lost), Some(recovered)) =
         (found.diverged, found.lost, found.recovered)
     {
-        text += &format!(
-            "{diverged} of {} diverged; lost {}, found again {}\n",
-            counted(found.runs, "run"),
-            counted(lost, "time"),
-            counted(recovered, "time")
-        );
+        text += &(outcome(found.runs, diverged, lost, recovered) + "\n");
         if args.initial != Initial::Known {
             text += &found_after(found);
         }
