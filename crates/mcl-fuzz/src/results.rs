@@ -82,9 +82,11 @@ pub fn folder(bytes: &[u8]) {
         return;
     }
     results.table.to_csv().expect("there is memory for it");
-    drop((view::summary::summary(&results), view::compare::tests(&results)));
-    if let Ok(charts) = view::charts::charts(&results) {
-        charts.iter().for_each(|chart| drop(chart.to_table()));
+    if let Ok(estimates) = view::estimate::Estimates::of(&results) {
+        drop((view::summary::summary(&estimates), view::compare::tests(&estimates.groups)));
+        if let Ok(charts) = view::charts::charts(&estimates) {
+            charts.iter().for_each(|chart| drop(chart.to_table()));
+        }
     }
     let all = [results];
     drop(view::ranking::ranking(&all));

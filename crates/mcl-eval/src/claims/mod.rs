@@ -277,7 +277,8 @@ mod tests {
                 }
             },
         );
-        let table = mcl_study::view::compare::tests(&results).unwrap();
+        let groups = mcl_study::view::groups::Groups::of(&results).unwrap();
+        let table = mcl_study::view::compare::tests(&groups).unwrap();
         let row = table.rows().next().unwrap();
         let found = decide(std::slice::from_ref(&results));
         let Evidence { p, effect, low, .. } =

@@ -15,6 +15,7 @@ use mcl_core::files::{create_folder, remove, remove_folder};
 use mcl_figures::Medium;
 use mcl_study::store::results::{FIGURES, Results, SUMMARY, TESTS, save_table};
 use mcl_study::view;
+use mcl_study::view::estimate::Estimates;
 
 /// Folder of the figures for a paper, below the others.
 const PAPER: &str = "paper";
@@ -49,14 +50,15 @@ pub fn write(results: &Results) -> Result<Vec<PathBuf>> {
 /// As [`write()`].
 pub fn draw(results: &Results, medium: Medium) -> Result<Vec<PathBuf>> {
     let folder = &results.folder;
-    save_table(&folder.join(SUMMARY), &view::summary::summary(results)?)?;
-    save_table(&folder.join(TESTS), &view::compare::tests(results)?)?;
+    let estimates = Estimates::of(results)?;
+    save_table(&folder.join(SUMMARY), &view::summary::summary(&estimates)?)?;
+    save_table(&folder.join(TESTS), &view::compare::tests(&estimates.groups)?)?;
     let figures = match medium {
         Medium::Screen => folder.join(FIGURES),
         Medium::Paper => folder.join(FIGURES).join(PAPER),
     };
     create_folder(&figures).with_context(|| format!("cannot make {}", figures.display()))?;
-    let charts = view::charts::charts(results)?;
+    let charts = view::charts::charts(&estimates)?;
     let regions = crate::claims::regions::regions(results)?;
     let of_charts = charts.iter().map(|chart| (&chart.name, chart.to_table()));
     let of_regions = regions.iter().map(|region| (&region.view.name, region.to_table()));

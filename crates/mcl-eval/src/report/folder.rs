@@ -13,6 +13,7 @@ use mcl_study::study::definition::Study;
 use mcl_study::table::Table;
 use mcl_study::view;
 use mcl_study::view::chart::ChartData;
+use mcl_study::view::estimate::Estimates;
 
 use crate::report::files;
 use crate::report::slot::Slot;
@@ -71,9 +72,10 @@ impl Folder {
     pub fn of_rows(results: &Results) -> Result<Self> {
         let Results { folder, done, asked, .. } = results;
         let mut found = Folder::bare(folder);
-        found.charts = view::charts::charts(results)?;
-        found.summary = view::summary::summary(results)?;
-        found.tests = view::compare::tests(results)?;
+        let estimates = Estimates::of(results)?;
+        found.charts = view::charts::charts(&estimates)?;
+        found.summary = view::summary::summary(&estimates)?;
+        found.tests = view::compare::tests(&estimates.groups)?;
         found.settings = Some(results.study.text.clone());
         let written = fs::metadata(folder.join(TRIALS)).and_then(|file| file.modified()).ok();
         found.rows = Some(Rows { done: *done, asked: *asked, count: results.table.len(), written });

@@ -3,7 +3,6 @@
 use anyhow::Result;
 
 use crate::recipe::localizer::LOCALIZER;
-use crate::store::results::Results;
 use crate::study::settings::{PRESET, text_of};
 use crate::study::views::{Axis, Chart, ChartKind, Part, Relative, Scale};
 use crate::table::Value;
@@ -19,18 +18,17 @@ use crate::view::lost;
 ///
 /// # Errors
 /// When a value cannot be computed with.
-pub fn charts(results: &Results) -> Result<Vec<ChartData>> {
-    let estimates = Estimates::of(results)?;
+pub fn charts(estimates: &Estimates<'_>) -> Result<Vec<ChartData>> {
     let mut charts = Vec::new();
-    for chart in &results.study.views.charts {
+    for chart in &estimates.groups.results.study.views.charts {
         let shown: Vec<&Group<'_>> = estimates.groups.of_entries(&chart.of).collect();
         let layout = Layout::of(chart, &estimates.groups, &shown);
-        for (name, shown) in figures(chart, &layout, &estimates, &shown) {
+        for (name, shown) in figures(chart, &layout, estimates, &shown) {
             let x = layout.x.first().and_then(|x| estimates.groups.place(x));
             let is_placed = layout.x_scale == Scale::Places || chart.kind == ChartKind::Heat;
             let places =
                 x.filter(|_| is_placed).map(|x| (x, distinct(&estimates.groups, &shown, x)));
-            let drawing = Drawing { chart, layout: &layout, estimates: &estimates, shown, places };
+            let drawing = Drawing { chart, layout: &layout, estimates, shown, places };
             let data = drawing.draw(name)?;
             charts.extend((!data.panels.is_empty()).then_some(data));
         }

@@ -66,10 +66,10 @@ pub fn compare(
 ///
 /// # Errors
 /// When a run occurs twice in a draw, or a value cannot be computed with.
-pub fn tests(results: &Results) -> Result<Table> {
-    let groups = Groups::of(results)?;
+pub fn tests(groups: &Groups<'_>) -> Result<Table> {
+    let results = groups.results;
     let shown: Vec<&Group<'_>> = groups.of_entries(&[]).collect();
-    let mut columns = columns_of(&groups, &shown);
+    let mut columns = columns_of(groups, &shown);
     // Columns that every comparison has are in `a` and `b`.
     let views = &results.study.views.tests;
     columns.retain(|&((place, _), _)| {
@@ -87,13 +87,13 @@ pub fn tests(results: &Results) -> Result<Table> {
             free.extend(groups.decided_by_preset(&of_view));
         }
         let mut found: Vec<(Vec<Value>, Comparison)> = Vec::new();
-        for [a, b] in pairs(&groups, view, place) {
+        for [a, b] in pairs(groups, view, place) {
             for group_a in groups.of_entries(&view.of).filter(|g| g.text(place) == a) {
                 let is_match = |group: &&Group<'_>| {
                     group.text(place) == b && groups.differ_only_in(group_a, group, &free)
                 };
                 for group_b in groups.of_entries(&view.of).filter(is_match) {
-                    let mut cells = shared(&groups, &columns, &free, [group_a, group_b]);
+                    let mut cells = shared(groups, &columns, &free, [group_a, group_b]);
                     let test = if view.test == TestKind::Paired { "paired" } else { "welch" };
                     let kind = if view.ratio { "ratio" } else { "difference" };
                     let texts = [&view.y, &view.column, &a, &b].map(|text| Value::from(&**text));
@@ -231,7 +231,7 @@ runs = 2
     /// Fault: runs were treated as independent, with p = 9·10⁻¹⁰ by run and 2·10⁻⁵ by map.
     #[test]
     fn the_unit_of_tests_is_the_map() {
-        let table = tests(&results(PAIRED)).unwrap();
+        let table = tests(&Groups::of(&results(PAIRED)).unwrap()).unwrap();
         let row = table.rows().find(|row| row.text("a") == "gbs+f-km").unwrap();
         assert_eq!(row.get("blocks"), &Value::Count(10));
         assert_eq!(row.number("df"), Some(9.0));
@@ -258,7 +258,7 @@ runs = 2
     fn a_hypothesis_has_one_p_value() {
         let part = PAIRED.replace("[[views.tests]]", "[[views.tests]]\nof = \"part\"");
         let results = results(&format!("{PAIRED}{part}"));
-        let table = tests(&results).unwrap();
+        let table = tests(&Groups::of(&results).unwrap()).unwrap();
         let same: Vec<_> = table
             .rows()
             .filter(|row| row.text("a") == "gbs+f-km" && row.number("size_percent") == Some(1.0))
@@ -278,7 +278,7 @@ runs = 2
 
     #[test]
     fn rows_that_differ_in_nothing_else_are_compared() {
-        let table = tests(&results(PAIRED)).unwrap();
+        let table = tests(&Groups::of(&results(PAIRED)).unwrap()).unwrap();
         let found: Vec<(String, String, Option<f64>)> = table
             .rows()
             .map(|row| {
@@ -301,7 +301,8 @@ runs = 2
         assert_eq!(adjusted, holm(&p));
         assert_eq!(p.len(), 5);
         // All pairs, where none are named.
-        let all = tests(&results("[[views.tests]]\ny = \"weighted\"\n")).unwrap();
+        let all =
+            tests(&Groups::of(&results("[[views.tests]]\ny = \"weighted\"\n")).unwrap()).unwrap();
         assert_eq!(all.len(), 2 + 1 + 1 + 1 + 2 + 2);
     }
 
@@ -310,7 +311,7 @@ runs = 2
         let text = "[[views.tests]]\ny = \"weighted\"\nratio = true\npairs = [[\"all\", \"rnd\"]]\n\
                     [[views.tests]]\ny = \"weighted\"\ntest = \"welch\"\npairs = [[\"all\", \"rnd\"]]\n\
                     [[views.tests]]\ny = \"translation\"\npairs = [[\"all\", \"rnd\"]]\n";
-        let table = tests(&results(text)).unwrap();
+        let table = tests(&Groups::of(&results(text)).unwrap()).unwrap();
         let rows: Vec<_> = table.rows().collect();
         let ratio = rows[0].number("effect").unwrap();
         assert!((ratio - 1.0 / 3.0).abs() < 1e-6, "{ratio}");
@@ -338,12 +339,12 @@ runs = 2
             }));
             results
         };
-        let table = tests(&zero).unwrap();
+        let table = tests(&Groups::of(&zero).unwrap()).unwrap();
         let row = table.rows().find(|row| row.text("b") == "rnd").unwrap();
         assert_eq!(row.text("note"), "no ratio: weighted is 0 in a run, expected above 0");
         let missing =
             results.without(9, |row| row.text("map") == "gbs" && row.number("draw") != Some(3.0));
-        let table = tests(&missing).unwrap();
+        let table = tests(&Groups::of(&missing).unwrap()).unwrap();
         let row = table.rows().next().unwrap();
         assert_eq!(
             row.text("note"),

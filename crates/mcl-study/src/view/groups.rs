@@ -407,6 +407,7 @@ mod tests {
     use super::*;
     use crate::view::charts::charts;
     use crate::view::compare::tests;
+    use crate::view::estimate::Estimates;
     use crate::view::planted::planted;
     use crate::view::ranking::ranking;
     use crate::view::summary::summary;
@@ -447,10 +448,10 @@ y = "weighted"
     #[test]
     fn a_preset_stands_for_what_it_decides() {
         let results = results(STUDY);
-        let table = summary(&results).unwrap();
+        let table = summary(&Estimates::of(&results).unwrap()).unwrap();
         let columns = ["dataset", "split", "map", "size_percent", "preset", "blocks"];
         assert_eq!(table.columns()[..6], columns);
-        let tested = tests(&results).unwrap();
+        let tested = tests(&Groups::of(&results).unwrap()).unwrap();
         assert_eq!(tested.len(), 3, "two sizes and all points");
         for row in tested.rows() {
             let sides = [row.text("a"), row.text("b"), row.text("preset")];
@@ -459,7 +460,7 @@ y = "weighted"
         }
         let columns = ["rank", "score", "preset", "dataset"];
         assert_eq!(ranking(std::slice::from_ref(&results)).unwrap().columns()[..4], columns);
-        let charts = charts(&results).unwrap();
+        let charts = charts(&Estimates::of(&results).unwrap()).unwrap();
         let names: Vec<&str> = charts.iter().map(|chart| chart.name.as_str()).collect();
         assert_eq!(names, ["preset", "of-carmen", "of-book"]);
         let [panel] = &charts[0].panels[..] else { panic!("{:?}", charts[0]) };
@@ -484,7 +485,7 @@ y = "weighted"
         let names = varying.iter().map(|&place| groups.settings[place].name.as_str());
         let expected = ["initial_pose_kind", "recover", "kidnapped_at"];
         assert_eq!(names.collect::<Vec<_>>(), expected);
-        let tested = tests(&results).unwrap();
+        let tested = tests(&Groups::of(&results).unwrap()).unwrap();
         assert_eq!(tested.len(), 4, "two starts, carried off or not");
         assert!(tested.rows().all(|row| [row.text("a"), row.text("b")] == ["false", "true"]));
     }

@@ -48,6 +48,7 @@ pub fn is_of_some(group: &Group<'_>, column: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use crate::view::charts::charts;
+    use crate::view::estimate::Estimates;
     use crate::view::planted::planted;
 
     /// Fault: a single lost run of twenty dominated the mean, and a curve rose and fell with the size by
@@ -86,7 +87,7 @@ parts = [
                 ("lost_share", (0.5 * episodes as f64).into()),
             ]
         });
-        let chart = charts(&results).unwrap().remove(0);
+        let chart = charts(&Estimates::of(&results).unwrap()).unwrap().remove(0);
         let [error, lost, time] = &chart.panels[..] else { panic!("{:?}", chart.panels) };
         let shown = |panel: &crate::view::chart::Panel| -> Vec<(usize, f64, f64)> {
             panel.points.iter().map(|p| (p.curve, p.x, (1e6 * p.y).round() / 1e6)).collect()

@@ -28,9 +28,9 @@ const DIVERGED: &str = "diverged";
 ///
 /// # Errors
 /// When a run occurs twice in a draw, or a value cannot be computed with.
-pub fn summary(results: &Results) -> Result<Table> {
-    let estimates = Estimates::of(results)?;
+pub fn summary(estimates: &Estimates<'_>) -> Result<Table> {
     let groups = &estimates.groups;
+    let results = groups.results;
     let settings = columns_of(groups, &groups.all.iter().collect::<Vec<_>>());
     let wanted = &results.study.views.summary;
     let of_measures = results.study.measures.columns();
@@ -76,7 +76,7 @@ pub fn summary(results: &Results) -> Result<Table> {
         }
         row.extend([group.blocks().into(), group.rows.len().into(), group.asked.into()]);
         for &(column, is_yes_or_no) in &measured {
-            row.extend(cells(&estimates, group, column, is_yes_or_no)?);
+            row.extend(cells(estimates, group, column, is_yes_or_no)?);
         }
         for factor in estimates.factors() {
             row.push(estimates.mean(group, factor)?.map(|found| found.mean).into());
@@ -181,7 +181,7 @@ kept = ["weighted"]
 
     #[test]
     fn groups_differ_in_settings_and_rows_in_draw_and_run() {
-        let table = summary(&results()).unwrap();
+        let table = summary(&Estimates::of(&results()).unwrap()).unwrap();
         let settings = &table.columns()[..8];
         let expected =
             ["dataset", "split", "map", "size_percent", "sigma_hit", "blocks", "rows", "asked"];
@@ -221,7 +221,7 @@ kept = ["weighted"]
     /// A measure that depends on the outcome is either reported beside the whole, or not at all.
     #[test]
     fn diverged_runs_count_and_are_left_out_only_where_that_is_said() {
-        let table = summary(&results()).unwrap();
+        let table = summary(&Estimates::of(&results()).unwrap()).unwrap();
         let rnd = table.rows().find(|row| row.text("map") == "rnd").unwrap();
         // 1 and 7, 5 and 100, 9 and 104.
         let mean = (1.0 + 7.0 + 5.0 + 100.0 + 9.0 + 104.0) / 6.0;
@@ -241,7 +241,7 @@ kept = ["weighted"]
             row.text("map") == "rnd" && row.number("draw") > Some(0.0)
                 || row.text("map") == "all" && row.number("sigma_hit") == Some(0.2)
         });
-        let table = summary(&results).unwrap();
+        let table = summary(&Estimates::of(&results).unwrap()).unwrap();
         let counts = |map: &str, sigma_hit: f64| {
             let is = |row: &crate::table::Row<'_>| {
                 row.text("map") == map && row.number("sigma_hit") == Some(sigma_hit)
@@ -290,7 +290,7 @@ than = "gbs+f-km"
                 ("log_likelihood", (points.log10() + better).into()),
             ]
         });
-        let table = summary(&results).unwrap();
+        let table = summary(&Estimates::of(&results).unwrap()).unwrap();
         let factors: Vec<(&str, Option<f64>)> =
             table.rows().map(|row| (row.text("map"), row.number("plain_size_factor"))).collect();
         assert_eq!(factors[0], ("gbs", None));

@@ -45,7 +45,7 @@ caption = "Own words."
             ("diverged", diverged.into()),
         ]
     });
-    let charts = charts(&results).unwrap();
+    let charts = charts(&Estimates::of(&results).unwrap()).unwrap();
     let names: Vec<&str> = charts.iter().map(|chart| chart.name.as_str()).collect();
     assert_eq!(names, ["figure5-same", "figure5-alternate"]);
     let same = &charts[0];
@@ -105,14 +105,14 @@ y = { column = "log_likelihood", scale = "symlog" }
     let results = planted(text, "office", |row| {
         vec![("log_likelihood", (-row.number("draw").unwrap()).into())]
     });
-    let complete = charts(&results).unwrap();
+    let complete = charts(&Estimates::of(&results).unwrap()).unwrap();
     assert!(complete[0].caption[0].contains("Means over 4 maps, with Student's"));
     let results = results.without(3, |row| {
         row.text("map") == "rnd"
             && row.number("draw") > Some(0.0)
             && row.number("size_percent") == Some(2.0)
     });
-    let chart = &charts(&results).unwrap()[0];
+    let chart = &charts(&Estimates::of(&results).unwrap()).unwrap()[0];
     assert!(chart.caption[0].contains(". Incomplete: 13 of 16 trials. "), "{:?}", chart.caption);
     assert!(chart.caption[0].contains("Means over 1 to 4 maps"), "{:?}", chart.caption);
     let alone = chart.panels[0].points.last().unwrap();
@@ -151,7 +151,7 @@ y = { column = ["weighted", "translation", "heading"] }
             ("translation", (2.0 * resolution).into()),
         ]
     });
-    let chart = &charts(&results).unwrap()[0];
+    let chart = &charts(&Estimates::of(&results).unwrap()).unwrap()[0];
     // The column has no label for the heading.
     let y: Vec<&str> = chart.panels.iter().map(|panel| panel.y.label.as_str()).collect();
     assert_eq!(y, ["mean weighted error d [–]", "mean translation error [m]"]);
@@ -195,7 +195,7 @@ fn sensitivity(views: &str) -> Vec<ChartData> {
         let error = row.number("sigma_hit").unwrap() + row.number("alpha4").unwrap();
         vec![("weighted", error.into()), ("diverged", false.into())]
     });
-    charts(&results).unwrap()
+    charts(&Estimates::of(&results).unwrap()).unwrap()
 }
 
 /// Without x: the numeric setting with the most values is the axis, the setting with the next most gives
@@ -305,7 +305,7 @@ marks = "sigma_by"
             ("mdl", (7.0 + (size - 4.0).abs() + 10.0 * sigma).into()),
         ]
     });
-    let drawn = charts(&results).unwrap();
+    let drawn = charts(&Estimates::of(&results).unwrap()).unwrap();
     let [bic, mdl, ..] = &drawn[0].panels[..] else { panic!() };
     assert_eq!(labels(bic), ["gbs"]);
     let points = |panel: &Panel| -> Vec<(f64, f64, Option<String>)> {
@@ -356,7 +356,7 @@ y = { column = "weighted", relative = "times-all" }
             ("weighted", if is_all { all } else { all * (1.0 + size) }.into()),
         ]
     });
-    let chart = &charts(&results).unwrap()[0];
+    let chart = &charts(&Estimates::of(&results).unwrap()).unwrap()[0];
     assert_eq!(titles(chart), ["σ_hit = 0.1 m", "σ_hit = 0.2 m"]);
     for panel in &chart.panels {
         let y: Vec<f64> = panel.points.iter().map(|point| (1e9 * point.y).round() / 1e9).collect();
