@@ -148,7 +148,7 @@ pub fn run_study(
     }
 
     let mut tasks = pending(study, &plan.trials, &parts, is_mine)?;
-    let costs = Costs::measured(&identity.data, &plan.trials, &parts);
+    let costs = Costs::measured(&identity.data, &study.measures, &plan.trials, &parts);
     see(Event::Started { done: asked - tasks.len(), asked, damage: &parts.damage });
     let mut shown = HashMap::new();
     if share == Share::Merge {
@@ -223,7 +223,7 @@ pub fn deal_out(
     data: &DataFacts,
     parts: usize,
 ) -> Result<(Vec<usize>, Vec<HashSet<String>>)> {
-    let costs = Costs::built_in(data);
+    let costs = Costs::built_in(data, &study.measures);
     let mut all: Vec<(f64, Vec<String>)> = Vec::new();
     for trial in trials {
         all.push((costs.of(trial), trial.identities(&study.measures)?));

@@ -95,7 +95,7 @@ fn add(
     let plan = study.plan(&identity.data.name)?;
     let folder = args.of.output.join(name).join(&identity.data.name);
     let rows = Parts::read(&folder, &identity).with_context(|| folder.display().to_string())?;
-    let costs = Costs::measured(&identity.data, &plan.trials, &rows);
+    let costs = Costs::measured(&identity.data, &study.measures, &plan.trials, &rows);
     planned.is_measured |= costs.are_measured();
     let (dealt, _) = deal_out(study, &plan.trials, &folder, &identity.data, planned.parts)?;
     for (trial, part) in plan.trials.iter().zip(dealt) {

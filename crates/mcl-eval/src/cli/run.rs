@@ -267,7 +267,7 @@ fn list(args: &RunArgs, study: &Study, name: &str, datasets: &[String]) -> Resul
             true => Parts::default(),
             false => Parts::read(&folder, &identity)?,
         };
-        let costs = Costs::measured(&identity.data, &plan.trials, &parts);
+        let costs = Costs::measured(&identity.data, &study.measures, &plan.trials, &parts);
         measured |= costs.are_measured();
         for trial in &plan.trials {
             let identities = trial.identities(&study.measures)?;

@@ -87,7 +87,7 @@ fn of_folder(folder: &Path) -> Result<FolderStatus> {
     let study = Study::parse(&text)?;
     let parts = Parts::read(folder, &manifest.identity)?;
     let plan = study.plan(&data.name)?;
-    let costs = Costs::measured(&data, &plan.trials, &parts);
+    let costs = Costs::measured(&data, &study.measures, &plan.trials, &parts);
     let (mut done, mut failed, mut left) = (0, 0, 0.0);
     for trial in &plan.trials {
         let identities = trial.identities(&study.measures)?;

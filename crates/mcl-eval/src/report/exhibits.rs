@@ -24,7 +24,7 @@ use crate::report::watch::{self, ChosenRuns, Watch};
 const RUN_BYTES: usize = 1_500_000;
 const MAP_BYTES: usize = 400_000;
 /// Limit on the estimated processor time of recomputing runs and maps (s).
-const SECONDS: f64 = 60.0;
+const SECONDS: f64 = 90.0;
 
 /// What a result folder could show.
 pub struct ExhibitRequest {
@@ -224,7 +224,7 @@ impl PageBudget {
         facts: &DataFacts,
         trials: impl IntoIterator<Item = &'t Trial>,
     ) -> Result<()> {
-        let costs = Costs::built_in(facts);
+        let costs = Costs::built_in(facts, &Measures::default());
         let seconds: f64 = trials.into_iter().map(|trial| costs.of(trial)).sum();
         if seconds > self.seconds {
             bail!(

@@ -115,7 +115,7 @@ fn named(columns: &[&str], values: Vec<Value>) -> Cells {
 }
 
 /// The measures of a study.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Measures {
     /// Of maps.
     pub of_maps: Vec<&'static MapMeasure>,

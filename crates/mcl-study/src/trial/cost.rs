@@ -7,8 +7,11 @@ use mcl_filter::{Beams, InitialPose};
 use mcl_maps::Refinement;
 
 use crate::data::facts::DataFacts;
+use crate::measure::Measures;
+use crate::measure::criteria::CRITERIA as RATED_BY_CRITERIA;
+use crate::recipe::criterion::Criterion;
 use crate::recipe::kind::MapKind;
-use crate::recipe::map::Size;
+use crate::recipe::map::{MapRecipe, Sigma, Size};
 use crate::recipe::run::RunRecipe;
 use crate::recipe::split::Split;
 use crate::store::parts::Parts;
@@ -21,18 +24,31 @@ pub struct Costs {
     points: f64,
     /// Scans of the data.
     scans: f64,
+    /// Whether maps are rated by the criteria, too, which builds them again for parts of the data.
+    has_criteria: bool,
     /// By name of the kind of map: ratio of measured to built-in seconds.
     measured: HashMap<String, f64>,
 }
 
 /// Seconds per point of fuzzy k-means: c·p^a / (1 + p^b) of the size p in percent. On larger maps an update
 /// takes longer, and fewer updates are needed.
-const FKM: f64 = 4.0e-6;
-const FKM_POWERS: [f64; 2] = [0.95, 0.6];
+const FKM: f64 = 5.0e-6;
+const FKM_POWERS: [f64; 2] = [1.05, 0.8];
+/// It takes (1 + (σ / scale)^p) times as long as with σ near 0, as more components are near a point: scale (m), p,
+/// and σ for which the seconds above were measured (m).
+const FKM_SIGMA: [f64; 3] = [0.1, 1.7, 0.05];
+/// Maps' worth of fuzzy k-means that a search for σ takes by likelihood or held-out scans, one for a size by an
+/// information criterion or held-out scans, whose maps have about this size (percent), and rating by the criteria.
+const SIGMA_SEARCH: [f64; 2] = [15.0, 80.0];
+const SIZE_SEARCH: [f64; 2] = [25.0, 150.0];
+const SEARCHED_SIZE: f64 = 5.0;
+const CRITERIA: f64 = 4.0;
 /// Seconds per particle and beam of the filter on the smallest maps of points, and the relative increase with
 /// the square root of the size in percent.
-const BEAM: f64 = 2.6e-9;
-const BEAM_GROWTH: f64 = 0.1;
+const BEAM: f64 = 3.3e-9;
+const BEAM_GROWTH: f64 = 0.12;
+/// How many times as long a beam takes if it is asked whether something unmapped is in front of it.
+const LOOKED_ALONG: f64 = 4.0;
 /// Seconds per point of choosing an initial map, which trials share, and per point and percent of rating one.
 const INITIAL: f64 = 1e-7;
 const RATED: f64 = 7e-9;
@@ -42,19 +58,26 @@ const FIELD: f64 = 2.3e-8;
 const DENSE: f64 = 10.0;
 /// Field of view for beams selected by degrees (°); few logs have another.
 const VIEW: f64 = 180.0;
-/// Seconds of the search for the robot with its first scan.
+/// Seconds of the searches for the robot in a run that may have to look for it.
 const SEARCH: f64 = 0.3;
 
 impl Costs {
     /// The built-in estimates for this data: the same for every process of a study.
-    pub fn built_in(data: &DataFacts) -> Self {
+    pub fn built_in(data: &DataFacts, measures: &Measures) -> Self {
         let (points, scans) = (data.points as f64, data.scans as f64);
-        Costs { points, scans, measured: HashMap::new() }
+        let has_criteria =
+            measures.of_maps.iter().any(|measure| measure.name == RATED_BY_CRITERIA.name);
+        Costs { points, scans, has_criteria, measured: HashMap::new() }
     }
 
     /// Estimates for this data, scaled by the measured times of completed trials.
-    pub fn measured(data: &DataFacts, trials: &[Trial], parts: &Parts) -> Self {
-        let costs = Costs::built_in(data);
+    pub fn measured(
+        data: &DataFacts,
+        measures: &Measures,
+        trials: &[Trial],
+        parts: &Parts,
+    ) -> Self {
+        let costs = Costs::built_in(data, measures);
         let of_names: HashMap<String, &Trial> =
             trials.iter().map(|trial| (trial.to_string(), trial)).collect();
         let mut sums: HashMap<String, [f64; 2]> = HashMap::new();
@@ -87,8 +110,7 @@ impl Costs {
         let percent = match trial.map.size {
             Some(Size::Percent(percent)) => percent,
             Some(Size::Points(points)) => 100.0 * points as f64 / self.points,
-            // The search tries dozens of maps, most of them small.
-            Some(Size::Chosen(_)) => 50.0,
+            Some(Size::Chosen(_)) => SEARCHED_SIZE,
             Some(Size::Resolution(_)) => 0.5,
             None => 100.0,
         };
@@ -97,7 +119,8 @@ impl Costs {
             MapKind::Sampled { refinement, .. } => {
                 let [growth, saturation] =
                     FKM_POWERS.map(|power| math::exp(power * math::ln(percent.max(0.01))));
-                let fkm = FKM * self.points * growth / (1.0 + saturation);
+                let fkm =
+                    FKM * self.points * growth / (1.0 + saturation) * self.searches(&trial.map);
                 let refined = match refinement {
                     None => 0.0,
                     Some(Refinement::Fkm {} | Refinement::FkmAccelerated {}) => fkm,
@@ -124,15 +147,34 @@ impl Costs {
         [factor * (map + rated), factor * runs]
     }
 
+    /// By how much more than for a map of known size and σ = 0.05 m fuzzy k-means takes.
+    fn searches(&self, map: &MapRecipe) -> f64 {
+        let search = |[one, of_parts]: [f64; 2], criterion: Criterion| {
+            if criterion == Criterion::HeldOut { of_parts } else { one }
+        };
+        let of_sigma = match map.sigma {
+            Sigma::Metres(sigma) => {
+                let [scale, power, measured] = FKM_SIGMA;
+                let longer = |sigma: f64| 1.0 + math::exp(power * math::ln(sigma / scale));
+                longer(sigma) / longer(measured)
+            }
+            Sigma::Chosen(criterion) => search(SIGMA_SEARCH, criterion),
+        };
+        let of_size = match map.size {
+            Some(Size::Chosen(criterion)) => search(SIZE_SEARCH, criterion),
+            _ => 1.0,
+        };
+        of_sigma * of_size + if self.has_criteria { CRITERIA } else { 0.0 }
+    }
+
     fn of_run(&self, run: &RunRecipe, per_beam: f64, of_split: f64) -> f64 {
         let share = run.length.map_or(of_split, |scans| (scans as f64 / self.scans).min(of_split));
         // Most of a run uses few of the allowed particles.
         let particles = run.filter.particles;
         let particles = (particles.least as f64 * particles.most as f64).sqrt();
-        let search = match run.filter.initial_pose {
-            InitialPose::Scan { .. } => SEARCH,
-            InitialPose::Known { .. } | InitialPose::Uniform {} => 0.0,
-        };
+        let is_searched = matches!(run.filter.initial_pose, InitialPose::Scan { .. });
+        let search = if is_searched || run.filter.recover.is_some() { SEARCH } else { 0.0 };
+        let looked = if run.filter.outlier_fraction < 1.0 { LOOKED_ALONG } else { 1.0 };
         // Every point of the data is a beam of some scan.
         let per_scan = self.points / self.scans.max(1.0);
         let used = match run.filter.beams {
@@ -140,7 +182,7 @@ impl Costs {
             Beams::Spread(beams) => beams as f64,
             Beams::Degrees(degrees) => VIEW / degrees,
         };
-        per_beam * share * self.scans * used.min(per_scan) * particles + search
+        looked * per_beam * share * self.scans * used.min(per_scan) * particles + search
     }
 }
 
@@ -167,7 +209,7 @@ mod tests {
             points: 157_426,
             skipped_records: 0,
         };
-        let costs = Costs::built_in(&facts);
+        let costs = Costs::built_in(&facts, &Measures::default());
         let of = |name: &str| {
             let is_it = |trial: &&Trial| trial.to_string().starts_with(name);
             costs.parts_of(plan.trials.iter().find(is_it).unwrap_or_else(|| panic!("{name}")))
