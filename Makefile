@@ -30,7 +30,7 @@ experiments: build
 # What goes beyond the paper: better maps, sizes and σ that the data chooses, three dimensions, other kinds of
 # maps (docs/refinement.md, three-dimensions.md, representations.md); robots that are looked for, carried off, among
 # people, and how sure they are (docs/filter.md).
-BEYOND = refinement localization-best choices choices-grid representations likelihood-3d refinement-3d \
+BEYOND = refinement localization-best choices choices-grid representations likelihood-3d refinement-3d tracking \
   global kidnapped people consistency
 beyond: build
 	for name in $(BEYOND); do \
