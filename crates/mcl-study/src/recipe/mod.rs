@@ -25,7 +25,10 @@ pub fn identity(recipe: &impl Serialize) -> anyhow::Result<String> {
 
 /// The first 16 hexadecimal digits of the SHA-256.
 pub fn digest(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().take(DIGITS / 2).map(|byte| format!("{byte:02x}")).collect()
+    let digits =
+        |byte: &u8| [byte >> 4, byte & 15].map(|digit| b"0123456789abcdef"[usize::from(digit)]);
+    let digest = Sha256::digest(bytes);
+    digest.iter().take(DIGITS / 2).flat_map(digits).map(char::from).collect()
 }
 
 /// Number of digits of a [digest].
