@@ -33,7 +33,7 @@ pub struct Costs {
 /// Seconds per point of fuzzy k-means: c·p^a / (1 + p^b) of the size p in percent. On larger maps an update
 /// takes longer, and fewer updates are needed.
 const FKM: f64 = 5.0e-6;
-const FKM_POWERS: [f64; 2] = [1.05, 0.8];
+const FKM_POWERS: [f64; 2] = [1.05, 0.68];
 /// It takes (1 + (σ / scale)^p) times as long as with σ near 0, as more components are near a point: scale (m), p,
 /// and σ for which the seconds above were measured (m).
 const FKM_SIGMA: [f64; 3] = [0.1, 1.7, 0.05];
