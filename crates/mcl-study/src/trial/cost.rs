@@ -24,7 +24,7 @@ pub struct Costs {
     points: f64,
     /// Scans of the data.
     scans: f64,
-    /// Whether maps are rated by the criteria, too, which builds them again for parts of the data.
+    /// Whether maps are also rated by the criteria, which builds them again from parts of the data.
     has_criteria: bool,
     /// By name of the kind of map: ratio of measured to built-in seconds.
     measured: HashMap<String, f64>,
@@ -37,11 +37,12 @@ const FKM_POWERS: [f64; 2] = [1.05, 0.68];
 /// It takes (1 + (σ / scale)^p) times as long as with σ near 0, as more components are near a point: scale (m), p,
 /// and σ for which the seconds above were measured (m).
 const FKM_SIGMA: [f64; 3] = [0.1, 1.7, 0.05];
-/// Maps' worth of fuzzy k-means that a search for σ takes by likelihood or held-out scans, one for a size by an
-/// information criterion or held-out scans, whose maps have about this size (percent), and rating by the criteria.
+/// A search for σ takes as long as this many maps: by likelihood, and by held-out scans.
 const SIGMA_SEARCH: [f64; 2] = [15.0, 80.0];
+/// The same for a size (by an information criterion, and by held-out scans), and the size of these maps in percent.
 const SIZE_SEARCH: [f64; 2] = [25.0, 150.0];
 const SEARCHED_SIZE: f64 = 5.0;
+/// Rating a map by the criteria takes as long as building it this many times.
 const CRITERIA: f64 = 4.0;
 /// Seconds per particle and beam of the filter on the smallest maps of points, and the relative increase with
 /// the square root of the size in percent.
@@ -147,7 +148,7 @@ impl Costs {
         [factor * (map + rated), factor * runs]
     }
 
-    /// By how much more than for a map of known size and σ = 0.05 m fuzzy k-means takes.
+    /// How many times as long fuzzy k-means takes as for a map of known size with σ = 0.05 m.
     fn searches(&self, map: &MapRecipe) -> f64 {
         let search = |[one, of_parts]: [f64; 2], criterion: Criterion| {
             if criterion == Criterion::HeldOut { of_parts } else { one }
