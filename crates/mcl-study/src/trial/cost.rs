@@ -121,7 +121,7 @@ impl Costs {
                 let [growth, saturation] =
                     FKM_POWERS.map(|power| math::exp(power * math::ln(percent.max(0.01))));
                 let fkm =
-                    FKM * self.points * growth / (1.0 + saturation) * self.searches(&trial.map);
+                    FKM * self.points * growth / (1.0 + saturation) * self.repeats(&trial.map);
                 let refined = match refinement {
                     None => 0.0,
                     Some(Refinement::Fkm {} | Refinement::FkmAccelerated {}) => fkm,
@@ -148,24 +148,26 @@ impl Costs {
         [factor * (map + rated), factor * runs]
     }
 
-    /// How many times as long fuzzy k-means takes as for a map of known size with σ = 0.05 m.
-    fn searches(&self, map: &MapRecipe) -> f64 {
+    /// How many times as long fuzzy k-means takes as for one map with σ = 0.05 m.
+    fn repeats(&self, map: &MapRecipe) -> f64 {
         let search = |[one, of_parts]: [f64; 2], criterion: Criterion| {
             if criterion == Criterion::HeldOut { of_parts } else { one }
         };
-        let of_sigma = match map.sigma {
+        let (longer, mut maps) = match map.sigma {
             Sigma::Metres(sigma) => {
                 let [scale, power, measured] = FKM_SIGMA;
                 let longer = |sigma: f64| 1.0 + math::exp(power * math::ln(sigma / scale));
-                longer(sigma) / longer(measured)
+                (longer(sigma) / longer(measured), 1.0)
             }
-            Sigma::Chosen(criterion) => search(SIGMA_SEARCH, criterion),
+            Sigma::Chosen(criterion) => (1.0, search(SIGMA_SEARCH, criterion)),
         };
-        let of_size = match map.size {
-            Some(Size::Chosen(criterion)) => search(SIZE_SEARCH, criterion),
-            _ => 1.0,
-        };
-        of_sigma * of_size + if self.has_criteria { CRITERIA } else { 0.0 }
+        if let Some(Size::Chosen(criterion)) = map.size {
+            maps *= search(SIZE_SEARCH, criterion);
+        }
+        if self.has_criteria {
+            maps += CRITERIA;
+        }
+        longer * maps
     }
 
     fn of_run(&self, run: &RunRecipe, per_beam: f64, of_split: f64) -> f64 {
