@@ -1,6 +1,6 @@
 #!/bin/sh
-# Packs every published crate, and builds each archive on its own, outside of the repository: with and without its default
-# features, its examples, which are run, and its doctests. The other crates of the suite are those of their archives, too.
+# Packs every published crate, and builds the archives outside of the repository: each on its own, with and without its
+# default features (compiled, not linked); then all of them, with their examples, which are run, and their doctests.
 # usage: package.sh [FOLDER]; without FOLDER a temporary one, which is removed. CARGO and CARGO_TARGET_DIR as usual: what
 # other crates the suite needs is taken from there, if it has been built.
 set -eu
@@ -24,34 +24,43 @@ set --
 for name in $PUBLISHED; do set -- "$@" -p "$name"; done
 $CARGO package --quiet --locked --no-verify "$@"
 
+# A workspace of the archives, which stand in place of a registry; versions and profile of all else are the repository's,
+# so that nothing is built twice.
 rm -rf "$out/crates"
-mkdir -p "$out/crates/.cargo"
-# The profile of the repository, so that dependencies are not built again, and the archives in place of a registry.
-{ sed -n '/^\[profile\.dev/,/^$/p' Cargo.toml; echo '[patch.crates-io]'; } >"$out/crates/.cargo/config.toml"
+mkdir -p "$out/crates"
+cp Cargo.lock "$out/crates"
+{
+  printf '[workspace]\nresolver = "3"\nmembers = ["*-[0-9]*"]\n\n'
+  sed -n '/^\[profile\./,/^$/p' Cargo.toml
+  echo '[patch.crates-io]'
+} >"$out/crates/Cargo.toml"
 for name in $PUBLISHED; do
   archive=$(ls "$CARGO_TARGET_DIR/package/$name"-[0-9]*.crate)
   tar -xzf "$archive" -C "$out/crates"
   folder=$(basename "$archive" .crate)
-  echo "$name = { path = \"$out/crates/$folder\" }" >>"$out/crates/.cargo/config.toml"
+  echo "$name = { path = \"$folder\" }" >>"$out/crates/Cargo.toml"
   echo "$(wc -c <"$archive") bytes: $folder.crate"
 done
 
+cd "$out/crates"
 for name in $PUBLISHED; do
   echo "== $name"
-  cd "$out/crates/$name"-[0-9]*
-  $CARGO build --quiet --no-default-features
-  $CARGO test --quiet --doc
-  for example in examples/*.rs; do
-    test -f "$example" || continue
-    example=$(basename "$example" .rs)
-    $CARGO run --quiet --example "$example" >"$out/$name-$example.txt" || { cat "$out/$name-$example.txt"; exit 1; }
-  done
+  $CARGO check --quiet -p "$name" --no-default-features
+  $CARGO check --quiet -p "$name"
+done
+echo "== doctests"
+$CARGO test --quiet --workspace --doc
+# As tests are compiled, so that the doctests' crates serve.
+$CARGO build --quiet --workspace --bins --examples --profile test
+for example in */examples/*.rs; do
+  name=$(basename "$example" .rs)
+  echo "== $example"
+  "$CARGO_TARGET_DIR/debug/examples/$name" >"$out/$name.txt" || { cat "$out/$name.txt"; exit 1; }
 done
 
 # Rows say which revision was packed.
-cd "$out/crates/mcl-study"-[0-9]*
-revision=$(sed -n 's/.*"sha1": "\(.\{12\}\).*/\1/p' .cargo_vcs_info.json)
-grep -q "($revision" "$out/mcl-study-run_study.txt"
+revision=$(sed -n 's/.*"sha1": "\(.\{12\}\).*/\1/p' mcl-study-[0-9]*/.cargo_vcs_info.json)
+grep -q "($revision" "$out/run_study.txt"
 
 # What is built in is in the program, in any folder.
 mkdir -p "$out/empty" && cd "$out/empty"

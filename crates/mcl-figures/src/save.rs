@@ -104,17 +104,20 @@ fn render(svg: &str) -> Result<Vec<u8>, String> {
         tiny_skia::Pixmap::new(size.width(), size.height()).ok_or("it is too large")?;
     let scale = tiny_skia::Transform::from_scale(PIXELS_PER_UNIT, PIXELS_PER_UNIT);
     resvg::render(&tree, scale, &mut pixels.as_mut());
-    encode(pixels).map_err(|error| error.to_string())
+    encode(&pixels).map_err(|error| error.to_string())
 }
 
-/// As a PNG. Filters cost a third of the time, and make files of flat areas and thin lines larger by a tenth.
-fn encode(pixels: tiny_skia::Pixmap) -> Result<Vec<u8>, png::EncodingError> {
-    let (width, height) = (pixels.width(), pixels.height());
+/// As a PNG, of red, green and blue, as the paper is opaque. The fastest packing takes a tenth of the default's time, for
+/// files of twice the size (0.4 MB); filters make those of flat areas and thin lines no smaller.
+fn encode(pixels: &tiny_skia::Pixmap) -> Result<Vec<u8>, png::EncodingError> {
+    let rgb: Vec<u8> =
+        pixels.data().chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgba);
+    let mut encoder = png::Encoder::new(&mut bytes, pixels.width(), pixels.height());
+    encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_filter(png::Filter::NoFilter);
-    encoder.write_header()?.write_image_data(&pixels.take_demultiplied())?;
+    encoder.set_deflate_compression(png::DeflateCompression::Level(1));
+    encoder.write_header()?.write_image_data(&rgb)?;
     Ok(bytes)
 }

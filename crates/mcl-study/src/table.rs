@@ -279,7 +279,12 @@ pub struct Row<'a> {
 impl<'a> Row<'a> {
     /// The value of a column; empty where there is no such column.
     pub fn get(&self, name: &str) -> &'a Value {
-        self.at(self.columns.iter().position(|column| column == name))
+        self.at(self.column(name))
+    }
+
+    /// Index of a column.
+    pub(crate) fn column(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|column| column == name)
     }
 
     /// The value of a column by its index; empty where there is none.

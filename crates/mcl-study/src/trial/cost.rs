@@ -24,6 +24,8 @@ pub struct Costs {
     points: f64,
     /// Scans of the data.
     scans: f64,
+    /// Whether the data has three dimensions.
+    is_spatial: bool,
     /// Whether maps are also rated by the criteria, which builds them again from parts of the data.
     has_criteria: bool,
     /// By name of the kind of map: ratio of measured to built-in seconds.
@@ -37,6 +39,8 @@ const FKM_POWERS: [f64; 2] = [1.05, 0.68];
 /// It takes (1 + (σ / scale)^p) times as long as with σ near 0, as more components are near a point: scale (m), p,
 /// and σ for which the seconds above were measured (m).
 const FKM_SIGMA: [f64; 3] = [0.1, 1.7, 0.05];
+/// It takes so many times as long in three dimensions, where more components are near a point, too.
+const SPATIAL: f64 = 5.0;
 /// A search for σ takes as long as this many maps: by likelihood, and by held-out scans.
 const SIGMA_SEARCH: [f64; 2] = [15.0, 80.0];
 /// The same for a size (by an information criterion, and by held-out scans), and the size of these maps in percent.
@@ -68,7 +72,8 @@ impl Costs {
         let (points, scans) = (data.points as f64, data.scans as f64);
         let has_criteria =
             measures.of_maps.iter().any(|measure| measure.name == RATED_BY_CRITERIA.name);
-        Costs { points, scans, has_criteria, measured: HashMap::new() }
+        let is_spatial = data.dimensions == 3;
+        Costs { points, scans, is_spatial, has_criteria, measured: HashMap::new() }
     }
 
     /// Estimates for this data, scaled by the measured times of completed trials.
@@ -148,7 +153,7 @@ impl Costs {
         [factor * (map + rated), factor * runs]
     }
 
-    /// How many times as long fuzzy k-means takes as for one map with σ = 0.05 m.
+    /// How many times as long fuzzy k-means takes as for one map of the plane with σ = 0.05 m.
     fn repeats(&self, map: &MapRecipe) -> f64 {
         let search = |[one, of_parts]: [f64; 2], criterion: Criterion| {
             if criterion == Criterion::HeldOut { of_parts } else { one }
@@ -167,7 +172,7 @@ impl Costs {
         if self.has_criteria {
             maps += CRITERIA;
         }
-        longer * maps
+        if self.is_spatial { SPATIAL * longer * maps } else { longer * maps }
     }
 
     fn of_run(&self, run: &RunRecipe, per_beam: f64, of_split: f64) -> f64 {

@@ -41,6 +41,9 @@ pub struct Group<'r> {
     pub asked: usize,
     /// Names of the entries of `[[trials]]` that ask for one of them.
     pub entries: BTreeSet<String>,
+    /// Block and unit of each row: maps with the same draw number are one independent unit, and runs of the same
+    /// number have the same noise on every map.
+    units: Vec<(u64, u64)>,
     /// Values of the settings, in their order.
     values: Vec<Vec<Value>>,
     /// Its description, for messages.
@@ -236,6 +239,12 @@ impl<'r> Groups<'r> {
 impl<'r> Group<'r> {
     fn of(place: usize, members: &[Member<'_, 'r>], settings: &[Setting]) -> Self {
         let rows: Vec<Row<'r>> = members.iter().filter_map(|member| member.row).collect();
+        let [draw, run] = ["draw", "run"].map(|column| column_of(&rows, column));
+        let number = |row: &Row<'_>, place| match row.at(place) {
+            Value::Count(count) => *count,
+            _ => 0,
+        };
+        let units = rows.iter().map(|row| (number(row, draw), number(row, run))).collect();
         // Where rows are missing, every requested row is a member once more, without values.
         let asked = members.len() - rows.len();
         let entries: BTreeSet<&str> =
@@ -250,6 +259,7 @@ impl<'r> Group<'r> {
             asked: if asked > 0 { asked } else { rows.len() },
             entries: entries.into_iter().map(str::to_owned).collect(),
             rows,
+            units,
             values,
             name: name.join(" "),
         }
@@ -275,7 +285,7 @@ impl<'r> Group<'r> {
 
     /// Number of independent units.
     pub fn blocks(&self) -> usize {
-        self.rows.iter().map(block).collect::<BTreeSet<u64>>().len()
+        self.units.iter().map(|&(block, _)| block).collect::<BTreeSet<u64>>().len()
     }
 
     /// Values of a column by block (draw) and unit (run); `None` where a row has no number. If one row's
@@ -296,10 +306,11 @@ impl<'r> Group<'r> {
         column: &str,
         is_kept: impl Fn(&Row<'_>) -> bool,
     ) -> Result<Option<Blocked>> {
-        let rows = self.rows.iter().filter(|row| is_kept(row));
-        let has_runs = self.rows.iter().all(|row| !row.get("run").is_empty());
-        let value = |row: &Row<'_>| Some((block(row), unit(row), row.number(column)?));
-        let Some(values) = rows.map(value).collect::<Option<Vec<_>>>() else { return Ok(None) };
+        let [place, run] = [column, "run"].map(|column| column_of(&self.rows, column));
+        let has_runs = self.rows.iter().all(|row| !row.at(run).is_empty());
+        let rows = self.rows.iter().zip(&self.units).filter(|(row, _)| is_kept(row));
+        let values = rows.map(|(row, &(block, unit))| Some((block, unit, row.at(place).number()?)));
+        let Some(values) = values.collect::<Option<Vec<_>>>() else { return Ok(None) };
         if values.is_empty() {
             return Ok(None);
         }
@@ -316,7 +327,8 @@ impl<'r> Group<'r> {
     /// # Errors
     /// When there is no row.
     pub fn rate(&self, column: &str) -> Result<Option<BlockedRate>> {
-        self.rate_of(|row| match row.get(column) {
+        let place = column_of(&self.rows, column);
+        self.rate_of(|row| match row.at(place) {
             Value::Bool(truth) => Some(*truth),
             _ => None,
         })
@@ -327,10 +339,9 @@ impl<'r> Group<'r> {
     /// # Errors
     /// When there is no row.
     pub fn rate_of(&self, is: impl Fn(&Row<'_>) -> Option<bool>) -> Result<Option<BlockedRate>> {
-        let value = |row: &Row<'_>| Some((block(row), is(row)?));
-        let Some(values) = self.rows.iter().map(value).collect::<Option<Vec<_>>>() else {
-            return Ok(None);
-        };
+        let values =
+            self.rows.iter().zip(&self.units).map(|(row, &(block, _))| Some((block, is(row)?)));
+        let Some(values) = values.collect::<Option<Vec<_>>>() else { return Ok(None) };
         Ok(Some(BlockedRate::new(values)?))
     }
 }
@@ -353,21 +364,9 @@ fn is_part(name: &str) -> bool {
     PARTS_OF.iter().any(|(whole, parts)| name != *whole && name.starts_with(parts))
 }
 
-/// The maps with the same draw number are one independent unit.
-fn block(row: &Row<'_>) -> u64 {
-    count(row, "draw")
-}
-
-/// Runs of the same number have the same noise on every map.
-fn unit(row: &Row<'_>) -> u64 {
-    count(row, "run")
-}
-
-fn count(row: &Row<'_>, column: &str) -> u64 {
-    match row.get(column) {
-        Value::Count(count) => *count,
-        _ => 0,
-    }
+/// The place of a column in rows of one table.
+fn column_of(rows: &[Row<'_>], column: &str) -> Option<usize> {
+    rows.first().and_then(|row| row.column(column))
 }
 
 /// Whether two settings have the same values.
