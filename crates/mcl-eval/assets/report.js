@@ -404,11 +404,11 @@
   // The points of a chart as the table that stands beside its figure.
   const pointsOf = (chart) => ({
     title: `Values of ${chart.name}`,
-    columns: ['panel', 'curve', 'x', 'y', 'y_low', 'y_high', 'blocks', 'rows', 'mark'].map((name) => {
+    columns: ['panel', 'measure', 'curve', 'x', 'y', 'y_low', 'y_high', 'blocks', 'rows', 'mark'].map((name) => {
       const labels = new Set(chart.panels.map((panel) => panel[name]?.label));
       return { name, label: labels.size === 1 ? [...labels][0] ?? name : name };
     }),
-    rows: chart.panels.flatMap((panel) => panel.points.map(([curve, x, ...rest]) => [panel.title, panel.labels[curve], panel.x.places[x - 1] ?? x, ...rest])),
+    rows: chart.panels.flatMap((panel) => panel.points.map(([curve, x, ...rest]) => [panel.title, panel.y.label, panel.labels[curve], panel.x.places[x - 1] ?? x, ...rest])),
   });
   // Fills what is opened for the first time.
   const fill = (details, make) => details.addEventListener('toggle', async () => {

@@ -70,7 +70,7 @@ export const hostile = () => {
   write('summary.csv', `dataset,map,${cell(bad)}\n${cell(bad)},${cell(bad)},1\n=1+1,${cell('z'.repeat(10000))},2\n`);
   write('tests.csv', `dataset,split,size_percent,y,column,a,b,test,kind,effect,effect_low,effect_high,blocks,t,df,p,p_holm,note\n${cell(bad)},${cell(bad)},1,${cell(bad)},map,${cell(bad)},b,paired,difference,1,0.5,1.5,3,9,2,0.001,0.001,${cell(bad)}\n`);
   write('failures.csv', `trial,reason\n${cell(bad)},${cell(bad)}\n`);
-  write(`figures/<img src=x>.csv`, `panel,curve,x,y,low,high,blocks,rows,mark\n${cell(bad)},${cell(`<a href="https://example.org">${bad}`)},1,2,1,3,4,5,${cell(bad)}\n`);
+  write(`figures/<img src=x>.csv`, `panel,measure,curve,x,y,low,high,blocks,rows,mark\n${cell(bad)},${cell(bad)},${cell(`<a href="https://example.org">${bad}`)},1,2,1,3,4,5,${cell(bad)}\n`);
   write(`figures/<img src=x>.svg`, `<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><script>window.hacked = 4</script></svg>`);
   return root;
 };

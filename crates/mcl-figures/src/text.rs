@@ -83,17 +83,27 @@ pub(crate) fn text_size<S: BackendTextStyle>(text: &str, style: &S) -> [f64; 2] 
     [width, svg_units(style.size())]
 }
 
-/// The text, cut with "…" where it is wider than `width` (SVG units).
+/// The text, with "…" in place of its middle where it is wider than `width` (SVG units): values and units stand at the
+/// end.
 pub(crate) fn fitted<'a>(text: &'a str, style: &impl BackendTextStyle, width: f64) -> Cow<'a, str> {
     /// No line of a page holds more letters.
     const MOST: usize = 300;
-    let ends: Vec<usize> = text.char_indices().map(|(at, _)| at).take(MOST + 1).collect();
-    if ends.len() <= MOST && text_size(text, style)[0] <= width {
+    let places =
+        |of: &mut dyn Iterator<Item = (usize, char)>| of.map(|(at, _)| at).take(MOST + 1).collect();
+    let starts: Vec<usize> = places(&mut text.char_indices());
+    if starts.len() <= MOST && text_size(text, style)[0] <= width {
         return Cow::Borrowed(text);
     }
-    let cut = |end: usize| format!("{}…", &text[..end]);
-    let fits = ends.partition_point(|&end| end == 0 || text_size(&cut(end), style)[0] <= width);
-    Cow::Owned(cut(ends[..fits].last().copied().unwrap_or(0)))
+    let from_end: Vec<usize> = places(&mut text.char_indices().rev());
+    // So many characters, a third of them from the end.
+    let cut = |kept: usize| {
+        let tail = if kept < 3 { text.len() } else { from_end[kept / 3 - 1] };
+        let head = starts.get(kept - kept / 3).copied().unwrap_or_default();
+        format!("{}…{}", &text[..head], &text[tail..])
+    };
+    let kept: Vec<usize> = (0..starts.len()).collect();
+    let fits = kept.partition_point(|&kept| kept == 0 || text_size(&cut(kept), style)[0] <= width);
+    Cow::Owned(cut(fits.saturating_sub(1)))
 }
 
 /// Breaks text into lines no wider than `width`, between words; a longer word stands alone, and is cut.
@@ -142,14 +152,18 @@ mod tests {
         let endless = "m".repeat(10_000);
         for text in [endless.as_str(), "a much longer label", &"\u{301}".repeat(9999)] {
             let cut = fitted(text, &plain(), 60.0);
-            assert!(text.starts_with(cut.strip_suffix('…').expect("a sign that it was cut")));
-            assert!((0.0..=60.0).contains(&text_size(&cut, &plain())[0]), "{cut}");
-            let next = text.chars().take(cut.chars().count()).collect::<String>() + "…";
-            assert!(cut.len() > 300 || text_size(&next, &plain())[0] > 60.0, "{next} had room");
+            let (head, tail) = cut.split_once('…').expect("a sign that it was cut");
+            assert!(text.starts_with(head) && text.ends_with(tail), "{cut}");
+            let (width, letter) = (text_size(&cut, &plain())[0], text_size("m", &plain())[0]);
+            assert!((0.0..=60.0).contains(&width), "{cut}");
+            assert!(cut.len() > 300 || width + letter > 60.0, "{cut} had room for one more");
         }
         for text in ["", "short"] {
             assert!(matches!(fitted(text, &plain(), 60.0), Cow::Borrowed(same) if same == text));
         }
+        let curves = ["z_rand = 0.8, outlier fraction = 0.9", "z_rand = 0.8, outlier fraction = 1"];
+        let [a, b] = curves.map(|text| fitted(text, &plain(), 120.0));
+        assert!(a != b && a.ends_with("= 0.9"), "{a} {b}");
         assert_eq!(fitted("none", &plain(), -1.0), "…");
         assert_eq!(fitted("", &plain(), -1.0), "…");
     }

@@ -31,7 +31,8 @@ pub fn text(
 ) -> String {
     let names: Vec<&str> = datasets.iter().map(|dataset| dataset.name.as_str()).collect();
     let all: Vec<&Claim> = datasets.iter().flat_map(|dataset| &dataset.claims).collect();
-    let mut lines = vec![format!("The paper's claims on {} ({NAMES}):", list(&names))];
+    let counted = if datasets.len() > 1 { "; 2/3: on 2 of 3 data sets" } else { "" };
+    let mut lines = vec![format!("The paper's claims on {} ({NAMES}{counted}):", list(&names))];
     let mut ids: Vec<&'static str> = Vec::new();
     for claim in &all {
         if !ids.contains(&claim.id) {
@@ -74,11 +75,7 @@ pub fn text(
         [] => "Next: `make beyond` for better maps, sizes by the data, robots that are lost"
             .to_owned(),
         names => {
-            format!(
-                "Next: `make datasets` for the {} without results: {}",
-                names.len(),
-                list(names)
-            )
+            format!("Next: `make datasets`; without results of these studies: {}", list(names))
         }
     });
     shown(&lines, width)

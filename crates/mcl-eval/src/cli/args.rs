@@ -190,31 +190,29 @@ pub struct StudyArgs {
     pub output: PathBuf,
 }
 
-impl StudyArgs {
-    /// The options among these that the command line gives, except data sets and folder, as words of another command.
-    pub fn given(matches: &ArgMatches) -> Vec<String> {
-        let known = Self::augment_args(clap::Command::new("study"));
-        let mut words = Vec::new();
-        for option in known.get_arguments().filter(|option| !option.is_positional()) {
-            let id = option.get_id().as_str();
-            let is_given = matches.value_source(id) == Some(ValueSource::CommandLine);
-            let Some(long) = option.get_long().filter(|_| is_given) else { continue };
-            if ["datasets", "output"].contains(&id) {
-                continue;
-            }
-            match option.get_action().takes_values() {
-                true => words.extend(
-                    matches
-                        .get_raw(id)
-                        .into_iter()
-                        .flatten()
-                        .map(|value| format!("--{long}={}", value.to_string_lossy())),
-                ),
-                false => words.push(format!("--{long}")),
-            }
+/// The options of a command that the command line gives, as words of another one; without some, by their names here.
+pub fn given<A: Args>(matches: &ArgMatches, without: &[&str]) -> Vec<String> {
+    let known = A::augment_args(clap::Command::new("known"));
+    let mut words = Vec::new();
+    for option in known.get_arguments().filter(|option| !option.is_positional()) {
+        let id = option.get_id().as_str();
+        let is_given = matches.value_source(id) == Some(ValueSource::CommandLine);
+        let Some(long) = option.get_long().filter(|_| is_given) else { continue };
+        if without.contains(&id) {
+            continue;
         }
-        words
+        match option.get_action().takes_values() {
+            true => words.extend(
+                matches
+                    .get_raw(id)
+                    .into_iter()
+                    .flatten()
+                    .map(|value| format!("--{long}={}", value.to_string_lossy())),
+            ),
+            false => words.push(format!("--{long}")),
+        }
     }
+    words
 }
 
 #[derive(Debug, Args)]

@@ -27,7 +27,7 @@ use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches};
 
 use crate::progress::{error_message, tell};
-use args::{Cli, Command, StudyArgs};
+use args::{Cli, Command, LocalizeArgs, StudyArgs, given};
 
 /// How a command that did not fail ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,8 +97,14 @@ fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Err
     });
     let matches = command.try_get_matches_from(arguments)?;
     let mut cli = Cli::from_arg_matches(&matches)?;
-    if let (Command::Plan(plan), Some((_, of_plan))) = (&mut cli.command, matches.subcommand()) {
-        plan.given = StudyArgs::given(of_plan);
+    match (&mut cli.command, matches.subcommand()) {
+        (Command::Plan(plan), Some((_, of_plan))) => {
+            plan.given = given::<StudyArgs>(of_plan, &["datasets", "output"]);
+        }
+        (Command::Localize(localize), Some((_, of_localize))) => {
+            localize.given = given::<LocalizeArgs>(of_localize, &["output", "replay", "json"]);
+        }
+        _ => {}
     }
     Ok(cli)
 }

@@ -37,6 +37,9 @@ pub fn run(args: &PlotArgs, global: &Global) -> Result<Outcome> {
         let saved = save_table(&results.folder.join(TRIALS), &results.table);
         let drawn = saved.and_then(|()| figures::draw(results, args.style.into()));
         match drawn {
+            Ok(drawn) if drawn.is_empty() && !global.quiet => {
+                tell!("{folder}: the study has no figures");
+            }
             Ok(drawn) if !global.quiet => {
                 drawn.iter().for_each(|path| tell!("{}", printable(&path.to_string_lossy())));
             }

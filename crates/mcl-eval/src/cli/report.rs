@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use mcl_core::text::counted;
+use mcl_core::text::{counted, printable};
 use mcl_study::store::parts::PARTS;
 use mcl_study::store::results::{FIGURES, SHOWN, save};
 use serde::Serialize;
@@ -11,6 +11,7 @@ use super::args::{Global, ReportArgs};
 use super::output::{prepare, print};
 use crate::progress::tell;
 use crate::report::exhibits::recorded_folders;
+use crate::report::folder::Rows;
 use crate::report::gather::{gather, result_folders};
 use crate::report::page::page;
 use crate::report::text::bytes;
@@ -28,6 +29,8 @@ struct WrittenReport {
     incomplete: usize,
     /// Folders that could not be read.
     damaged: usize,
+    /// Folders with runs recorded by `localize`.
+    localized: usize,
 }
 
 /// Writes the page for everything below the roots. Folders that could not be read or lack trials are reported
@@ -47,6 +50,13 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     for (folder, why) in &report.damaged {
         tell!("warning: leaving out {}: {why}", folder.display());
     }
+    let all = || report.studies.values().flatten();
+    for folder in all() {
+        if let Some(Rows { done, asked, .. }) = folder.rows.filter(|rows| rows.done < rows.asked) {
+            let path = folder.path.to_string_lossy();
+            tell!("warning: {}: {done} of {asked} trials have rows", printable(&path));
+        }
+    }
     for (folder, shown) in &report.localized {
         if let Err(why) = shown {
             tell!("warning: no runs are shown of {}: {why}", folder.display());
@@ -54,7 +64,6 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     }
     let page = page(&report)?;
     save(&args.output, page.as_bytes())?;
-    let all = || report.studies.values().flatten();
     let rows = || all().filter_map(|folder| folder.rows);
     let written = WrittenReport {
         page: args.output.display().to_string(),
@@ -64,6 +73,7 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
         without_rows: all().filter(|folder| folder.rows.is_none()).count(),
         incomplete: rows().filter(|rows| rows.done < rows.asked).count(),
         damaged: report.damaged.len(),
+        localized: report.localized.len(),
     };
     if written.without_rows > 0 && !global.quiet {
         let folders = counted(written.without_rows, "result folder");
@@ -71,8 +81,10 @@ pub fn run(args: &ReportArgs, global: &Global) -> Result<Outcome> {
     }
     let is_whole = written.incomplete == 0 && written.damaged == 0;
     print(args.json, &written, |written| {
-        let folders = counted(written.folders, "result folder");
-        format!("{folders}, {}\n{}", bytes(written.bytes), written.page)
+        let counts = [(written.folders, "result folder"), (written.localized, "folder of runs")];
+        let counts = counts.iter().filter(|(count, _)| *count > 0);
+        let counts: Vec<String> = counts.map(|(count, what)| counted(*count, what)).collect();
+        format!("{}, {}\n{}", counts.join(", "), bytes(written.bytes), written.page)
     })?;
     Ok(Outcome::of(is_whole))
 }

@@ -28,6 +28,7 @@ use super::args::{Global, RunArgs, StudyArgs};
 use super::output::{print, reference_of, report_bridged, report_data_losses};
 use crate::figures;
 use crate::progress::{StudyProgress, error_message, span, tell};
+use crate::report::text::argument;
 use crate::studies;
 
 #[derive(Serialize)]
@@ -35,6 +36,8 @@ struct Totals {
     trials: usize,
     done: usize,
     failed: usize,
+    /// Runs of programs that ended abnormally; their rows have the reasons.
+    failed_runs: usize,
     /// Where the results of each data set are.
     folders: Vec<String>,
     /// Data sets on which the study could not be run.
@@ -82,8 +85,14 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     }
     end_on_interrupt(&args.of.output)?;
     let mut complete = true;
-    let mut totals =
-        Totals { trials: 0, done: 0, failed: 0, folders: Vec::new(), lost: Vec::new() };
+    let mut totals = Totals {
+        trials: 0,
+        done: 0,
+        failed: 0,
+        failed_runs: 0,
+        folders: Vec::new(),
+        lost: Vec::new(),
+    };
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
         let source = open(&args.of, &study, dataset)?;
@@ -106,6 +115,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
                 totals.done += done;
                 totals.failed += failed.len();
                 complete &= done == asked;
+                totals.failed_runs += results.as_ref().map_or(0, report_failed_runs);
                 totals.folders.push(folder.display().to_string());
                 all.extend(results);
             }
@@ -130,7 +140,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     }
     complete &= totals.failed == 0 && totals.lost.is_empty();
     print(args.json, &totals, |totals| {
-        let mut text = format!("{} trials done, {} failed", totals.done, totals.failed);
+        let mut text = format!("{} done, {} failed", counted(totals.done, "trial"), totals.failed);
+        if totals.failed_runs > 0 {
+            text += &format!("; {} of programs failed", counted(totals.failed_runs, "run"));
+        }
         for LostDataset { dataset, .. } in &totals.lost {
             text += &format!("\n{}: lost, see above", printable(dataset));
         }
@@ -139,6 +152,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
         }
         text
     })?;
+    if !is_part && !global.quiet {
+        let root = argument(&args.of.output.to_string_lossy());
+        tell!("next: `mcl-eval report {} -o report.html` shows them on a page", printable(&root));
+    }
     Ok(Outcome::of(complete))
 }
 
@@ -224,7 +241,6 @@ fn run_on(
         };
         tell!("{dataset}: {done} of {asked} trials have rows; {others}");
     }
-    report_failed_runs(results);
     figures::write(results)?;
     Ok(ran)
 }
@@ -348,8 +364,8 @@ fn list_programs(study: &Study) {
     }
 }
 
-/// Reports how many runs of programs ended abnormally; their rows have the reasons.
-fn report_failed_runs(results: &Results) {
+/// Reports how many runs of programs ended abnormally, and returns their number.
+fn report_failed_runs(results: &Results) -> usize {
     let mut failed: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     let mut runs: BTreeMap<&str, usize> = BTreeMap::new();
     for row in results.table.rows() {
@@ -359,8 +375,10 @@ fn report_failed_runs(results: &Results) {
             *failed.entry(name).or_default().entry(ended).or_default() += 1;
         }
     }
+    let mut all = 0;
     for (name, reasons) in failed {
         let sum: usize = reasons.values().sum();
+        all += sum;
         let reasons: Vec<String> =
             reasons.iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
         tell!(
@@ -371,6 +389,7 @@ fn report_failed_runs(results: &Results) {
             printable(&reasons.join(", "))
         );
     }
+    all
 }
 
 /// The study, its name, and the names of its data sets or logs.

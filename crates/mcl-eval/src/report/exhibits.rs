@@ -153,6 +153,9 @@ pub fn repeat(
         });
         order
     };
+    if !wanted.is_empty() && !is_quiet {
+        tell!("recomputing runs and maps to show them: {SECONDS:.0} s of processor time at most");
+    }
     let mut at_hand = AtHand::new(logs);
     let (mut runs, mut maps) = (0, 0);
     for place in sorted(|wanted| !wanted.pictures_run) {

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use mcl_core::text::of_cell;
 use mcl_study::study::definition::Study;
-use mcl_study::study::views::{Chart, ChartKind, Scale};
+use mcl_study::study::views::{Axis, Chart, ChartKind, Scale};
 use mcl_study::table::{Row, Table, Value};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
 use mcl_study::view::labels::axis_label;
@@ -60,10 +60,10 @@ pub fn chart(name: &str, points: &Table, study: Option<&Study>) -> ChartData {
     let view = study.and_then(|study| study.views.charts.iter().find(|view| is_of(view, name)));
     let mut panels: Vec<Panel> = Vec::new();
     for row in points.rows() {
-        let title = row.text("panel");
-        let place = panels.iter().position(|panel| panel.title == title);
-        let place = place.unwrap_or_else(|| {
-            panels.push(panel(title, view));
+        let (title, measure) = (row.text("panel"), row.text("measure"));
+        let is_it = |panel: &Panel| panel.title == title && panel.y.label == measure;
+        let place = panels.iter().position(is_it).unwrap_or_else(|| {
+            panels.push(panel(title, measure, view));
             panels.len() - 1
         });
         let found = point(&row, &mut panels[place]);
@@ -94,30 +94,23 @@ pub fn is_of(view: &Chart, name: &str) -> bool {
     }
 }
 
-fn panel(title: &str, view: Option<&Chart>) -> Panel {
+fn panel(title: &str, measure: &str, view: Option<&Chart>) -> Panel {
     let is_part = |title_of: &str| !title_of.is_empty() && title.starts_with(title_of);
     let parts = view.map_or(&[][..], |view| &view.parts);
     let number = parts.iter().position(|part| is_part(&part.title)).unwrap_or(0);
     let part = parts.get(number);
-    let axis =
-        |axis: Option<&mcl_study::study::views::Axis>, own: Option<Scale>, name: &str| PanelAxis {
-            label: match axis {
-                Some(axis) => axis.label.clone().unwrap_or_else(|| axis_label(&axis.column[0])),
-                None => name.to_owned(),
-            },
-            scale: own.or(axis.map(|axis| axis.scale)).unwrap_or_default(),
-            places: Vec::new(),
-        };
-    let mut y = axis(view.map(|v| &v.y), part.and_then(|part| part.y), "y");
-    // A part may show a column of its own.
-    if let Some(column) = part.and_then(|part| part.column.as_deref()) {
-        y.label = axis_label(column);
-    }
+    let axis = |label: String, own: Option<Scale>, axis: Option<&Axis>| PanelAxis {
+        label,
+        scale: own.or(axis.map(|axis| axis.scale)).unwrap_or_default(),
+        places: Vec::new(),
+    };
+    let x = view.and_then(|view| view.x.as_ref());
+    let label = x.map(|x| x.label.clone().unwrap_or_else(|| axis_label(&x.column[0])));
     Panel {
         title: title.to_owned(),
         part: number,
-        x: axis(view.and_then(|v| v.x.as_ref()), part.and_then(|part| part.x), "x"),
-        y,
+        x: axis(label.unwrap_or_else(|| "x".to_owned()), part.and_then(|part| part.x), x),
+        y: axis(measure.to_owned(), part.and_then(|part| part.y), view.map(|view| &view.y)),
         curves: String::new(),
         labels: Vec::new(),
         points: Vec::new(),
@@ -173,11 +166,12 @@ mod tests {
 
     #[test]
     fn charts_come_back_from_their_points() {
-        let text = "panel,curve,x,y,low,high,blocks,rows,mark\n\
-                    all sizes: carmen,gbs,0.1,6.5,6.3,6.7,20,40,3/40\n\
-                    all sizes: carmen,rnd,0.1,7,,,20,40,\n\
-                    small,gbs,auto,1,,,2,2,\n\
-                    runs lost: carmen,gbs,0.1,0.5,,,2,2,\n";
+        let text = "panel,measure,curve,x,y,low,high,blocks,rows,mark\n\
+                    all sizes: carmen,error d,gbs,0.1,6.5,6.3,6.7,20,40,3/40\n\
+                    all sizes: carmen,error d,rnd,0.1,7,,,20,40,\n\
+                    small,error d,gbs,auto,1,,,2,2,\n\
+                    runs lost: carmen,share of runs lost [–],gbs,0.1,0.5,,,2,2,\n\
+                    small,scans,gbs,auto,7,,,2,2,\n";
         let study = Study::parse(
             "seed = 1\n[[trials]]\nmap = [\"gbs\", \"rnd\"]\nsize = 1\nruns = 1\n\
              [[views.charts]]\nname = \"errors-{split}\"\nx = { column = \"real_percent\", scale = \"log\" }\n\
@@ -186,9 +180,11 @@ mod tests {
         .unwrap();
         let table = parse_table(text.as_bytes()).unwrap();
         let found = chart("errors-same", &table, Some(&study));
-        let [all, small, lost] = &found.panels[..] else { panic!("{found:?}") };
+        let [all, small, lost, scans] = &found.panels[..] else { panic!("{found:?}") };
+        // Two measures under one title were drawn as one curve.
+        assert_eq!((scans.part, scans.y.label.as_str(), scans.points.len()), (1, "scans", 1));
         assert_eq!((lost.part, lost.y.label.as_str()), (2, "share of runs lost [–]"));
-        assert_eq!(small.y.label, "mean weighted error d [–]");
+        assert_eq!((small.y.label.as_str(), small.points.len()), ("error d", 1));
         assert_eq!(all.labels, ["gbs", "rnd"]);
         assert_eq!((all.x.scale, all.y.scale), (Scale::Log, Scale::Log));
         assert_eq!(all.points[0].interval, Some([6.3, 6.7]));

@@ -109,7 +109,10 @@ impl Folder {
                 continue;
             };
             // Tables of regions have other columns.
-            if ["panel", "curve", "x", "y"].iter().all(|column| points.column(column).is_some()) {
+            if ["panel", "measure", "curve", "x", "y"]
+                .iter()
+                .all(|column| points.column(column).is_some())
+            {
                 found.charts.push(files::chart(&name, &points, study.as_ref()));
             }
         }

@@ -29,6 +29,8 @@ pub struct Report {
     pub damaged: Vec<(PathBuf, String)>,
     /// Folders with runs recorded by `localize`: their slot, or why they are not shown.
     pub localized: Vec<(PathBuf, Result<Slot, String>)>,
+    /// Logs by path.
+    pub logs: Vec<String>,
 }
 
 /// The content of the folders of one data set.
@@ -58,10 +60,15 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
         }
         recorded.extend(of_root);
     }
+    // A root may be given twice, and lie in another one.
+    for folders in by_dataset.values_mut().chain([&mut recorded]) {
+        folders.sort();
+        folders.dedup();
+    }
     let studies = Studies::default();
     let found: Vec<OfDataset> =
         by_dataset.into_values().par_bridge().map(|f| of_dataset(&f, &studies)).collect();
-    let mut report = Report::default();
+    let mut report = Report { logs: logs.to_owned(), ..Report::default() };
     let mut wanted = Vec::new();
     for of_dataset in found {
         wanted.extend(of_dataset.wanted);
@@ -75,7 +82,7 @@ pub fn gather(roots: &[PathBuf], logs: &[String], is_quiet: bool) -> Result<Repo
     for folders in report.studies.values_mut() {
         folders.sort_by(|a, b| (&a.dataset, &a.path).cmp(&(&b.dataset, &b.path)));
     }
-    let Report { studies, claims, without_results, damaged, localized } = &mut report;
+    let Report { studies, claims, without_results, damaged, localized, .. } = &mut report;
     claims.sort_by(|a, b| a.name.cmp(&b.name));
     without_results.retain(|name| !studies.values().flatten().any(|of| of.dataset == *name));
     without_results.sort();

@@ -25,7 +25,7 @@ pub struct LocalizedRuns {
     pub results: Vec<String>,
     /// All settings, as JSON.
     pub settings: String,
-    /// The command, without the options that changed settings of the preset.
+    /// The command, with all options that were given.
     pub command: String,
 }
 
@@ -45,6 +45,7 @@ struct Setup {
     map: String,
     map_points: usize,
     seed: u64,
+    options: Vec<String>,
     preset: String,
     filter: Filter,
     sigma_hit: f64,
@@ -116,17 +117,9 @@ fn of_summary(text: &str, folder: &str) -> Result<LocalizedRuns> {
         ),
         format!("mcl-eval {}", shown(&setup.version)),
     ];
-    let command = format!(
-        "mcl-eval localize {} --map {} --preset {} --initial {} --particles {} --runs {} --seed {} -o {}",
-        argument(&setup.log),
-        argument(&setup.map),
-        argument(&setup.preset),
-        argument(&initial_pose.kind),
-        argument(&particles),
-        figures.runs,
-        setup.seed,
-        argument(folder)
-    );
+    let mut words = vec![argument(&setup.log)];
+    words.extend(setup.options.iter().map(|option| argument(option)));
+    let command = format!("mcl-eval localize {} -o {}", words.join(" "), argument(folder));
     Ok(LocalizedRuns {
         facts,
         results: results(&figures),
@@ -170,7 +163,8 @@ mod tests {
     #[test]
     fn the_summary_is_told_in_words() {
         let text = r#"{"setup": {"version": "0.2.0", "log": "a b.log", "recording_sha256": "90832787f15d83c7d8",
-            "scans": 1916, "map": "map.csv", "map_points": 1574, "seed": 7, "preset": "book",
+            "scans": 1916, "map": "map.csv", "map_points": 1574, "seed": 7,
+            "options": ["--map=map.csv", "--preset=book", "--beams=30; true"], "preset": "book",
             "filter": {"particles": "100..500", "initial_pose": {"kind": "scan"}, "beams": "all"},
             "sigma_hit": 0.2825}, "figures": {"runs": 4, "reference": "exact\u001b poses",
             "diverged": 1, "lost": 4, "recovered": 1, "weighted": {"mean": 5.6657, "max": 17.69},
@@ -186,8 +180,7 @@ mod tests {
         assert_eq!(found.results[2], "1 of 4 runs diverged; lost 4 times, found again 1 time.");
         assert_eq!(
             found.command,
-            "mcl-eval localize 'a b.log' --map map.csv --preset book --initial scan --particles 100..500 \
-             --runs 4 --seed 7 -o out"
+            "mcl-eval localize 'a b.log' --map=map.csv --preset=book '--beams=30; true' -o out"
         );
         assert!(found.settings.contains("\"beams\": \"all\""), "{}", found.settings);
         assert!(of_summary("{}", "out").is_err());

@@ -14,6 +14,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::read::GzDecoder;
 use mcl_core::text::{counted, printable, thousands};
+use mcl_datasets::registry::Registry;
+use mcl_study::data::source;
 use mcl_study::store::identity::Identity;
 use mcl_study::store::results::{STUDY, TRIALS};
 use mcl_study::study::views::ChartKind;
@@ -164,8 +166,9 @@ pub fn page(report: &Report) -> Result<String> {
     names.dedup();
     let mut figures = Figures::of(report)?;
     let mut studies = Vec::new();
+    let sources = Sources { logs: &report.logs, registry: Registry::from_environment()? };
     for (number, (name, folders)) in report.studies.iter().enumerate() {
-        studies.push(study(number, name, folders, &names, &mut figures)?);
+        studies.push(study(number, name, folders, &names, (&sources, &mut figures))?);
     }
     studies.sort_by_key(|study| {
         let place = FIRST.iter().position(|first| *first == study.name);
@@ -274,6 +277,13 @@ fn missing(report: &Report) -> Vec<String> {
             ));
         }
     }
+    for folder in folders(report).filter(|folder| !folder.failures.is_empty()) {
+        let (study, dataset) = (shown(&folder.study), shown(&folder.dataset));
+        let failed = counted(folder.failures.len(), "trial");
+        lines.push(format!(
+            "{study} on {dataset}: {failed} failed; its table of failed trials has the reasons."
+        ));
+    }
     if !report.without_results.is_empty() {
         let names: Vec<String> = report.without_results.iter().map(|name| shown(name)).collect();
         lines.push(format!("No results of {}, which the studies list as well.", names.join(", ")));
@@ -322,14 +332,14 @@ fn study<'a>(
     name: &str,
     folders: &'a [Folder],
     datasets: &[&str],
-    figures: &mut Figures,
+    (sources, figures): (&Sources<'_>, &mut Figures),
 ) -> Result<StudySection<'a>> {
     let id = format!("study-{number}");
     let mut sections = Vec::new();
     let mut cells: Vec<Vec<RunCell>> = datasets.iter().map(|_| Vec::new()).collect();
     let mut settings: Vec<(Vec<String>, &str)> = Vec::new();
     for (place, folder) in folders.iter().enumerate() {
-        let section = section(format!("{id}-{place}"), folder, figures)
+        let section = section(format!("{id}-{place}"), folder, sources, figures)
             .with_context(|| folder.path.display().to_string())?;
         let column = datasets.iter().position(|name| *name == folder.dataset);
         cells[column.expect("data sets are those of all folders")].push(cell(folder, &section.id));
@@ -394,7 +404,12 @@ fn cell(folder: &Folder, id: &str) -> RunCell {
     RunCell { href: id.to_owned(), text, detail, class }
 }
 
-fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<FolderSection<'a>> {
+fn section<'a>(
+    id: String,
+    folder: &'a Folder,
+    sources: &Sources<'_>,
+    figures: &mut Figures,
+) -> Result<FolderSection<'a>> {
     let mut packed = Payload { charts: Vec::new(), tables: Vec::new() };
     let mut charts = Vec::new();
     for chart in &folder.charts {
@@ -441,7 +456,7 @@ fn section<'a>(id: String, folder: &'a Folder, figures: &mut Figures) -> Result<
         slots: &folder.slots,
         figures: shown_figures,
         left_out,
-        commands: commands(folder),
+        commands: commands(folder, sources),
         packed,
         id,
     })
@@ -495,8 +510,15 @@ fn times(timings: &Table) -> Table {
     table
 }
 
+/// Where data comes from.
+struct Sources<'a> {
+    /// Logs by path.
+    logs: &'a [String],
+    registry: Registry,
+}
+
 /// The commands that recompute and show the folder.
-fn commands(folder: &Folder) -> String {
+fn commands(folder: &Folder, sources: &Sources<'_>) -> String {
     let root = folder.path.parent().and_then(|study| study.parent());
     let root = root.map_or(".".into(), |root| root.to_string_lossy());
     let root = argument(if root.is_empty() { "." } else { &root });
@@ -505,16 +527,27 @@ fn commands(folder: &Folder) -> String {
         .any(|known| known.name == folder.study && folder.settings.as_deref() == Some(known.text));
     let file = if is_built_in { folder.study.clone() } else { format!("{}.toml", folder.study) };
     let study = argument(&file);
-    let dataset = argument(&folder.dataset);
     let mut lines = Vec::new();
+    let log = sources.logs.iter().find(|log| source::name_of(log) == folder.dataset);
+    let dataset = match log {
+        Some(log) => argument(log),
+        None if sources.registry.get(&folder.dataset).is_ok() => argument(&folder.dataset),
+        None => {
+            let sha256 = folder.identity.as_ref().map_or("", |identity| &identity.data.sha256);
+            let start = sha256.get(..12).unwrap_or(sha256);
+            lines.push(format!("# PATH: the log {}, SHA-256 {start}…", argument(&folder.dataset)));
+            "PATH".to_owned()
+        }
+    };
     if !is_built_in {
         // The name of the file is that of the study.
         let saved = folder.path.join(STUDY);
-        lines.push(format!("cp {} {study}", argument(&saved.to_string_lossy())));
+        lines.push(format!("cp -i {} {study}", argument(&saved.to_string_lossy())));
     }
     lines.push(format!("mcl-eval run {study} --dataset {dataset} -o {root}"));
     lines.push(format!("mcl-eval plot {root}"));
-    lines.push(format!("mcl-eval report {root} -o report.html"));
+    let log = log.map_or(String::new(), |log| format!(" --log {}", argument(log)));
+    lines.push(format!("mcl-eval report {root}{log} -o report.html"));
     lines.iter().map(|line| printable(line)).collect::<Vec<_>>().join("\n")
 }
 

@@ -12,7 +12,8 @@ use mcl_figures::{CurveStyle, Dash, Marker, styles};
 use mcl_study::study::views::{ChartKind, LOST, Scale};
 use mcl_study::table::{Table, Value};
 use mcl_study::view::chart::{ChartData, Panel, PanelAxis, Point};
-use mcl_study::view::labels::axis_label;
+use mcl_study::view::labels::{axis_label, name_and_unit};
+use mcl_study::view::summary::KEPT;
 use serde::Serialize;
 
 use crate::report::text::shown;
@@ -194,7 +195,17 @@ const OF_TESTS: [(&str, &str); 6] = [
     ("p_holm", "p after Holm"),
 ];
 
-fn heading(column: &str) -> String {
+/// The heading of a column of a table with these columns.
+fn heading(column: &str, columns: &[String]) -> String {
+    let has = |ending: &str| columns.iter().any(|known| *known == format!("{column}{ending}"));
+    // Answers of yes or no are counted in summaries; they have no standard deviation.
+    if has("_low") && !has("_sd") && !column.starts_with(KEPT) {
+        let (name, _) = name_and_unit(column);
+        return match name.strip_prefix("share of ") {
+            Some(of) => format!("number of {of}"),
+            None => format!("number of runs {name}"),
+        };
+    }
     match OF_TESTS.iter().find(|(known, _)| *known == column) {
         Some((_, heading)) => (*heading).to_owned(),
         None => axis_label(column),
@@ -208,7 +219,8 @@ fn on_screen(number: f64) -> f64 {
 
 /// A table for the script.
 pub fn listed(title: &str, table: &Table) -> TableData {
-    let column = |name: &String| Column { name: shown(name), label: shown(&heading(name)) };
+    let column =
+        |name: &String| Column { name: shown(name), label: shown(&heading(name, table.columns())) };
     let cell = |value: &Value| match value {
         Value::Text(text) => Value::Text(printable(text).into_owned()),
         other => other.clone(),
@@ -275,8 +287,16 @@ mod tests {
         assert_eq!(marks, expected.map(|mark| mark.map(str::to_owned)));
     }
 
+    /// Fault: 20 of 20 runs stood as 20.00 under "share of diverged runs".
     #[test]
     fn columns_have_units() {
+        let columns = ["weighted", "weighted_sd", "weighted_low", "diverged", "diverged_low"];
+        let counted =
+            Table::new(columns.into_iter().chain(["found", "found_low", "kept_weighted"]));
+        let labels: Vec<String> =
+            listed("", &counted).columns.into_iter().map(|column| column.label).collect();
+        assert_eq!(labels[0], "mean weighted error d [–]");
+        assert_eq!([&labels[3], &labels[5]], ["number of diverged runs", "number of runs found"]);
         let table = Table::new(["size_percent", "size_points", "p_holm", "own_column"]);
         let labels: Vec<String> =
             listed("", &table).columns.into_iter().map(|column| column.label).collect();

@@ -284,7 +284,7 @@ fn the_page_has_runs_and_maps() {
         "map map.csv: ",
         ", 60 particles, ",
         "Mean weighted error d ",
-        "mcl-eval localize office.log --map map.csv --preset default --initial known --particles 60",
+        "mcl-eval localize office.log --map=map.csv --particles=60 -o out",
     ] {
         assert!(of_localize.contains(part), "{part}");
     }

@@ -13,7 +13,9 @@ use crate::view::labels::name_and_unit;
 use crate::view::layout::distinct;
 
 /// Settings listed in captions where they do not vary.
-const CAPTIONED: [&str; 18] = [
+const CAPTIONED: [&str; 20] = [
+    "map",
+    "size_percent",
     PRESET,
     "particles",
     "proposal",
@@ -165,6 +167,8 @@ fn setting(groups: &Groups<'_>, shown: &[&Group<'_>], place: usize) -> Option<St
     let text = text_of(&values);
     let setting = groups.settings[place].name.as_str();
     Some(match (setting, &values[..]) {
+        ("map", _) => format!("maps {text}"),
+        ("size_percent", _) => format!("size {text} % of the points"),
         ("particles", _) => format!("{text} particles"),
         (PRESET, _) => format!("preset {text}"),
         ("beams", _) => format!("{text} beams"),

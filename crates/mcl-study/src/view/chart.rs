@@ -72,10 +72,11 @@ pub struct Point {
 }
 
 impl ChartData {
-    /// The points as a table: a row each, with the title of the panel and the label of the curve.
+    /// The points as a table: a row each, with the title of the panel, what its vertical axis shows, and the label of
+    /// the curve.
     pub fn to_table(&self) -> Table {
-        const COLUMNS: [&str; 9] =
-            ["panel", "curve", "x", "y", "low", "high", "blocks", "rows", "mark"];
+        const COLUMNS: [&str; 10] =
+            ["panel", "measure", "curve", "x", "y", "low", "high", "blocks", "rows", "mark"];
         let mut table = Table::new(COLUMNS);
         for panel in &self.panels {
             for point in &panel.points {
@@ -88,6 +89,7 @@ impl ChartData {
                 let [low, high] = ends;
                 table.push(vec![
                     panel.title.as_str().into(),
+                    panel.y.label.as_str().into(),
                     panel.labels[point.curve].as_str().into(),
                     x,
                     point.y.into(),

@@ -83,11 +83,12 @@ impl Drawing<'_, '_> {
     fn draw(&self, name: String) -> Result<ChartData> {
         let whole = [Part::default()];
         let parts = if self.chart.parts.is_empty() { &whole[..] } else { &self.chart.parts };
-        let mut panels = Vec::new();
+        let (mut panels, mut asked) = (Vec::new(), 0);
         let mut on_all_points = OnAllPoints::new();
         for (number, part) in parts.iter().enumerate() {
             for values in self.estimates.groups.combinations(&self.shown, &self.layout.panels) {
                 for y in self.columns(part) {
+                    asked += 1;
                     let panel = self.panel(number, part, &values, y, &mut on_all_points)?;
                     panels.extend((!panel.points.is_empty()).then_some(panel));
                 }
@@ -104,11 +105,21 @@ impl Drawing<'_, '_> {
         if points.iter().any(is_open) {
             described += " Open symbols: some runs were lost, and the error is that of the others.";
         }
-        let labels = panels.iter().flat_map(|panel| &panel.labels);
-        described += &vocabulary(labels.map(String::as_str));
         let own = (!self.chart.caption.is_empty()).then(|| self.chart.caption.clone());
+        let has_marks =
+            points.iter().any(|point| !matches!(point.mark.as_deref(), None | Some("")));
+        if let (Some(column), None, true) = (&self.chart.marks, &own, has_marks) {
+            let (name, _) = name_and_unit(column);
+            let of = name.strip_prefix("share of ").unwrap_or(&name);
+            described += &format!(" Beside open symbols: {of}, of all.");
+        }
+        let labels: Vec<&str> =
+            panels.iter().flat_map(|panel| &panel.labels).map(String::as_str).collect();
+        described += &vocabulary(labels.into_iter().chain([described.clone().as_str()]));
         let caption = own.into_iter().chain([described]).collect();
-        let columns = self.chart.columns.unwrap_or(1);
+        // Panels beside each other are to be compared with those above and below.
+        let is_whole = panels.len() == asked;
+        let columns = self.chart.columns.filter(|_| is_whole).unwrap_or(1);
         Ok(ChartData { name, kind: self.chart.kind, panels, columns, caption })
     }
 

@@ -12,6 +12,9 @@ use crate::view::groups::{Group, Groups};
 /// The columns that always identify groups.
 pub const ALWAYS: [&str; 4] = ["dataset", "split", "map", "size_percent"];
 
+/// Begins the names of columns over the runs that did not diverge.
+pub const KEPT: &str = "kept_";
+
 /// The column of runs that were lost at the end.
 const DIVERGED: &str = "diverged";
 
@@ -60,10 +63,10 @@ pub fn summary(estimates: &Estimates<'_>) -> Result<Table> {
     }
     columns.extend(estimates.factors().map(str::to_owned));
     if !kept.is_empty() {
-        columns.push("kept_rows".to_owned());
+        columns.push(format!("{KEPT}rows"));
     }
     for column in kept {
-        columns.extend(["", "_low", "_high"].map(|end| format!("kept_{column}{end}")));
+        columns.extend(["", "_low", "_high"].map(|end| format!("{KEPT}{column}{end}")));
     }
 
     let mut table = Table::new(columns);

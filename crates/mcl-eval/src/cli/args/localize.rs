@@ -178,4 +178,7 @@ pub struct LocalizeArgs {
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+    /// The options as they were given, except those of the output.
+    #[arg(skip)]
+    pub given: Vec<String>,
 }

@@ -69,6 +69,8 @@ pub struct Setup<'a> {
     map: &'a Path,
     map_points: usize,
     seed: u64,
+    /// The options of the command, except those of the output.
+    options: &'a [String],
     /// The set of settings that options changed to `filter`.
     preset: Preset,
     filter: &'a FilterSettings,
@@ -110,6 +112,7 @@ impl<'a> Setup<'a> {
             map: &args.map,
             map_points,
             seed: args.seed,
+            options: &args.given,
             preset: args.preset,
             filter,
             sigma_hit,
