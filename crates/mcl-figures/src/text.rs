@@ -175,7 +175,7 @@ mod tests {
         assert!(lines.len() > 2);
         assert_eq!(lines.join(" "), text);
         assert!(lines.iter().all(|line| text_size(line, &plain())[0] <= 150.0));
-        assert_eq!(wrap("an unbreakable one", &plain(), 50.0), ["an", "unbre…", "one"]);
+        assert_eq!(wrap("an unbreakable one", &plain(), 50.0), ["an", "unbr…e", "one"]);
         assert_eq!(wrap("unbreakable", &plain(), 0.0), ["…"]);
         assert!(wrap("  ", &plain(), 100.0).is_empty());
         assert_eq!(wrap("585 points (0.80 %)", &plain(), 95.0), ["585 points", "(0.80 %)"]);

@@ -492,7 +492,7 @@ fn names_from_data_are_shown_as_they_are_and_stay_on_the_page() {
         let names: Vec<_> = texts.iter().filter(|text| text.contains("log")).collect();
         assert!(names.iter().any(|text| text.contains(r"\u{1b}[2JWW")), "{names:?}");
         for text in names {
-            assert!(text.starts_with(r"\u{202e}log") && text.ends_with('…'), "{text}");
+            assert!(text.starts_with(r"\u{202e}log") && text.contains('…'), "{text}");
         }
         drawn.assert_blank_margins();
     }

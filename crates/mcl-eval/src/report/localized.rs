@@ -32,6 +32,7 @@ pub struct LocalizedRuns {
 #[derive(Deserialize)]
 struct Summary {
     setup: Value,
+    options: Vec<String>,
     figures: Figures,
 }
 
@@ -45,7 +46,6 @@ struct Setup {
     map: String,
     map_points: usize,
     seed: u64,
-    options: Vec<String>,
     preset: String,
     filter: Filter,
     sigma_hit: f64,
@@ -94,7 +94,7 @@ pub fn read(folder: &Path) -> Result<LocalizedRuns> {
 }
 
 fn of_summary(text: &str, folder: &str) -> Result<LocalizedRuns> {
-    let Summary { setup: all, figures } = serde_json::from_str(text)?;
+    let Summary { setup: all, options, figures } = serde_json::from_str(text)?;
     let setup = Setup::deserialize(&all)?;
     let Filter { particles, initial_pose } = &setup.filter;
     let particles = particles.as_str().map_or_else(|| particles.to_string(), str::to_owned);
@@ -118,7 +118,7 @@ fn of_summary(text: &str, folder: &str) -> Result<LocalizedRuns> {
         format!("mcl-eval {}", shown(&setup.version)),
     ];
     let mut words = vec![argument(&setup.log)];
-    words.extend(setup.options.iter().map(|option| argument(option)));
+    words.extend(options.iter().map(|option| argument(option)));
     let command = format!("mcl-eval localize {} -o {}", words.join(" "), argument(folder));
     Ok(LocalizedRuns {
         facts,
@@ -163,10 +163,9 @@ mod tests {
     #[test]
     fn the_summary_is_told_in_words() {
         let text = r#"{"setup": {"version": "0.2.0", "log": "a b.log", "recording_sha256": "90832787f15d83c7d8",
-            "scans": 1916, "map": "map.csv", "map_points": 1574, "seed": 7,
-            "options": ["--map=map.csv", "--preset=book", "--beams=30; true"], "preset": "book",
+            "scans": 1916, "map": "map.csv", "map_points": 1574, "seed": 7, "preset": "book",
             "filter": {"particles": "100..500", "initial_pose": {"kind": "scan"}, "beams": "all"},
-            "sigma_hit": 0.2825}, "figures": {"runs": 4, "reference": "exact\u001b poses",
+            "sigma_hit": 0.2825}, "options": ["--map=map.csv", "--preset=book", "--beams=30; true"], "figures": {"runs": 4, "reference": "exact\u001b poses",
             "diverged": 1, "lost": 4, "recovered": 1, "weighted": {"mean": 5.6657, "max": 17.69},
             "translation": {"mean": 12.32, "max": 39.46}, "heading": {"mean": 1.0, "max": 2.0}}}"#;
         let found = of_summary(text, "out").unwrap();

@@ -126,8 +126,8 @@ fn the_page_answers_in_order_and_from_the_numbers() {
     assert!(text.contains("No results of elsewhere"));
     assert!(text.contains("How likely the data is."));
     let command =
-        format!("mcl-eval run likelihood.toml --dataset office -o {}", root.path().display());
-    assert!(text.contains(&command));
+        format!("mcl-eval run likelihood.toml --dataset PATH -o {}", root.path().display());
+    assert!(text.contains(&command) && text.contains("# PATH: the log office, SHA-256 00"));
     // The same rows are the same page.
     let again = root.path().join("again.html");
     report(&[root.path()], &again);
@@ -184,7 +184,7 @@ fn hostile_names_are_text() {
     assert!(text.contains(r"\u{202e}\u{1b}[31m"), "shown as escapes");
     let count = format!("(10,0{} characters)", HOSTILE.chars().count());
     assert!(text.contains(&count), "cut, and said so");
-    assert!(text.contains("--dataset &#39;a&#60;b&#62;c&#39;"), "quoted for a shell");
+    assert!(text.contains("the log &#39;a&#60;b&#62;c&#39;"), "quoted for a shell");
     // Every script element is one of the program's, or data.
     let kinds: BTreeSet<&str> =
         page_text.split("<script").skip(1).map(|part| part.split_once('>').unwrap().0).collect();

@@ -69,8 +69,6 @@ pub struct Setup<'a> {
     map: &'a Path,
     map_points: usize,
     seed: u64,
-    /// The options of the command, except those of the output.
-    options: &'a [String],
     /// The set of settings that options changed to `filter`.
     preset: Preset,
     filter: &'a FilterSettings,
@@ -92,6 +90,8 @@ pub struct Setup<'a> {
 #[derive(Serialize)]
 struct Summary<'a> {
     setup: &'a Setup<'a>,
+    /// The options of the command, except those of the output.
+    options: &'a [String],
     figures: &'a Localization,
 }
 
@@ -112,7 +112,6 @@ impl<'a> Setup<'a> {
             map: &args.map,
             map_points,
             seed: args.seed,
-            options: &args.given,
             preset: args.preset,
             filter,
             sigma_hit,
@@ -200,11 +199,11 @@ impl Folder {
     pub fn finish(
         &self,
         recording: &Recording,
-        setup: &Setup<'_>,
+        (setup, options): (&Setup<'_>, &[String]),
         figures: &Localization,
     ) -> Result<Outcome> {
         self.write_trajectory("reference.tum", &recording.stamped_reference())?;
-        let text = serde_json::to_string_pretty(&Summary { setup, figures })? + "\n";
+        let text = serde_json::to_string_pretty(&Summary { setup, options, figures })? + "\n";
         save(&self.path.join(RUN_SUMMARY), text.as_bytes())?;
         let unstamped = recording.scans.iter().filter(|scan| scan.stamp.is_none()).count();
         if unstamped > 0 {

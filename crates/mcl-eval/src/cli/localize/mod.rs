@@ -110,7 +110,8 @@ pub fn run(args: &LocalizeArgs, global: &Global) -> Result<Outcome> {
     let mut complete = report_losses(&args.log.log, &source) == Outcome::Done;
     complete &= report_bridged(&args.log.log, &bridged) == Outcome::Done;
     if let Some(folder) = &folder {
-        complete &= folder.finish(&source.recording, &setup, &found)? == Outcome::Done;
+        complete &=
+            folder.finish(&source.recording, (&setup, &args.given), &found)? == Outcome::Done;
     }
     print(args.json, &found, |found| {
         text::text(found, args, (settings.values(), sigma_hit), &source, map.len())

@@ -81,7 +81,8 @@ caption = "Own words."
     assert_eq!(
         String::from_utf8(table.to_csv().unwrap()).unwrap().lines().nth(1).unwrap(),
         format!(
-            "all sizes,gbs,0.5,5,{},{},5,10,1/10",
+            "all sizes,{},gbs,0.5,5,{},{},5,10,1/10",
+            whole.y.label,
             whole.points[0].interval.unwrap()[0],
             whole.points[0].interval.unwrap()[1]
         )
