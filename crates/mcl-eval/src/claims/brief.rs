@@ -31,7 +31,7 @@ pub fn text(
 ) -> String {
     let names: Vec<&str> = datasets.iter().map(|dataset| dataset.name.as_str()).collect();
     let all: Vec<&Claim> = datasets.iter().flat_map(|dataset| &dataset.claims).collect();
-    let counted = if datasets.len() > 1 { "; n/m: on n of m data sets" } else { "" };
+    let counted = if datasets.len() > 1 { "; first, on how many data sets each holds" } else { "" };
     let mut lines = vec![format!("The paper's claims on {} ({NAMES}{counted}):", list(&names))];
     let mut ids: Vec<&'static str> = Vec::new();
     for claim in &all {
