@@ -69,14 +69,15 @@ pub fn of_all_points(panel: &str, mean: f64, interval: Option<[f64; 2]>) -> Stri
     format!("On all points{place}: {found}")
 }
 
-/// " gbs: grid-based sampling, +f-km: improved by fuzzy k-means.", of the short names among these; nothing without any.
+/// " gbs: grid-based sampling, +f-km: improved by fuzzy k-means.", of the short names in these texts; nothing without any.
 pub fn vocabulary<'l>(names: impl Iterator<Item = &'l str>) -> String {
     const WORDS: [(&str, &str); 3] = [
         ("gbs", "grid-based sampling"),
         ("rnd", "random sampling"),
         ("f-km", "improved by fuzzy k-means"),
     ];
-    let names: Vec<&str> = names.flat_map(|name| name.split(|c: char| ", +".contains(c))).collect();
+    let names: Vec<&str> =
+        names.flat_map(|name| name.split(|c: char| ", +.".contains(c))).collect();
     let is_used = |(word, _): &&(&str, &str)| names.contains(word);
     let meanings: Vec<String> =
         WORDS.iter().filter(is_used).map(|(word, meaning)| format!("{word}: {meaning}")).collect();
