@@ -40,7 +40,7 @@ const FKM_POWERS: [f64; 2] = [1.05, 0.68];
 /// and σ for which the seconds above were measured (m).
 const FKM_SIGMA: [f64; 3] = [0.1, 1.7, 0.05];
 /// It takes so many times as long in three dimensions, where more components are near a point, too.
-const SPATIAL: f64 = 5.0;
+const SPATIAL: f64 = 2.7;
 /// A search for σ takes as long as this many maps: by likelihood, and by held-out scans.
 const SIGMA_SEARCH: [f64; 2] = [15.0, 80.0];
 /// The same for a size (by an information criterion, and by held-out scans), and the size of these maps in percent.
