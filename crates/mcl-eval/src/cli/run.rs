@@ -31,7 +31,7 @@ use crate::progress::{StudyProgress, error_message, span, tell};
 use crate::report::text::argument;
 use crate::studies;
 
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct Totals {
     trials: usize,
     done: usize,
@@ -85,14 +85,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<Outcome> {
     }
     end_on_interrupt(&args.of.output)?;
     let mut complete = true;
-    let mut totals = Totals {
-        trials: 0,
-        done: 0,
-        failed: 0,
-        failed_runs: 0,
-        folders: Vec::new(),
-        lost: Vec::new(),
-    };
+    let mut totals = Totals::default();
     let mut all: Vec<Results> = Vec::new();
     for dataset in &names {
         let source = open(&args.of, &study, dataset)?;

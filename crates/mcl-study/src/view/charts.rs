@@ -113,9 +113,9 @@ impl Drawing<'_, '_> {
             let of = name.strip_prefix("share of ").unwrap_or(&name);
             described += &format!(" Beside open symbols: {of}, of all.");
         }
-        let labels: Vec<&str> =
-            panels.iter().flat_map(|panel| &panel.labels).map(String::as_str).collect();
-        described += &vocabulary(labels.into_iter().chain([described.clone().as_str()]));
+        let labels = panels.iter().flat_map(|panel| &panel.labels).map(String::as_str);
+        let meanings = vocabulary(labels.chain([described.as_str()]));
+        described += &meanings;
         let caption = own.into_iter().chain([described]).collect();
         // Panels beside each other are to be compared with those above and below.
         let is_whole = panels.len() == asked;
